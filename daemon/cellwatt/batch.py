@@ -1,0 +1,63 @@
+"""Blocks of samples on their way from a driver to the record and the frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.channel import Stream
+
+Float = NDArray[np.float64]
+Nanoseconds = NDArray[np.int64]
+Qualities = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a driver hands over: n samples of one stream, not yet on the cell's time.
+
+    Times are ns. ``arrival`` is the cell's time when the block was read. Sources with a clock give
+    ``device_time`` (n,) in any base of their own; polled ones give ``asked``, the cell's time when the
+    request left. ``values`` is (n, channels) in SI units, NaN where the device gave nothing;
+    ``quality`` (n,), all good when left out.
+    """
+
+    stream: Stream
+    values: Float
+    arrival: int
+    device_time: Nanoseconds | None = None
+    asked: int | None = None
+    quality: Qualities | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """n stamped samples of one stream.
+
+    ``time`` (n,) is the cell's time, UTC ns, strictly rising within a stream; ``bound`` (n,) the half
+    width in ns within which the true time lies. ``sequence`` numbers the first sample within
+    (session, source, stream) and never skips: a hole in it is a hole in transport, not in the cell.
+    ``arrival`` as in ``Reading``; ``device_time`` (n,) or ``None``.
+    """
+
+    source: str
+    stream: Stream
+    sequence: int
+    arrival: int
+    time: Nanoseconds
+    bound: Nanoseconds
+    values: Float
+    quality: Qualities
+    device_time: Nanoseconds | None = field(default=None)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The cell's time moved on to ``time`` (ns) though no source spoke; recorded, so that replay is exact."""
+
+    time: int

@@ -1,0 +1,57 @@
+"""The ``cellwatt`` command line. Each command is an entry point, loaded only when called."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.registry import available
+
+EXIT_FAILED = 1
+"""What was asked for was done and the answer is no (a check failed, the demo lost data)."""
+EXIT_USAGE = 2
+"""The command line or a settings file is wrong."""
+EXIT_ERROR = 3
+"""It could not be done: a device, file or link failed."""
+
+
+class _Commands(click.Group):
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(available("cellwatt.commands"))
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        point = available("cellwatt.commands").get(name)
+        if point is None:
+            return None
+        try:
+            command: click.Command = point.load()
+        except ImportError as error:
+            raise click.ClickException(f"command {name!r} cannot be loaded: {error}") from error
+        return command
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="cellwatt")
+def cli() -> None:
+    """Edge daemon for robot cells: measure, align, record, and say what is wrong."""
+
+
+def main() -> None:
+    """Run the command line; errors meant for a person are one line each, without a traceback."""
+    try:
+        cli(standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        sys.exit(stop.exit_code)
+    except click.Abort:
+        sys.exit(130)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(EXIT_USAGE)
+    except ConfigError as error:
+        click.echo(str(error), err=True)
+        sys.exit(EXIT_USAGE)
+    except CellwattError as error:
+        click.echo(f"cellwatt: {error}", err=True)
+        sys.exit(EXIT_ERROR)

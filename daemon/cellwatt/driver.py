@@ -1,0 +1,102 @@
+"""The contract between the daemon and a device family."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, Protocol, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from cellwatt.account import Account
+from cellwatt.batch import Reading
+from cellwatt.channel import Stream
+
+
+class SourceSettings(BaseModel):
+    """Settings of one source; every driver derives its own. Unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who answered: shown by ``doctor``, written into recordings."""
+
+    maker: str
+    model: str
+    serial: str = ""
+    firmware: str = ""
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+
+class Outlet(Protocol):
+    """Where a driver puts what it reads. All methods return at once and are called on the event loop."""
+
+    account: Account
+
+    def now(self) -> int:
+        """The cell's time, UTC ns; never steps back."""
+        ...
+
+    def connected(self, identity: Identity) -> None:
+        """The device answered and will deliver; resets the back-off."""
+        ...
+
+    def emit(self, reading: Reading) -> None:
+        """Hand over a block, in order. The daemon counts it as received, stamps, records and publishes it."""
+        ...
+
+    def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
+        """A sample with ``device_time`` (ns) was made no earlier than the cell's time ``not_before`` (ns).
+
+        Lets the clock model state a two-sided bound; a driver knows it from a question sent at
+        ``not_before`` whose answer came ahead of that sample.
+        """
+        ...
+
+    def clock_reset(self, stream: Stream, reason: str) -> None:
+        """The device's time base changed (reboot, wrap that cannot be unwrapped): forget the old map."""
+        ...
+
+    def event(self, kind: str, text: str, **data: str | float) -> None:
+        """Report something worth a line in the log and on the bus; counted by kind."""
+        ...
+
+
+S = TypeVar("S", bound=SourceSettings)
+
+
+class Driver(ABC, Generic[S]):
+    """Reads one device and never writes a setting that outlives the connection, nor moves a robot.
+
+    The daemon calls ``run`` in a task of its own and again, after a pause with back-off, each time it
+    raises a ``SourceError``. ``run`` must be cancellable at every await and must release the device then.
+    """
+
+    Settings: ClassVar[type[SourceSettings]]
+    title: ClassVar[str]
+    """One line for ``cellwatt drivers``."""
+    emulator: ClassVar[str]
+    """``module:Class`` of the device's emulator."""
+    writes: ClassVar[tuple[str, ...]]
+    """Every kind of byte sequence this driver may send to the device, in words."""
+
+    def __init__(self, name: str, settings: S, outlet: Outlet) -> None:
+        self.name = name
+        self.settings = settings
+        self.outlet = outlet
+
+    @property
+    @abstractmethod
+    def streams(self) -> tuple[Stream, ...]:
+        """What will be delivered; known from the settings alone, without the device."""
+
+    @abstractmethod
+    async def run(self) -> None:
+        """Connect, call ``outlet.connected``, then emit until cancelled. Raises ``SourceError`` when it fails."""
+
+    @abstractmethod
+    async def identify(self) -> Identity:
+        """Open the device read-only, ask who it is, close. Raises ``SourceError``."""

@@ -1,0 +1,19 @@
+"""What every device emulator shares: signals to serve, faults to inject, and a process of its own."""
+
+from cellwatt.emulation.arm import ArmSignals
+from cellwatt.emulation.emulator import Emulator
+from cellwatt.emulation.faults import FAULT_KINDS, Fault, Injector
+from cellwatt.emulation.process import EmulatorProcess
+from cellwatt.emulation.signals import RecordedSignals, Signals, load_signals
+
+__all__ = [
+    "FAULT_KINDS",
+    "ArmSignals",
+    "Emulator",
+    "EmulatorProcess",
+    "Fault",
+    "Injector",
+    "RecordedSignals",
+    "Signals",
+    "load_signals",
+]

@@ -1,0 +1,85 @@
+"""Fault scripts for emulators, with exact counts of what was injected."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+FaultKind = Literal[
+    "delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect", "clock_jump"
+]
+FAULT_KINDS: tuple[FaultKind, ...] = get_args(FaultKind)
+
+ONE_SHOT: frozenset[FaultKind] = frozenset({"stall", "disconnect", "clock_jump"})
+"""Happen once when injected; the others act on each frame with their probability until they end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing to go wrong.
+
+    ``probability`` per frame (not used by one-shot kinds), ``seconds``: how long a delay, stall or
+    outage is, or how far the clock jumps; ``duration``: s after which the fault ends (0: stays).
+    """
+
+    kind: FaultKind
+    probability: float = 1.0
+    seconds: float = 0.0
+    duration: float = 0.0
+
+
+class Injector:
+    """Decides frame by frame which faults strike, and counts each that did.
+
+    ``counts`` is the truth that tests compare a driver's counters with. ``time`` arguments are s on any
+    one monotonic clock.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self._random = random.Random(seed)
+        self._active: dict[FaultKind, tuple[Fault, float]] = {}
+        self._once: list[Fault] = []
+        self.counts: Counter[str] = Counter()
+
+    def inject(self, fault: Fault, time: float) -> None:
+        """Begin a fault (``probability`` 0 ends that kind)."""
+        if fault.kind in ONE_SHOT:
+            self._once.append(fault)
+        elif fault.probability <= 0:
+            self._active.pop(fault.kind, None)
+        else:
+            end = time + fault.duration if fault.duration else float("inf")
+            self._active[fault.kind] = (fault, end)
+
+    def strikes(self, kind: FaultKind, time: float) -> Fault | None:
+        """The fault of this kind that hits the frame sent now, or ``None``; counted when it hits."""
+        entry = self._active.get(kind)
+        if entry is None:
+            return None
+        fault, end = entry
+        if time >= end:
+            del self._active[kind]
+            return None
+        if self._random.random() >= fault.probability:
+            return None
+        self.counts[kind] += 1
+        return fault
+
+    def once(self, kind: FaultKind) -> Fault | None:
+        """The next one-shot fault of this kind waiting to happen, or ``None``; counted when taken."""
+        for i, fault in enumerate(self._once):
+            if fault.kind == kind:
+                del self._once[i]
+                self.counts[kind] += 1
+                return fault
+        return None
+
+    def random_bytes(self, low: int, high: int) -> bytes:
+        """Between low and high bytes of garbage."""
+        return self._random.randbytes(self._random.randint(low, high))
+
+    def below(self, n: int) -> int:
+        """A repeatable random number in 0 … n-1."""
+        return self._random.randrange(n)

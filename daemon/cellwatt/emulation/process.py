@@ -1,0 +1,96 @@
+"""An emulator in a process of its own, spoken to in JSON lines.
+
+To the emulator: ``{"fault": {...}}``, ``{"disturb": {...}}``, ``{"counts": true}``; end of input ends it.
+From it: ``{"ready": address}`` once, then one answer a line: ``{"ok": true}``, ``{"counts": {...}}`` or
+``{"error": text}``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from cellwatt.emulation.faults import Fault
+from cellwatt.errors import CellwattError
+
+
+class EmulatorProcess:
+    """``cellwatt emulate DRIVER …`` as a child; use as an async context manager.
+
+    ``arguments`` go on the command line after the driver's name. ``address`` is known inside the context.
+    Raises ``CellwattError`` when the child does not come up or answers with an error.
+    """
+
+    def __init__(self, driver: str, *arguments: str) -> None:
+        self.driver = driver
+        self._arguments: Sequence[str] = arguments
+        self._child: asyncio.subprocess.Process | None = None
+        self._talking = asyncio.Lock()
+        self.address = ""
+
+    async def __aenter__(self) -> EmulatorProcess:
+        command = [sys.executable, "-m", "cellwatt.commands", "emulate", self.driver, "--control", *self._arguments]
+        self._child = await asyncio.create_subprocess_exec(
+            *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+        )
+        answer = await self._read()
+        if "ready" not in answer:
+            await self._end()
+            raise CellwattError(f"the {self.driver} emulator did not start: {answer.get('error', answer)}")
+        self.address = str(answer["ready"])
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._end()
+
+    async def inject(self, fault: Fault) -> None:
+        """Begin a fault."""
+        await self._ask({"fault": asdict(fault)})
+
+    async def disturb(self, **change: float | str) -> None:
+        """Change the emulated world."""
+        await self._ask({"disturb": change})
+
+    async def counts(self) -> Mapping[str, int]:
+        """What it truly sent and injected so far."""
+        answer = await self._ask({"counts": True})
+        counts: Mapping[str, int] = answer["counts"]
+        return counts
+
+    async def _ask(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
+        child = self._child
+        if child is None or child.stdin is None:
+            raise CellwattError(f"the {self.driver} emulator is not running")
+        async with self._talking:
+            child.stdin.write(json.dumps(message).encode() + b"\n")
+            await child.stdin.drain()
+            answer = await self._read()
+        if "error" in answer:
+            raise CellwattError(f"{self.driver} emulator: {answer['error']}")
+        return answer
+
+    async def _read(self) -> dict[str, Any]:
+        assert self._child is not None and self._child.stdout is not None
+        line = await asyncio.wait_for(self._child.stdout.readline(), 20)
+        if not line:
+            return {"error": f"ended with exit code {await self._child.wait()}"}
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    async def _end(self) -> None:
+        child, self._child = self._child, None
+        if child is None:
+            return
+        if child.stdin is not None:
+            child.stdin.close()
+        try:
+            await asyncio.wait_for(child.wait(), 5)
+        except TimeoutError:
+            with contextlib.suppress(ProcessLookupError):
+                child.kill()
+            await child.wait()

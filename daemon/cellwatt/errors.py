@@ -1,0 +1,97 @@
+"""Every exception cellwatt raises on purpose.
+
+    CellwattError                 root; its text is one line for the person at the cell
+    ├── ConfigError               the YAML file, or what it names, is wrong (carries every problem found)
+    ├── RecordingError            a recording cannot be read or written
+    ├── ModelError                a model or reference file is refused
+    ├── SinkError                 a sink cannot be opened
+    └── SourceError               a device; the daemon retries with back-off
+        ├── ConnectError          nobody answers, or the port is gone       (also a ConnectionError)
+        ├── ProtocolError         bytes that are not the device's protocol
+        ├── DeviceError           the device answered with an error of its own
+        └── WrongDeviceError      somebody answers, but not the configured device; retried slowly
+
+Drivers map ``OSError``, ``struct.error`` and library errors to these at their boundary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+__all__ = [
+    "CellwattError",
+    "ConfigError",
+    "ConnectError",
+    "DeviceError",
+    "ModelError",
+    "Problem",
+    "ProtocolError",
+    "RecordingError",
+    "SinkError",
+    "SourceError",
+    "WrongDeviceError",
+]
+
+
+class CellwattError(Exception):
+    """Root of all errors that cellwatt raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake in a settings file.
+
+    ``place`` is ``file:line:column``, ``path`` the dotted key, ``message`` what was found and what was expected.
+    """
+
+    place: str
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        where = f"{self.place}: " if self.place else ""
+        key = f"{self.path}: " if self.path else ""
+        return f"{where}{key}{self.message}"
+
+
+class ConfigError(CellwattError):
+    """A settings file is wrong; ``problems`` holds every mistake found, in file order."""
+
+    def __init__(self, problems: Sequence[Problem] | str) -> None:
+        self.problems: tuple[Problem, ...] = (
+            (Problem("", "", problems),) if isinstance(problems, str) else tuple(problems)
+        )
+        super().__init__("\n".join(str(p) for p in self.problems))
+
+
+class RecordingError(CellwattError):
+    """A recording cannot be read or written."""
+
+
+class ModelError(CellwattError):
+    """A model or reference file is refused: wrong inputs, units, robot or damaged."""
+
+
+class SinkError(CellwattError):
+    """A sink cannot be opened or was closed by the other side."""
+
+
+class SourceError(CellwattError):
+    """A device failed; the daemon restarts the source with back-off."""
+
+
+class ConnectError(SourceError, ConnectionError):
+    """Nobody answers at the configured place, or the port vanished."""
+
+
+class ProtocolError(SourceError):
+    """The device sent bytes that are not its protocol."""
+
+
+class DeviceError(SourceError):
+    """The device answered with an error of its own."""
+
+
+class WrongDeviceError(SourceError):
+    """Somebody answers, but it is not the configured device."""

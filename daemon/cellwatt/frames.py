@@ -1,0 +1,109 @@
+"""All channels of a cell on one time grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.channel import Align, Kind
+from cellwatt.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class FrameChannel:
+    """A column of the frames: ``name`` is ``<source>.<channel>``, e.g. ``arm.joint_1.position``."""
+
+    name: str
+    unit: str
+    kind: Kind
+    method: Align
+
+    @property
+    def source(self) -> str:
+        """The source's name in the settings file."""
+        return self.name.split(".", 1)[0]
+
+    @property
+    def short(self) -> str:
+        """The channel's name within its source."""
+        return self.name.split(".", 1)[1]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The columns of a cell's frames and their grid: ``rate`` in Hz; grid points are multiples of 1/rate in UTC."""
+
+    channels: tuple[FrameChannel, ...]
+    rate: float
+
+    @cached_property
+    def step(self) -> int:
+        """Grid step, ns."""
+        return round(1e9 / self.rate)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Full names in column order."""
+        return tuple(c.name for c in self.channels)
+
+    def index(self, name: str) -> int:
+        """Column of a channel given by full name, or by short name where only one source has it.
+
+        Raises ``ConfigError`` that names the candidates where it is unknown or ambiguous.
+        """
+        if name in self.names:
+            return self.names.index(name)
+        found = [i for i, c in enumerate(self.channels) if c.short == name]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            options = ", ".join(self.names[i] for i in found)
+            raise ConfigError(f"channel {name!r} is given by several sources: write one of {options}")
+        raise ConfigError(f"no source gives the channel {name!r}; there are: {', '.join(self.names)}")
+
+    def joints(self, quantity: str, source: str | None = None) -> tuple[int, ...]:
+        """Columns of ``joint_1.<quantity>``, ``joint_2.<quantity>``, … of the one source that has them.
+
+        Raises ``ConfigError`` where no source, or several sources and none chosen, have joints.
+        """
+        sources = sorted(
+            {c.source for c in self.channels if c.short.startswith("joint_") and c.short.endswith(f".{quantity}")}
+        )
+        if source is None:
+            if len(sources) != 1:
+                what = (
+                    f"several sources have joints: choose one of {', '.join(sources)}"
+                    if sources
+                    else (f"no source gives joint_1.{quantity}")
+                )
+                raise ConfigError(what)
+            source = sources[0]
+        elif source not in sources:
+            raise ConfigError(f"source {source!r} gives no joint_1.{quantity}; these do: {', '.join(sources)}")
+        columns: list[int] = []
+        while (name := f"{source}.joint_{len(columns) + 1}.{quantity}") in self.names:
+            columns.append(self.names.index(name))
+        return tuple(columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """n neighbouring points of the grid.
+
+    ``time`` (n,) ns UTC; ``values`` (n, channels), NaN where missing; ``quality`` (n, channels);
+    ``bound`` (n, channels) ns: how far in time the value may be from the grid point (clock bound plus
+    distance to the samples used). ``sequence`` numbers the first frame of the block within the session.
+    """
+
+    layout: Layout
+    sequence: int
+    time: NDArray[np.int64]
+    values: NDArray[np.float64]
+    quality: NDArray[np.uint8]
+    bound: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.time)

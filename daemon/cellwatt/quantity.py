@@ -1,0 +1,64 @@
+"""Settings with units written out: ``500 Hz``, ``100 ms``, ``20 GB``, ``1 deg``, ``10 %``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, WithJsonSchema
+
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s].*?)?\s*$")
+
+_HERTZ = {"hz": 1.0, "khz": 1e3}
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0}
+_BYTES = {"b": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+_RADIANS = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+_FRACTION = {"%": 0.01}
+_WATT = {"w": 1.0, "mw": 1e-3, "kw": 1e3}
+
+
+def parse(text: object, units: Mapping[str, float], example: str) -> float:
+    """A number with a unit as a float in the base unit.
+
+    Raises ``ValueError`` that names the units where text is no number, has an unknown unit or none.
+    """
+    names = ", ".join(units)
+    if isinstance(text, bool) or not isinstance(text, str | int | float):
+        raise ValueError(f"expected a value with a unit, like {example!r} (units: {names})")  # noqa: TRY004
+    match = _NUMBER.match(text) if isinstance(text, str) else None
+    unit = match[2] if match else None
+    if match is None or unit is None:
+        raise ValueError(f"expected a number with its unit, like {example!r} (units: {names})")
+    factor = units.get(unit.lower())
+    if factor is None:
+        raise ValueError(f"unknown unit {unit!r}; expected one of {names}, like {example!r}")
+    return float(match[1]) * factor
+
+
+def _quantity(units: Mapping[str, float], example: str, positive: bool) -> Callable[[object], object]:
+    def validate(value: object) -> object:
+        # Defaults and values set from Python are floats in base units already; YAML must write the unit.
+        number = value if type(value) is float else parse(value, units, example)
+        if positive and number <= 0:
+            raise ValueError(f"must be above zero, like {example!r}")
+        return number
+
+    return validate
+
+
+def _schema(example: str) -> WithJsonSchema:
+    return WithJsonSchema({"type": "string", "examples": [example]})
+
+
+def _kind(units: Mapping[str, float], example: str, positive: bool = False) -> Any:
+    return BeforeValidator(_quantity(units, example, positive))
+
+
+Hertz = Annotated[float, _kind(_HERTZ, "500 Hz", positive=True), _schema("500 Hz")]
+Seconds = Annotated[float, _kind(_SECONDS, "100 ms"), _schema("100 ms")]
+Bytes = Annotated[float, _kind(_BYTES, "20 GB", positive=True), _schema("20 GB")]
+Radians = Annotated[float, _kind(_RADIANS, "1 deg"), _schema("1 deg")]
+Fraction = Annotated[float, _kind(_FRACTION, "10 %"), _schema("10 %")]
+Watts = Annotated[float, _kind(_WATT, "15 W"), _schema("15 W")]

@@ -1,0 +1,1 @@
+"""Recordings: written first, crash-safe, read back exactly."""

@@ -1,0 +1,63 @@
+"""Finds drivers, stages, sinks and commands by entry point; a package outside this repository is a full citizen."""
+
+from __future__ import annotations
+
+import difflib
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from cellwatt.driver import Driver
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.sink import Sink
+from cellwatt.stage import Stage
+
+GROUPS = ("cellwatt.drivers", "cellwatt.stages", "cellwatt.sinks", "cellwatt.commands")
+
+
+@cache
+def available(group: str) -> dict[str, EntryPoint]:
+    """Entry points of a group by name, sorted. Raises ``CellwattError`` where two packages claim one name."""
+    found: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=group), key=lambda p: p.name):
+        other = found.get(point.name)
+        if other is not None and other.value != point.value:
+            raise CellwattError(f"{group}: {point.name!r} is claimed by both {other.value} and {point.value}")
+        found[point.name] = point
+    return found
+
+
+def load(group: str, name: str) -> Any:
+    """The object behind an entry point.
+
+    Raises ``ConfigError`` with the nearest name where it is unknown, or with the missing package where it
+    cannot be imported.
+    """
+    points = available(group)
+    what = group.rsplit(".", 1)[1].removesuffix("s")
+    if name not in points:
+        near = difflib.get_close_matches(name, points, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ConfigError(f"no {what} named {name!r}{hint} (there are: {', '.join(points)})")
+    try:
+        return points[name].load()
+    except ImportError as error:
+        raise ConfigError(f"{what} {name!r} cannot be loaded: {error}") from error
+
+
+def driver(name: str) -> type[Driver[Any]]:
+    """A driver class by name."""
+    found: type[Driver[Any]] = load("cellwatt.drivers", name)
+    return found
+
+
+def stage(name: str) -> type[Stage[Any]]:
+    """A stage class by name."""
+    found: type[Stage[Any]] = load("cellwatt.stages", name)
+    return found
+
+
+def sink(name: str) -> type[Sink[Any]]:
+    """A sink class by name."""
+    found: type[Sink[Any]] = load("cellwatt.sinks", name)
+    return found

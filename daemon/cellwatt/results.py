@@ -1,0 +1,101 @@
+"""What stages give, and what the daemon says about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+Severity = Literal["info", "warning", "error"]
+VariantKey = str
+"""How a task was run, e.g. ``speed=0.60``; two runs with the same key are comparable."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A span in which the set of moving joints did not change.
+
+    ``start``/``end`` ns UTC, ``moving`` 1-based joint numbers (empty: at rest), ``displacement`` rad per
+    joint from start to end, ``pose`` rad per joint at the start, ``peak_speed`` rad/s per joint.
+    ``number`` counts within the session. ``closed`` is false for the one still running (then ``end`` is
+    the last frame seen). ``complete`` is false where a gap in the frames cut it.
+    """
+
+    source: str
+    number: int
+    start: int
+    end: int
+    moving: tuple[int, ...]
+    displacement: tuple[float, ...]
+    pose: tuple[float, ...]
+    peak_speed: tuple[float, ...]
+    closed: bool = True
+    complete: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A recurring sequence of intervals, seen once more.
+
+    ``name`` is stable within a session (``task_1``, … in order of first recognition) and ``signature`` is
+    the same for the same motion in any session. ``speed`` is relative to the fastest variant seen.
+    ``intervals`` are the numbers of its intervals in order.
+    """
+
+    source: str
+    name: str
+    signature: str
+    variant: VariantKey
+    speed: float
+    start: int
+    end: int
+    intervals: tuple[int, ...]
+    repetition: int
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """A model's output for frames ``sequence`` …: ``time`` ns, one list of values per output channel."""
+
+    model: str
+    sequence: int
+    time: tuple[int, ...]
+    outputs: Mapping[str, tuple[float, ...]]
+    units: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """Something is wrong, or no longer wrong (``active`` false).
+
+    ``id`` is the same for raise, updates and clear. ``kind`` names what (``joint_fault``,
+    ``encoder_fault``, ``source_down``, …). ``since`` ns UTC of the first evidence, ``time`` of this
+    message. ``evidence`` holds figures with units in their keys.
+    """
+
+    id: str
+    kind: str
+    severity: Severity
+    active: bool
+    since: int
+    time: int
+    statement: str
+    source: str | None = None
+    joint: int | None = None
+    alternatives: tuple[int, ...] = ()
+    interval: int | None = None
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+
+
+Result = Interval | Task | Prediction | Alarm
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something happened to a source or the daemon (connected, rebooted, clock reset, reloaded, …)."""
+
+    time: int
+    source: str | None
+    kind: str
+    text: str
+    data: Mapping[str, Any] = field(default_factory=dict)

@@ -1,0 +1,86 @@
+"""The contract between the daemon and where its data go."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from cellwatt.account import Account
+from cellwatt.batch import Batch
+from cellwatt.frames import Frames
+from cellwatt.results import Event, Result
+
+
+class SinkSettings(BaseModel):
+    """Settings of one sink; every sink derives its own. Unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+Item = Batch | Frames | Result | Event
+"""What is published live."""
+
+
+class CellView(Protocol):
+    """What a sink may ask of the running cell. All methods may be called from any thread."""
+
+    site: str
+    cell: str
+    session: int
+    """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
+
+    def status(self) -> Mapping[str, Any]:
+        """Health of every part with its figures, JSON-ready."""
+        ...
+
+    def config(self) -> Mapping[str, Any]:
+        """The settings in force, secrets blanked, JSON-ready."""
+        ...
+
+    def schema(self) -> Mapping[str, Any]:
+        """Streams and frame columns: names, units, kinds, rates, methods, JSON-ready."""
+        ...
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        """Recordings kept: file, start, end, bytes, state, JSON-ready."""
+        ...
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        """Recorded samples ``first`` … ``first + count`` of a stream, in order, what is left of them."""
+        ...
+
+
+S = TypeVar("S", bound=SinkSettings)
+
+
+class Sink(ABC, Generic[S]):
+    """Takes what the cell gives to somebody.
+
+    ``offer`` is called on the event loop for every item and must only enqueue; when its queue is full it
+    drops the oldest and counts it in ``account``. ``run`` opens, serves until cancelled, then drains and
+    closes; the daemon runs it again with back-off when it raises ``SinkError``.
+    """
+
+    Settings: ClassVar[type[SinkSettings]]
+    title: ClassVar[str]
+
+    def __init__(self, name: str, settings: S, view: CellView) -> None:
+        self.name = name
+        self.settings = settings
+        self.view = view
+        self.account = Account()
+
+    @abstractmethod
+    def offer(self, item: Item) -> None:
+        """Take one item; never blocks."""
+
+    @abstractmethod
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Take the cell's health, about once a second; never blocks."""
+
+    @abstractmethod
+    async def run(self) -> None:
+        """Open, serve until cancelled, drain, close."""

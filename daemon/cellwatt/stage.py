@@ -1,0 +1,63 @@
+"""The contract between the daemon and what learns from the frames."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict
+
+from cellwatt.frames import Frames, Layout
+from cellwatt.results import Result
+
+
+class StageSettings(BaseModel):
+    """Settings of one stage; every stage derives its own. Unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+@dataclass(frozen=True, slots=True)
+class CellInfo:
+    """What a stage may know of its cell: ``folder`` is where relative paths in the settings start."""
+
+    site: str
+    cell: str
+    robot: str | None
+    folder: Path
+
+
+S = TypeVar("S", bound=StageSettings)
+
+
+class Stage(ABC, Generic[S]):
+    """Turns frames into results; the same object serves the live daemon, replay and the offline commands.
+
+    Made once the frames' layout is known; ``__init__`` raises ``ConfigError`` or ``ModelError`` where
+    settings and layout do not fit, before any data flow. ``process`` runs in a worker thread, one call at
+    a time, in frame order. It must be a pure function of what it was given since it was made, so that a
+    replay gives the same results: no clock, no randomness without a seed.
+    """
+
+    Settings: ClassVar[type[StageSettings]]
+    title: ClassVar[str]
+    """One line for ``cellwatt drivers``."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Kinds of stages whose results it wants, e.g. ``("segment",)``; those run first."""
+
+    def __init__(self, name: str, settings: S, layout: Layout, cell: CellInfo) -> None:
+        self.name = name
+        self.settings = settings
+        self.layout = layout
+        self.cell = cell
+
+    @abstractmethod
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """Results that became known with this block. ``upstream``: what the needed stages gave for it."""
+
+    def close(self) -> Sequence[Result]:
+        """Results that the end of the data settles (e.g. the interval that was still open)."""
+        return ()

@@ -1,0 +1,1 @@
+"""Drivers: how each device speaks, one folder a device family."""

@@ -1,0 +1,1 @@
+"""Plugins: what is learned from the data, one folder a capability."""
