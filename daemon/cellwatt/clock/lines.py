@@ -1,0 +1,109 @@
+"""The straight lines that one-sided facts about a clock leave possible.
+
+A fact is a pair (device time, offset), both ns: the offset, cell time − device time, was at most (from above)
+or at least (from below) so much at that device time.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cellwatt.batch import Float
+
+SECOND = 1_000_000_000
+BLOCK = 1 * SECOND
+"""Of each side the tightest fact of a block is kept …"""
+BLOCKS = 64
+"""… for this many blocks."""
+MAX_DRIFT = 750e-6
+"""A device's drift (200 ppm) and the cell clock's own slew (500 ppm), with a margin."""
+
+Fact = tuple[int, float]
+
+
+class Lines(NamedTuple):
+    """At device time ``at`` the offset is in ``lower`` … ``upper``, ns, and its slope in ``slow`` … ``fast``."""
+
+    at: int
+    lower: float
+    upper: float
+    slow: float
+    fast: float
+
+    @property
+    def slope(self) -> float:
+        """The middle of the slopes."""
+        return (self.slow + self.fast) / 2
+
+    def moved(self, at: int, wander: float) -> Lines:
+        """The same lines seen from another device time; later on, the slope may change by ``wander`` per ns."""
+        by = float(at - self.at)
+        if by <= 0.0:
+            return Lines(at, self.lower + self.fast * by, self.upper + self.slow * by, self.slow, self.fast)
+        turn = wander * by
+        lower = self.lower + max(self.slow - turn / 2, -MAX_DRIFT) * by
+        upper = self.upper + min(self.fast + turn / 2, MAX_DRIFT) * by
+        return Lines(at, lower, upper, max(self.slow - turn, -MAX_DRIFT), min(self.fast + turn, MAX_DRIFT))
+
+
+class Facts:
+    """The tightest facts from one side, one per block of the cell's time.
+
+    ``sign`` 1 keeps the lowest offsets (facts from above), -1 the highest.
+    """
+
+    def __init__(self, sign: int) -> None:
+        self._sign = sign
+        self._closed: deque[Fact] = deque(maxlen=BLOCKS)
+        self._open: Fact | None = None
+        self._end = 0
+
+    def add(self, when: int, fact: Fact, slope: float) -> Fact | None:
+        """Weigh a fact got at cell time ``when`` against the block's best; gives the block's that it closed."""
+        best = self._open
+        if best is None or when >= self._end:
+            if best is not None:
+                self._closed.append(best)
+            self._open, self._end = fact, when + BLOCK
+            return best
+        if self._sign * (fact[1] - best[1] - slope * (fact[0] - best[0])) < 0:
+            self._open = fact
+        return None
+
+    def all(self) -> list[Fact]:
+        """Oldest first, the running block's included."""
+        return list(self._closed) if self._open is None else [*self._closed, self._open]
+
+
+def possible(above: Sequence[Fact], below: Sequence[Fact], wander: float) -> Lines | None:
+    """All lines below the facts from above and above those from below, seen from the newest fact.
+
+    The slope may change by ``wander`` per ns, so a fact that is x ns old is loosened by wander x² / 2. A fact
+    from above and an older one from below limit the slope from above, and so on: the extremes over all pairs
+    are the exact extremes of this two-dimensional linear programme. ``None`` where no line is left.
+    """
+    tops = np.array(above, dtype=np.float64)
+    feet = np.array(below, dtype=np.float64)
+    newest = max(max(above)[0], max(below)[0])
+    top_age, foot_age = newest - tops[:, 0], newest - feet[:, 0]
+    top = tops[:, 1] + _loosening(top_age, wander)
+    foot = feet[:, 1] - _loosening(foot_age, wander)
+    older = foot_age[:, None] - top_age
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = (top - foot[:, None]) / older
+    fast = min(MAX_DRIFT, float(slopes.min(initial=np.inf, where=older > 0)))
+    slow = max(-MAX_DRIFT, float(slopes.max(initial=-np.inf, where=older < 0)))
+    upper = float((top + fast * top_age).min())
+    lower = float((foot + slow * foot_age).max())
+    if slow > fast or lower > upper:
+        return None
+    return Lines(newest, lower, upper, slow, fast)
+
+
+def _loosening(age: Float, wander: float) -> Float:
+    loose: Float = np.minimum(wander / 2 * age, 2 * MAX_DRIFT) * age
+    return loose

@@ -1,0 +1,249 @@
+"""The clock model of one stream: device time in, the cell's time and its bound out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.batch import Nanoseconds
+from cellwatt.clock.lines import BLOCKS, MAX_DRIFT, SECOND, Fact, Facts, Lines, possible
+
+_SPAN_BLOCKS = 8
+"""``least_delay`` is claimed once in so many blocks: longer than any stall."""
+_STALL = 8 * SECOND
+"""How late the very first sample may be."""
+_FRESH = 30 * SECOND
+"""Brackets are facts and make claims needless, as long as the newest is no older than this."""
+_BACK = "the device's time went back"
+_EARLY = "the device's time jumped ahead: a sample would have arrived before it was made"
+_LATE = "the device's time fell behind: a sample would have been made before it was asked for"
+_CONFLICT = "no steady clock fits the arrivals of the last minute: the device's time stepped"
+
+
+@dataclass(frozen=True, slots=True)
+class ClockState:
+    """What is known about a device's clock.
+
+    ``offset_ns`` is cell time − device time at the newest sample, ``drift_ppm`` how much faster the device's
+    clock runs, ``bound_ns`` the half width stated for the newest sample, ``age_s`` since when the map has been
+    learned without a reset, ``samples`` how many were stamped in all, ``reason`` why the last of ``resets`` was.
+    """
+
+    offset_ns: int
+    drift_ppm: float
+    bound_ns: int
+    age_s: float
+    resets: int
+    samples: int
+    reason: str
+
+
+class ClockModel:
+    """Maps the device time of one stream to the cell's time, with a bound on every sample.
+
+    The facts are one-sided: no sample arrives before it was made, and a sample that answers a question
+    (``bracket``) was made after the question left. Every straight line (offset, drift) that no fact of the last
+    64 s contradicts is possible; the time stated is the middle of these, the bound reaches the outermost.
+
+    ``least_delay`` (lowest, highest) in s says what the least delay on the way may be: no sample takes less
+    than the lowest, and in 8 s of arrivals at least one takes no more than the highest. Only brackets tell
+    the offset from below better than that. ``wander`` is the fastest change of the device's drift, ppm/s;
+    ``resolution`` the step in s to which the device rounds its time down.
+    """
+
+    def __init__(
+        self, least_delay: tuple[float, float] = (0.0, 0.010), *, wander: float = 0.1, resolution: float = 0.0
+    ) -> None:
+        low, high = least_delay
+        if not 0.0 <= low <= high:
+            raise ValueError(f"least_delay must be two times in s, the lower one first, not {least_delay}")
+        self._least = low * SECOND
+        self._leeway = (high - low) * SECOND
+        self._wander = wander * 1e-6 / SECOND
+        self._rounding = resolution * SECOND
+        self._resets = 0
+        self._samples = 0
+        self._reason = ""
+        self._last_time = -(2**62)
+        self._start()
+
+    def _start(self) -> None:
+        self._zero: tuple[int, int] | None = None  # device time and offset that the facts count from
+        self._lines = Lines(0, -math.inf, math.inf, -MAX_DRIFT, MAX_DRIFT)
+        self._above = Facts(1)
+        self._below = Facts(-1)
+        self._span: deque[Fact] = deque(maxlen=_SPAN_BLOCKS)
+        self._claims: deque[Fact] = deque(maxlen=BLOCKS)
+        self._settled = False
+        self._bracketed = -_FRESH
+        self._floor: int | None = None  # the sample after a reset was made no earlier than this
+        self._last: int | None = None
+        self._first_arrival = self._last_arrival = 0
+
+    @property
+    def resets(self) -> int:
+        """How often the map was forgotten."""
+        return self._resets
+
+    def stamp(self, device_time: Nanoseconds, arrival: int) -> tuple[Nanoseconds, Nanoseconds]:
+        """The cell's time and its bound, each (n,) ns, of samples made at ``device_time`` (n,) and read at ``arrival``.
+
+        Times rise strictly over all calls; where a better estimate would turn them back they go on at half pace
+        and the bound says so. A step of the device's clock resets the map (see ``resets`` and ``state``).
+        """
+        if len(device_time) == 0:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        self._samples += len(device_time)
+        steps = self._steps(device_time, arrival)
+        if not steps:
+            return self._stamp(device_time, arrival)
+        done = []
+        starts = [k for k, _ in steps]
+        if starts[0] > 0:
+            done.append(self._stamp(device_time[: starts[0]], arrival))
+        for (start, reason), end in zip(steps, [*starts[1:], len(device_time)], strict=True):
+            if reason is _BACK or self._last_arrival - self._bracketed < _FRESH:
+                self.reset(reason)
+            else:
+                self._restart(reason)  # not the device's clock, but the claim may have been wrong
+            done.append(self._stamp(device_time[start:end], arrival))
+        return np.concatenate([time for time, _ in done]), np.concatenate([bound for _, bound in done])
+
+    def bracket(self, device_time: int, not_before: int) -> None:
+        """A sample with ``device_time`` was made no earlier than the cell's time ``not_before``, ns."""
+        if self._zero is None:
+            self._zero = (device_time, not_before - device_time)
+        at, offset = device_time - self._zero[0], float(not_before - device_time - self._zero[1]) - self._rounding
+        there = self._lines.moved(at, self._wander)
+        if offset > there.upper:
+            self._restart(_LATE)
+            self.bracket(device_time, not_before)
+            return
+        self._below.add(not_before, (at, offset), there.slope)
+        self._bracketed = not_before
+        if offset > there.lower:
+            self._lines = there._replace(lower=offset)
+
+    def reset(self, reason: str) -> None:
+        """Forget the map: the device's time has a new base. Samples still come in the order they were made."""
+        floor = self._floor
+        self._restart(reason)
+        self._floor = floor
+
+    def _restart(self, reason: str) -> None:
+        self._resets += 1
+        self._reason = reason
+        self._start()
+
+    def state(self) -> ClockState:
+        """What is known now."""
+        offset, bound = (0, 0) if self._last is None or self._zero is None else self._estimate(self._zero[1])
+        return ClockState(
+            offset_ns=offset,
+            drift_ppm=-self._lines.slope * 1e6,
+            bound_ns=bound,
+            age_s=(self._last_arrival - self._first_arrival) / SECOND,
+            resets=self._resets,
+            samples=self._samples,
+            reason=self._reason,
+        )
+
+    def _steps(self, device_time: Nanoseconds, arrival: int) -> list[tuple[int, str]]:
+        """Where in the block the device's clock stepped, and how."""
+        first, last = int(device_time[0]), int(device_time[-1])
+        steps = [(0, _BACK)] if self._last is not None and first <= self._last else []
+        gaps = np.diff(device_time) if len(device_time) > 1 else None
+        if gaps is not None and gaps.min() <= 0:
+            steps += [(int(k) + 1, _BACK) for k in np.flatnonzero(gaps <= 0)]
+        if steps or self._zero is None or self._last is None:
+            return steps
+        offset = arrival - last - self._zero[1] - self._least
+        if offset >= self._lines.moved(last - self._zero[0], self._wander).lower:
+            return []
+        inside = gaps is not None and int(gaps.max()) > first - self._last
+        return [(int(gaps.argmax()) + 1 if inside and gaps is not None else 0, _EARLY)]
+
+    def _stamp(self, device_time: Nanoseconds, arrival: int) -> tuple[Nanoseconds, Nanoseconds]:
+        last = int(device_time[-1])
+        offset, half = self._learn(last, arrival)
+        if len(device_time) == 1:
+            time, bound = np.array([last + offset]), np.array([half])
+        else:
+            before = (device_time - last).astype(np.float64)
+            lines = self._lines
+            time = device_time + offset + (before * lines.slope).astype(np.int64)
+            bound = half - (before * ((lines.fast - lines.slow) / 2)).astype(np.int64)
+        time, bound = self._rising(device_time, time, bound)
+        self._last, self._last_time = last, int(time[-1])
+        self._floor = self._last_time - int(bound[-1])
+        return time, bound
+
+    def _learn(self, last: int, arrival: int) -> tuple[int, int]:
+        """Add what the newest sample's arrival says; gives offset and half width at that sample, ns."""
+        zero = self._zero
+        if zero is None:
+            zero = self._zero = (last, arrival - last)
+        at, offset = last - zero[0], arrival - last - zero[1] - self._least
+        at_, lower, upper, slow, fast = self._lines.moved(at, self._wander)
+        if self._last is None:
+            lower = max(lower, self._begin(at, offset, arrival))
+        self._last_arrival = arrival
+        self._lines = Lines(at_, lower, min(upper, offset), slow, fast)
+        closed = self._above.add(arrival, (at, offset), (slow + fast) / 2)
+        if closed is not None:
+            self._claim(closed, arrival)
+            claims = self._claims if arrival - self._bracketed > _FRESH else ()
+            lines = possible(self._above.all(), [*self._below.all(), *claims], self._wander)
+            if lines is None:
+                self._restart(_CONFLICT)
+                return self._learn(last, arrival)
+            lines = lines.moved(at, self._wander)
+            self._lines = lines._replace(upper=min(lines.upper, offset))
+        return self._estimate(zero[1])
+
+    def _begin(self, at: int, offset: float, arrival: int) -> float:
+        """What the first sample of a map says from below: no stall was longer, and samples come in order."""
+        self._first_arrival = arrival
+        lower = offset - self._leeway - self._rounding - _STALL
+        self._claims.append((at, lower))
+        if self._floor is not None:
+            in_order = offset + self._least - (arrival - self._floor) - self._rounding
+            self._below.add(arrival, (at, in_order), 0.0)
+            lower = max(lower, in_order)
+        return lower
+
+    def _claim(self, closed: Fact, arrival: int) -> None:
+        """Turn the newest span of blocks into a fact from below: its least delay was at most the highest."""
+        self._span.append(closed)
+        full = len(self._span) == _SPAN_BLOCKS
+        lines = self._lines
+        at, offset = min(self._span, key=lambda fact: fact[1] - lines.slope * (fact[0] - closed[0]))
+        turn = (lines.fast - lines.slow) / 2 * max(abs(fact[0] - at) for fact in self._span)
+        waived = 0 if full else max(0, _STALL - (arrival - self._first_arrival))
+        if not self._settled:
+            self._claims.clear()
+        self._settled = full
+        if self._claims and self._claims[-1][0] == at:
+            self._claims.pop()
+        self._claims.append((at, offset - self._leeway - self._rounding - turn - waived))
+
+    def _estimate(self, zero: int) -> tuple[int, int]:
+        """Offset and half width at the newest sample, ns: the middle, but not far down a lower edge that is a guess."""
+        lower, upper = self._lines.lower, self._lines.upper + self._rounding
+        offset = max((lower + upper) / 2, upper - self._leeway)
+        return zero + round(offset), math.ceil(max(upper - offset, offset - lower)) + 2
+
+    def _rising(
+        self, device_time: Nanoseconds, time: Nanoseconds, bound: Nanoseconds
+    ) -> tuple[Nanoseconds, Nanoseconds]:
+        floor = self._last_time + 1
+        if self._last is not None:
+            floor += (int(device_time[0]) - self._last) // 2
+        if int(time[0]) >= floor and (len(time) == 1 or int(np.diff(time).min()) > 0):
+            return time, bound
+        pace = (device_time - device_time[0]) // 2 + np.arange(floor, floor + len(time))
+        raised = np.maximum(np.maximum.accumulate(time - pace), 0) + pace
+        return raised, bound + (raised - time)

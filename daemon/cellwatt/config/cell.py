@@ -1,0 +1,116 @@
+"""A cell's settings once they are read and right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+
+from cellwatt.config.places import KeyPath
+from cellwatt.driver import SourceSettings
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt.record.settings import RecordSettings
+from cellwatt.sink import SinkSettings
+from cellwatt.stage import StageSettings
+
+LARGEST_FRAME_RATE = 1000.0  # Hz
+
+KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+"""A name that is one part of a Zenoh key."""
+
+
+class CellName(BaseModel):
+    """What the cell is called, and the robot in it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    site: KeyPart
+    """Name of the plant, first part of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
+    cell: KeyPart
+    """Name of the cell within the site, second part of every Zenoh key."""
+    robot: str | None = None
+    """Robot in the cell: a packaged description (``ur10e``) or a folder; models are checked against it."""
+
+
+class FrameSettings(BaseModel):
+    """The time grid onto which all channels of the cell are brought."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    rate: Hertz = 50.0
+    """Frames a second, at most 1000 Hz."""
+    latency: Seconds = Field(default=0.1, validate_default=True)
+    """How long a frame waits for late samples before it is given; at least one grid step."""
+
+    @field_validator("rate")
+    @classmethod
+    def _rate(cls, rate: float) -> float:
+        if rate > LARGEST_FRAME_RATE:
+            raise ValueError(f"expected at most {LARGEST_FRAME_RATE:g} Hz")
+        return rate
+
+    @field_validator("latency")
+    @classmethod
+    def _latency(cls, latency: float, info: ValidationInfo) -> float:
+        rate = info.data.get("rate")
+        if rate is not None and latency < (1 - 1e-9) / rate:
+            raise ValueError(f"the latency must be at least one step of the frames ({1e3 / rate:g} ms at {rate:g} Hz)")
+        return latency
+
+
+@dataclass(frozen=True, slots=True)
+class SourceConfig:
+    """One source; ``place`` is ``file:line:column`` of its name."""
+
+    name: str
+    driver: str
+    settings: SourceSettings
+    place: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class StageConfig:
+    """One stage; ``place`` is ``file:line:column`` of its name."""
+
+    name: str
+    kind: str
+    settings: StageSettings
+    place: str = field(default="", compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class SinkConfig:
+    """One sink that is on."""
+
+    name: str
+    settings: SinkSettings
+
+
+@dataclass(frozen=True, slots=True)
+class CellConfig:
+    """A whole settings file.
+
+    ``text`` is the file as written, ``${ENV}`` not filled in. ``environment`` holds, by key path, the text
+    to show in place of a value that came from the environment, and ``secrets`` the values behind them.
+    """
+
+    path: Path
+    text: str
+    site: str
+    cell: str
+    robot: str | None
+    sources: dict[str, SourceConfig]
+    frames: FrameSettings
+    stages: dict[str, StageConfig]
+    record: RecordSettings | None
+    sinks: dict[str, SinkConfig]
+    environment: Mapping[KeyPath, str] = field(default_factory=dict, repr=False)
+    secrets: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths in the settings start."""
+        return self.path.absolute().parent

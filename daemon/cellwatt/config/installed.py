@@ -1,0 +1,52 @@
+"""The drivers, stages and sinks that are installed, also those that cannot be loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from cellwatt.registry import available, load
+
+PartKind = Literal["driver", "stage", "sink"]
+PART_KINDS: tuple[PartKind, ...] = ("driver", "stage", "sink")
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One driver, stage or sink. ``found`` is its class, or ``None`` with the reason in ``error``."""
+
+    kind: PartKind
+    name: str
+    package: str
+    version: str
+    found: type[Any] | None
+    error: str = ""
+
+    @property
+    def title(self) -> str:
+        """One line about it."""
+        return self.error or str(getattr(self.found, "title", ""))
+
+    @property
+    def settings(self) -> type[BaseModel] | None:
+        """Its settings class."""
+        found: type[BaseModel] | None = getattr(self.found, "Settings", None)
+        return found
+
+
+def installed(*kinds: PartKind) -> list[Part]:
+    """All parts of these kinds (all kinds when none is named), by kind and name."""
+    return [_part(kind, name) for kind in kinds or PART_KINDS for name in available(f"cellwatt.{kind}s")]
+
+
+def _part(kind: PartKind, name: str) -> Part:
+    group = f"cellwatt.{kind}s"
+    distribution = available(group)[name].dist
+    package = distribution.name if distribution is not None else ""
+    version = distribution.version if distribution is not None else ""
+    try:
+        return Part(kind, name, package, version, load(group, name))
+    except Exception as error:  # whatever a package does when imported is its own; the list must still come
+        return Part(kind, name, package, version, None, f"cannot be loaded: {' '.join(str(error).split())}")

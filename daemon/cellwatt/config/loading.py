@@ -1,0 +1,256 @@
+"""Reads and checks a settings file: every mistake is found in one pass."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from cellwatt.config.cell import CellConfig, CellName, FrameSettings, SinkConfig, SourceConfig, StageConfig
+from cellwatt.config.document import Document, read
+from cellwatt.config.fields import anchored, fields_of
+from cellwatt.config.places import KeyPath, ordered
+from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key
+from cellwatt.errors import ConfigError, Problem
+from cellwatt.record.settings import RecordSettings
+from cellwatt.registry import available, driver, sink, stage
+
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+DEFAULT_SINK = "zenoh"
+"""On without being asked for; other sinks are on when their key is there."""
+
+_SECTIONS = ("sources", "frames", "stages", "record")
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
+    """The settings of one cell, checked without connecting to anything.
+
+    ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with every mistake found,
+    in file order.
+    """
+    document = read(path, os.environ if environ is None else environ)
+    reading = _Reading(document, path.absolute().parent)
+    config = _cell(reading, path)
+    if config is None or reading.problems:
+        raise ConfigError(ordered(reading.problems))
+    return config
+
+
+@dataclass(slots=True)
+class _Reading:
+    """A document on its way to settings, and the problems so far."""
+
+    document: Document
+    folder: Path
+    problems: list[Problem] = field(default_factory=list)
+    told: set[KeyPath] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        for path, mistakes in self.document.mistakes.items():
+            self.problems += mistakes
+            self.told.add(path)
+
+    def complain(self, path: KeyPath, message: str, *, at_key: bool = False) -> None:
+        """Note a mistake, unless one is known at this place."""
+        if path not in self.told:
+            self.problems.append(self.document.problem(path, message, at_key=at_key))
+
+    def missing(self, path: KeyPath, key: str, description: str) -> None:
+        """Note that a mapping lacks a key."""
+        if (*path, key) not in self.told:
+            self.complain(path, missing_key(key, description), at_key=True)
+
+    def mapping(self, path: KeyPath, value: Any) -> dict[Any, Any] | None:
+        """The value as a mapping; a key without a value is an empty one."""
+        if value is None or isinstance(value, dict):
+            return value or {}
+        self.complain(path, f"found {found(self.document, path)}, expected settings (key: value)")
+        return None
+
+    def settings(self, model: type[M], path: KeyPath, values: Mapping[Any, Any]) -> M | None:
+        """Values checked by their settings class; ``None`` after complaints."""
+        try:
+            made = model.model_validate(anchored(model, dict(values), self.folder))
+        except ValidationError as error:
+            self.problems += explain(error, model, self.document, path, self.told)
+            return None
+        except Exception as error:  # a validator of a package outside this one
+            self.complain(path, f"cannot be checked: {type(error).__name__}: {error}", at_key=True)
+            return None
+        for name, info in model.model_fields.items():
+            key, number = (*path, info.alias or name), getattr(made, name)
+            if isinstance(number, float) and not isfinite(number) and key in self.document.places:
+                self.complain(key, f"found {found(self.document, key)}, expected a finite value")
+        return made
+
+    def find(self, what: Callable[[str], type[Any]], name: str, path: KeyPath, hint: str = "") -> type[Any] | None:
+        """A driver, stage or sink class by name; ``None`` after a complaint."""
+        try:
+            return what(name)
+        except ConfigError as error:
+            self.complain(path, f"{error}{hint}")
+        except Exception as error:  # whatever a package outside this one does when imported
+            self.complain(path, f"{name!r} cannot be loaded: {type(error).__name__}: {error}")
+        return None
+
+
+def _cell(reading: _Reading, path: Path) -> CellConfig | None:
+    document = reading.document
+    top: dict[Any, Any] = document.value
+    sinks = list(available("cellwatt.sinks"))
+    keys = [*fields_of(CellName), *_SECTIONS, *sinks]
+    for key in top:
+        if key not in keys:
+            reading.complain((key,), unknown_key(key, keys), at_key=True)
+            reading.told.add((nearest(key, keys) or key,))
+    name = reading.settings(CellName, (), {k: top[k] for k in fields_of(CellName) if k in top})
+    sources = dict(_sources(reading, top))
+    _same_device(reading, sources)
+    frames = _section(reading, "frames", FrameSettings, top) if "frames" in top else FrameSettings()
+    stages = dict(_stages(reading, top))
+    record = _section(reading, "record", RecordSettings, top) if "record" in top else None
+    outlets = dict(_sinks(reading, top, sinks))
+    if name is None or frames is None:
+        return None
+    return CellConfig(
+        path=path,
+        text=document.text,
+        site=name.site,
+        cell=name.cell,
+        robot=name.robot,
+        sources=sources,
+        frames=frames,
+        stages=stages,
+        record=record,
+        sinks=outlets,
+        environment=document.environment,
+        secrets=document.secrets,
+    )
+
+
+def _section(reading: _Reading, key: str, model: type[M], top: Mapping[Any, Any]) -> M | None:
+    values = reading.mapping((key,), top[key])
+    return None if values is None else reading.settings(model, (key,), values)
+
+
+def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[tuple[str, dict[Any, Any]]]:
+    """Entries of ``sources`` or ``stages`` that have a good name and settings."""
+    for name, value in (reading.mapping((section,), top.get(section)) or {}).items():
+        path = (section, name)
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            message = f"found {name!r} as a name, expected small letters, digits and '_', starting with a letter"
+            reading.complain(path, message, at_key=True)
+            continue
+        values = reading.mapping(path, value)
+        if values is not None:
+            yield name, dict(values)
+
+
+def _sources(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, SourceConfig]]:
+    if "sources" not in top:
+        reading.missing((), "sources", "what is measured: name: {driver: …}")
+    elif not top["sources"]:
+        reading.complain(("sources",), "found no source, expected at least one (name: {driver: …})", at_key=True)
+    for name, values in _named(reading, "sources", top):
+        path = ("sources", name)
+        kind = values.pop("driver", None)
+        if kind is None:
+            _no_driver(reading, path, values)
+            continue
+        found_class = _class(reading, driver, kind, (*path, "driver"))
+        if found_class is None:
+            continue
+        settings = reading.settings(found_class.Settings, path, values)
+        if settings is not None:
+            yield name, SourceConfig(name, kind, settings, reading.document.place(path))
+
+
+def _no_driver(reading: _Reading, path: KeyPath, values: Mapping[Any, Any]) -> None:
+    meant = nearest("driver", [key for key in values if isinstance(key, str)])
+    if meant is None:
+        reading.missing(path, "driver", f"one of: {', '.join(available('cellwatt.drivers'))}")
+    else:
+        reading.complain((*path, meant), unknown_key(meant, ["driver"]), at_key=True)
+
+
+def _stages(reading: _Reading, top: Mapping[Any, Any]) -> Iterator[tuple[str, StageConfig]]:
+    needs: dict[str, tuple[str, ...]] = {}
+    kinds: set[str] = set()
+    for name, values in _named(reading, "stages", top):
+        path = ("stages", name)
+        own = values.pop("stage", None)
+        kind = name if own is None else own
+        place: KeyPath = path if own is None else (*path, "stage")
+        known = own is not None or name in available("cellwatt.stages")
+        hint = "" if known else f"; is {name!r} your own name? then add 'stage: KIND'"
+        if isinstance(kind, str):
+            kinds.add(kind)
+        found_class = _class(reading, stage, kind, place, hint)
+        if found_class is None:
+            continue
+        needs[name] = tuple(found_class.needs)
+        settings = reading.settings(found_class.Settings, path, values)
+        if settings is not None:
+            yield name, StageConfig(name, kind, settings, reading.document.place(path))
+    for name, wanted in needs.items():
+        for kind in wanted:
+            if kind not in kinds:
+                message = f"needs a stage of the kind {kind!r}, and there is none: add '{kind}: {{}}' to stages"
+                reading.complain(("stages", name), message, at_key=True)
+
+
+def _class(
+    reading: _Reading, what: Callable[[str], type[Any]], kind: Any, path: KeyPath, hint: str = ""
+) -> type[Any] | None:
+    if not isinstance(kind, str):
+        reading.complain(path, f"found {found(reading.document, path)}, expected a name")
+        return None
+    return reading.find(what, kind, path, hint)
+
+
+def _sinks(reading: _Reading, top: Mapping[Any, Any], names: list[str]) -> Iterator[tuple[str, SinkConfig]]:
+    for name in names:
+        value = top.get(name, {} if name == DEFAULT_SINK else "off")
+        if value is False or value == "off":
+            continue
+        values = reading.mapping((name,), value)
+        found_class = None if values is None else reading.find(sink, name, (name,))
+        if values is None or found_class is None:
+            continue
+        settings = reading.settings(found_class.Settings, (name,), values)
+        if settings is not None:
+            yield name, SinkConfig(name, settings)
+
+
+def _same_device(reading: _Reading, sources: Mapping[str, SourceConfig]) -> None:
+    first: dict[tuple[str, ...], str] = {}
+    for name, source in sources.items():
+        device = _device(source)
+        other = first.setdefault(device, name) if device else name
+        if other != name:
+            where = " ".join(device[1:])
+            reading.complain(("sources", name), f"reads the same device as {other!r} ({where})", at_key=True)
+
+
+def _device(source: SourceConfig) -> tuple[str, ...]:
+    """What only one source may open, a serial port or a driver's host and port; empty where there is nothing such.
+
+    A settings class may name fields in ``device_parts`` that tell apart what can be read side by side.
+    """
+    settings = source.settings
+    host, port = getattr(settings, "host", None), getattr(settings, "port", None)
+    if host:
+        parts = [f"{name} {getattr(settings, name)}" for name in getattr(settings, "device_parts", ())]
+        return source.driver, str(host).lower(), *([f"port {port}"] if port else []), *parts
+    for serial in (port, getattr(settings, "serial", None), getattr(settings, "device", None)):
+        if isinstance(serial, str | Path) and str(serial):
+            return "serial", os.path.realpath(serial)
+    return ()

@@ -1,0 +1,65 @@
+"""Where in a settings file something stands, and in which order mistakes are told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cellwatt.errors import Problem
+
+KeyPath = tuple[str | int, ...]
+"""Keys and list indices from the top of the file."""
+
+_PLACE = re.compile(r"(.*):(\d+):(\d+)", re.DOTALL)
+
+
+class Mark(NamedTuple):
+    """A position in the text, both from 1."""
+
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a value and its key stand; ``written`` is the text of a scalar as it stands in the file, else ``""``."""
+
+    key: Mark
+    value: Mark
+    written: str
+
+
+class Position(NamedTuple):
+    """A problem's place in parts; no line and column where it concerns the whole file."""
+
+    file: str
+    line: int | None
+    column: int | None
+
+
+def dotted(path: KeyPath) -> str:
+    """A key path as people write it: ``zenoh.connect[0]``."""
+    text = ""
+    for part in path:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.removeprefix(".")
+
+
+def position(problem: Problem) -> Position:
+    """File, line and column of a problem."""
+    match = _PLACE.fullmatch(problem.place)
+    if match is None:
+        return Position(problem.place, None, None)
+    return Position(match[1], int(match[2]), int(match[3]))
+
+
+def ordered(problems: Iterable[Problem]) -> list[Problem]:
+    """Problems by file, line and column, each told once."""
+
+    def key(problem: Problem) -> tuple[str, int, int]:
+        file, line, column = position(problem)
+        return file, line or 0, column or 0
+
+    return sorted(dict.fromkeys(problems), key=key)

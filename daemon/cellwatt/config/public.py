@@ -1,0 +1,75 @@
+"""Settings as they may be published: what came from the environment shows as ``${NAME}``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from cellwatt.config.cell import CellConfig
+from cellwatt.config.places import KeyPath
+
+_SHORTEST_SECRET = 8
+"""Characters from which on a value from the environment is also hidden inside other texts."""
+
+
+def public_config(config: CellConfig) -> dict[str, Any]:
+    """The settings in force with all defaults, in base units, JSON-ready, secrets blanked."""
+    tree: dict[str, Any] = {
+        "site": config.site,
+        "cell": config.cell,
+        "robot": config.robot,
+        "sources": {n: {"driver": s.driver, **_plain(s.settings)} for n, s in config.sources.items()},
+        "frames": _plain(config.frames),
+        "stages": {n: {"stage": s.kind, **_plain(s.settings)} for n, s in config.stages.items()},
+        "record": None if config.record is None else _plain(config.record),
+        **{n: _plain(s.settings) for n, s in config.sinks.items()},
+    }
+    for path, shown in config.environment.items():
+        _blank(tree, path, shown)
+    blanked: dict[str, Any] = _hide(tree, dict(_long(config.secrets)))
+    return blanked
+
+
+def _plain(settings: BaseModel) -> dict[str, Any]:
+    return settings.model_dump(mode="json", by_alias=True)
+
+
+def _blank(tree: Any, path: KeyPath, shown: str) -> None:
+    """Put ``shown`` at ``path``, or in place of the last part of it that validation left standing."""
+    here = tree
+    for part in path[:-1]:
+        inner = _child(here, part)
+        if not isinstance(inner, dict | list):
+            break
+        here, path = inner, path[1:]
+    key = path[0]
+    if isinstance(here, dict):
+        here[str(key)] = shown
+    elif isinstance(key, int) and key < len(here):
+        here[key] = shown
+    else:
+        here[:] = [shown]
+
+
+def _child(tree: Any, part: str | int) -> Any:
+    if isinstance(tree, dict):
+        return tree.get(str(part))
+    return tree[part] if isinstance(part, int) and part < len(tree) else None
+
+
+def _long(secrets: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Secrets that no ordinary text holds by chance."""
+    return ((value, shown) for value, shown in secrets.items() if len(value) >= _SHORTEST_SECRET)
+
+
+def _hide(tree: Any, secrets: Mapping[str, str]) -> Any:
+    if isinstance(tree, dict):
+        return {key: _hide(value, secrets) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_hide(value, secrets) for value in tree]
+    if isinstance(tree, str):
+        for value, shown in secrets.items():
+            tree = tree.replace(value, shown)
+    return tree

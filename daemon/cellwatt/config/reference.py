@@ -1,0 +1,145 @@
+"""Settings classes as a reference for people: key, type, default, meaning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+_LADDERS: tuple[dict[str, float], ...] = (
+    {"kHz": 1e3, "Hz": 1.0},
+    {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e-6},
+    {"TB": 1e12, "GB": 1e9, "MB": 1e6, "kB": 1e3, "B": 1.0},
+    {"deg": math.pi / 180},
+    {"%": 0.01},
+    {"kW": 1e3, "W": 1.0, "mW": 1e-3},
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One key of a settings class; ``default`` as it would be written, ``""`` where the key is required."""
+
+    key: str
+    type: str
+    default: str
+    required: bool
+    description: str
+
+
+def reference(model: type[BaseModel]) -> list[Field]:
+    """Every key of a settings class, those of nested settings with dotted keys."""
+    schema = model.model_json_schema(by_alias=True)
+    return list(_fields(schema, schema.get("$defs", {}), "", ()))
+
+
+def markdown(model: type[BaseModel]) -> str:
+    """The reference of a settings class as a Markdown table, as in ``docs/settings.md``."""
+    lines = ["| key | type | default | meaning |", "|---|---|---|---|"]
+    for field in reference(model):
+        default = "required" if field.required else f"`{field.default}`" if field.default else ""
+        cells = (f"`{field.key}`", field.type, default, field.description)
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines)
+
+
+def written(value: object, schema: Mapping[str, Any]) -> str:
+    """A default as a person would write it in the file: ``0.1`` of a duration as ``100 ms``."""
+    if value is None:
+        return ""
+    example = _example(schema)
+    if example is not None and isinstance(value, int | float):
+        return _quantity(float(value), example.rsplit(" ", 1)[-1])
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list):
+        return f"[{', '.join(written(v, {}) for v in value)}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{k}: {written(v, {})}' for k, v in value.items())}}}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _fields(
+    schema: Mapping[str, Any], shared: Mapping[str, Any], prefix: str, above: tuple[str, ...]
+) -> Iterator[Field]:
+    required = schema.get("required", ())
+    for key, found in schema.get("properties", {}).items():
+        default = "" if key in required else written(found.get("default"), found)
+        description = " ".join(found.get("description", "").split()).replace("``", "")
+        yield Field(prefix + key, _type(found, shared), default, key in required, description)
+        for name, below, inner in _nested(found, shared):
+            if name not in above:
+                yield from _fields(below, shared, f"{prefix}{key}{inner}.", (*above, name))
+
+
+def _nested(schema: Mapping[str, Any], shared: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any], str]]:
+    """Settings within a value: their name, schema, and how the key goes on to reach them."""
+    if "$ref" in schema:
+        name = schema["$ref"].rsplit("/", 1)[-1]
+        if "properties" in shared[name]:
+            yield name, shared[name], ""
+    for option in (*schema.get("anyOf", ()), *schema.get("oneOf", ()), *schema.get("allOf", ())):
+        yield from _nested(option, shared)
+    if isinstance(schema.get("items"), dict):
+        yield from ((n, s, f"[]{k}") for n, s, k in _nested(schema["items"], shared))
+    if isinstance(schema.get("additionalProperties"), dict):
+        yield from ((n, s, f".NAME{k}") for n, s, k in _nested(schema["additionalProperties"], shared))
+
+
+def _type(schema: Mapping[str, Any], shared: Mapping[str, Any]) -> str:
+    if "$ref" in schema:
+        return _type(shared[schema["$ref"].rsplit("/", 1)[-1]], shared)
+    options = schema.get("anyOf") or schema.get("oneOf") or schema.get("allOf")
+    if options:
+        names = [_type(o, shared) for o in options if o.get("type") != "null"]
+        return " or ".join(dict.fromkeys(names))
+    if "const" in schema:
+        return str(schema["const"])
+    if "enum" in schema:
+        return " | ".join(str(v) for v in schema["enum"])
+    example = _example(schema)
+    if example is not None:
+        return f"quantity, like {example}"
+    kind = schema.get("type")
+    if kind == "array":
+        items = schema.get("items")
+        return f"list of {_type(items, shared)}" if items else "list"
+    if kind == "object":
+        inner = schema.get("additionalProperties")
+        return f"NAME: {_type(inner, shared)}" if isinstance(inner, dict) else "settings"
+    plain = {"integer": "whole number", "number": "number", "boolean": "true | false", "string": "text"}
+    text = "path" if "path" in str(schema.get("format")) else plain.get(str(kind), "anything")
+    return text + _range(schema)
+
+
+def _range(schema: Mapping[str, Any]) -> str:
+    low, high = schema.get("minimum"), schema.get("maximum")
+    above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
+    limits = [f"≥ {low}" * (low is not None), f"> {above}" * (above is not None)]
+    limits += [f"≤ {high}" * (high is not None), f"< {below}" * (below is not None)]
+    text = ", ".join(part for part in limits if part)
+    return f" ({text})" if text else ""
+
+
+def _example(schema: Mapping[str, Any]) -> str | None:
+    """The example of a quantity, or ``None`` for any other type."""
+    for option in (schema, *schema.get("anyOf", ())):
+        examples = option.get("examples")
+        if option.get("type") == "string" and examples and _ladder(str(examples[0]).rsplit(" ", 1)[-1]):
+            return str(examples[0])
+    return None
+
+
+def _ladder(unit: str) -> dict[str, float] | None:
+    return next((ladder for ladder in _LADDERS if unit in ladder), None)
+
+
+def _quantity(value: float, unit: str) -> str:
+    ladder = _ladder(unit) or {unit: 1.0}
+    fitting = {u: value / f for u, f in ladder.items() if abs(value) / f >= 1 - 1e-9}
+    whole = {u: n for u, n in fitting.items() if abs(n - round(n)) < 1e-9 * abs(n)}
+    name, number = next(iter((whole or fitting or {unit: value / ladder[unit]}).items()))
+    return f"{number:g} {name}"

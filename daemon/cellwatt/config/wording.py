@@ -1,0 +1,195 @@
+"""What pydantic found, in words for the person who wrote the file."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from cellwatt.config.document import Document
+from cellwatt.config.fields import fields_at
+from cellwatt.config.places import KeyPath
+from cellwatt.errors import Problem
+
+_LONGEST = 60  # characters of a value that a message repeats
+
+_EXPECTED = {
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_parsing_size": "a smaller whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "string_type": "text",
+    "path_type": "a path",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "set_type": "a list",
+    "frozen_set_type": "a list",
+    "dict_type": "settings (key: value)",
+    "mapping_type": "settings (key: value)",
+    "model_type": "settings (key: value)",
+    "model_attributes_type": "settings (key: value)",
+    "none_required": "nothing",
+    "path_not_file": "a file that exists (relative paths start at the folder of the settings file)",
+    "path_not_directory": "a folder that exists (relative paths start at the folder of the settings file)",
+    "greater_than": "a value above {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than": "a value below {lt}",
+    "less_than_equal": "at most {le}",
+    "string_too_short": "at least {min_length} characters",
+    "string_too_long": "at most {max_length} characters",
+    "too_short": "at least {min_length} entries",
+    "too_long": "at most {max_length} entries",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "literal_error": "{expected}",
+    "enum": "{expected}",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Finding:
+    """One pydantic error, at a path that is in the file (for missing and unknown keys: the key's own)."""
+
+    path: KeyPath
+    error: ErrorDetails
+    inside: KeyPath  # from the settings class down
+
+    @property
+    def kind(self) -> str:
+        return self.error["type"]
+
+
+def nearest(word: object, choices: Iterable[str]) -> str | None:
+    """The choice that was probably meant, capitals aside."""
+    by_lower = {choice.lower(): choice for choice in choices}
+    near = difflib.get_close_matches(str(word).lower(), by_lower, n=1)
+    return by_lower[near[0]] if near else None
+
+
+def did_you_mean(word: object, choices: Iterable[str]) -> str:
+    """``"; did you mean 'host'?"`` where one of the choices is near, else nothing."""
+    near = nearest(word, choices)
+    return f"; did you mean {near!r}?" if near else ""
+
+
+def unknown_key(key: object, choices: Sequence[str]) -> str:
+    """Text for a key that does not belong here."""
+    return f"unknown key {key!r}{did_you_mean(key, choices)} (keys here: {', '.join(choices)})"
+
+
+def missing_key(key: str, description: str | None) -> str:
+    """Text for a key that must be there."""
+    about = f" ({_sentence(description)})" if description else ""
+    return f"the key {key!r} is missing{about}"
+
+
+def found(document: Document, path: KeyPath) -> str:
+    """The value at a path as a message repeats it; never what came from the environment."""
+    if path in document.environment:
+        return f"the value of {document.environment[path]}"
+    value = document.at(path)
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict):
+        return "settings (key: value)"
+    if isinstance(value, list):
+        return "a list"
+    written = document.places[path].written
+    text = repr(written) if isinstance(value, str) else written
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+
+
+def explain(
+    error: ValidationError, model: type[BaseModel], document: Document, section: KeyPath, told: Collection[KeyPath]
+) -> list[Problem]:
+    """One problem per mistake that a settings class found in the mapping at ``section``, except at places ``told``."""
+    findings = [_located(details, document, section) for details in error.errors(include_url=False)]
+    unknown = {f.path for f in findings if f.kind == "extra_forbidden"}
+    grouped: dict[KeyPath, list[_Finding]] = {}
+    for finding in findings:
+        if finding.path not in told and not _misspelt(finding, unknown):
+            grouped.setdefault(finding.path, []).append(finding)
+    return [_problem(group, model, document) for group in grouped.values()]
+
+
+def _located(error: ErrorDetails, document: Document, section: KeyPath) -> _Finding:
+    path = section
+    for part in error["loc"]:
+        # Parts that are no key are pydantic's names for the members of a union.
+        if (*path, part) in document.places:
+            path = (*path, part)
+    if error["type"] == "missing":
+        path = (*path, error["loc"][-1])
+    return _Finding(path, error, path[len(section) :])
+
+
+def _misspelt(finding: _Finding, unknown: set[KeyPath]) -> bool:
+    """Whether a missing key is told already by the unknown one that was meant to be it."""
+    siblings = [str(u[-1]) for u in unknown if u[:-1] == finding.path[:-1]]
+    return finding.kind == "missing" and any(nearest(s, [str(finding.path[-1])]) for s in siblings)
+
+
+def _problem(group: Sequence[_Finding], model: type[BaseModel], document: Document) -> Problem:
+    first = group[0]
+    if first.kind == "missing":
+        fields = fields_at(model, first.inside[:-1])
+        field = fields.get(str(first.path[-1]))
+        text = missing_key(str(first.path[-1]), field.description if field else None)
+        return document.problem(first.path[:-1], text, at_key=True)
+    if first.kind == "extra_forbidden":
+        choices = list(fields_at(model, first.inside[:-1]))
+        return document.problem(first.path, unknown_key(first.path[-1], choices), at_key=True)
+    if first.kind == "invalid_key":
+        return document.problem(first.path, f"the key {first.path[-1]!r} must be text: write it in quotes", at_key=True)
+    return document.problem(first.path, _value_message(group, document))
+
+
+def _value_message(group: Sequence[_Finding], document: Document) -> str:
+    path = group[0].path
+    shown = found(document, path) if path in document.places else "nothing"
+    own = [_own_words(f.error) for f in group if f.kind in ("value_error", "assertion_error")]
+    if own:
+        return " or ".join(own) if shown == "settings (key: value)" else f"found {shown}: {' or '.join(own)}"
+    expected = list(dict.fromkeys(_expected(f.error) for f in group))
+    return f"found {shown}, expected {' or '.join(expected)}{_hint(group, document)}"
+
+
+def _own_words(error: ErrorDetails) -> str:
+    return " ".join(str(error.get("ctx", {}).get("error", error["msg"])).split())
+
+
+def _expected(error: ErrorDetails) -> str:
+    template = _EXPECTED.get(error["type"])
+    context: Mapping[str, Any] = error.get("ctx", {})
+    if template is None:
+        text = error["msg"].removeprefix("Input should be ").removeprefix("Value should ")
+        return " ".join(text.split())
+    return template.format(**context)
+
+
+def _hint(group: Sequence[_Finding], document: Document) -> str:
+    path = group[0].path
+    if path not in document.places or path in document.environment:
+        return ""
+    value = document.at(path)
+    for finding in group:
+        if finding.kind == "string_type" and isinstance(value, bool | int | float):
+            return f'; write it in quotes: "{document.places[path].written}"'
+        if finding.kind in ("literal_error", "enum") and isinstance(value, str):
+            choices = re.findall(r"'([^']*)'", finding.error.get("ctx", {}).get("expected", ""))
+            return did_you_mean(value, choices)
+    return ""
+
+
+def _sentence(text: str) -> str:
+    first = re.split(r"(?<=\w)\.\s|\n\n|;", text.strip(), maxsplit=1)[0]
+    return " ".join(first.split()).rstrip(".").replace("``", "")

@@ -1,0 +1,60 @@
+"""Recordings as signals: files of several makes, honest errors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.emulation import load_signals
+from cellwatt.errors import RecordingError
+
+
+@pytest.mark.parametrize("separator", [",", ";", " ", "\t"])
+def test_csv_of_each_separator(tmp_path: Path, separator: str) -> None:
+    path = tmp_path / "a.csv"
+    rows = [["timestamp", "actual_q_0"], ["10.0", "0.5"], ["10.1", "0.7"], ["10.4", "0.1"]]
+    path.write_text("\n".join(separator.join(r) for r in rows) + "\n")
+    signals = load_signals(path)
+    np.testing.assert_array_equal(signals.time, [10.0, 10.1, 10.4])
+    assert signals.at(np.array([0.05]))["actual_q_0"] == pytest.approx(0.6)
+    assert signals.at(np.array([99.0]))["actual_q_0"] == pytest.approx(0.1)
+
+
+def test_old_mac_line_ends(tmp_path: Path) -> None:
+    path = tmp_path / "mac.csv"
+    path.write_bytes(b"t,x\r0,1\r1,2\r")
+    np.testing.assert_array_equal(load_signals(path).columns["x"], [1, 2])
+
+
+def test_parquet(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"t": [0.0, 1.0, 2.0], "supply.power": [1.0, 2.0, 4.0]}), path)
+    signals = load_signals(path, loop=True)
+    assert signals.at(np.array([0.5, 2.5]))["supply.power"] == pytest.approx([1.5, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b\n1,2\n", "no column named t"),
+        ("t,b\n1,2\n1,3\n", "does not rise"),
+        ("t,b\n1,2,3\n2,3,4\n", "2 names in the header"),
+        ("t,b\n1,2\n", "does not rise"),
+    ],
+)
+def test_bad_files_say_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        load_signals(path)
+
+
+def test_file_that_is_no_parquet(tmp_path: Path) -> None:
+    path = tmp_path / "bad.parquet"
+    path.write_bytes(b"PAR1 nonsense")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        load_signals(path)

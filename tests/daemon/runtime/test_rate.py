@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cellwatt.runtime.rate import KEPT, RateMeter
+
+
+def test_rate_and_jitter_of_a_known_stream() -> None:
+    meter = RateMeter(100.0)
+    times = np.arange(1000, dtype=np.int64) * 10_000_000
+    times[1::2] += 1_000_000  # every other sample 1 ms late: each step is off by 1 ms
+    for block in np.split(times, 10):
+        meter.add(block)
+    figures = meter.figures()
+    assert figures["rate_hz"] == pytest.approx(100.0, rel=1e-3)
+    assert figures["jitter_p50_ms"] == figures["jitter_p99_ms"] == 1.0
+    assert figures["samples"] == 1000
+
+
+def test_memory_stays_bounded() -> None:
+    meter = RateMeter(500.0)
+    for i in range(100):
+        meter.add(np.arange(1000, dtype=np.int64) + 1000 * i)
+    assert meter._kept <= 2 * KEPT
+    assert meter.figures()["samples"] == 100_000
+
+
+def test_silence() -> None:
+    assert RateMeter(50.0).figures()["rate_hz"] is None

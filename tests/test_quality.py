@@ -1,0 +1,42 @@
+"""The rules of the code base, held by tools: lint, format, types, import directions, clean text."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ["daemon", "drivers", "plugins", "tests", "bench", "examples"]
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "tool",
+    [
+        ["-m", "ruff", "check", "--no-cache", *SOURCES],
+        ["-m", "ruff", "format", "--no-cache", "--check", *SOURCES],
+        ["-m", "mypy"],
+        ["-c", "from importlinter.cli import lint_imports_command as c; c()", "--no-cache"],
+    ],
+    ids=["lint", "format", "types", "imports"],
+)
+def test_tool_is_content(tool: list[str]) -> None:
+    done = subprocess.run([sys.executable, *tool], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_pinned_files_name_no_host() -> None:
+    for name in ("constraints.txt", "constraints-test.txt"):
+        text = (ROOT / name).read_text()
+        assert "://" not in text
+        for line in re.findall(r"^[A-Za-z].*$", text, re.MULTILINE):
+            assert re.match(r"[\w.-]+(\[[\w,]+\])?==[\w.!+]+( ; .*)? \\$", line), line
+
+
+def test_readme_names_only_pages_that_exist() -> None:
+    for page in re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text()):
+        assert (ROOT / page).is_file(), page
