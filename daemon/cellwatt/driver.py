@@ -19,6 +19,9 @@ class SourceSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
+    device_parts: ClassVar[tuple[str, ...]] = ()
+    """Settings, beside host and port, that tell two devices at one address apart."""
+
 
 @dataclass(frozen=True, slots=True)
 class Identity:
@@ -80,6 +83,8 @@ class Driver(ABC, Generic[S]):
     """One line for ``cellwatt drivers``."""
     emulator: ClassVar[str]
     """``module:Class`` of the device's emulator."""
+    least_delay: ClassVar[tuple[float, float]] = (0.0, 0.001)
+    """Between what bounds, s, the shortest way from the device to the daemon lies; widens the clock's bound."""
     writes: ClassVar[tuple[str, ...]]
     """Every kind of byte sequence this driver may send to the device, in words."""
 

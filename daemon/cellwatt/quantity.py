@@ -22,7 +22,7 @@ _WATT = {"w": 1.0, "mw": 1e-3, "kw": 1e3}
 def parse(text: object, units: Mapping[str, float], example: str) -> float:
     """A number with a unit as a float in the base unit.
 
-    Raises ``ValueError`` that names the units where text is no number, has an unknown unit or none.
+    Raises ``ValueError`` that names the units where text is no finite number, has an unknown unit or none.
     """
     names = ", ".join(units)
     if isinstance(text, bool) or not isinstance(text, str | int | float):
@@ -34,7 +34,10 @@ def parse(text: object, units: Mapping[str, float], example: str) -> float:
     factor = units.get(unit.lower())
     if factor is None:
         raise ValueError(f"unknown unit {unit!r}; expected one of {names}, like {example!r}")
-    return float(match[1]) * factor
+    number = float(match[1]) * factor
+    if not math.isfinite(number):
+        raise ValueError(f"expected a finite value, like {example!r}")
+    return number
 
 
 def _quantity(units: Mapping[str, float], example: str, positive: bool) -> Callable[[object], object]:

@@ -30,8 +30,8 @@ def available(group: str) -> dict[str, EntryPoint]:
 def load(group: str, name: str) -> Any:
     """The object behind an entry point.
 
-    Raises ``ConfigError`` with the nearest name where it is unknown, or with the missing package where it
-    cannot be imported.
+    Raises ``ConfigError`` with the nearest name where it is unknown, or with the reason where it cannot be
+    imported.
     """
     points = available(group)
     what = group.rsplit(".", 1)[1].removesuffix("s")
@@ -41,8 +41,9 @@ def load(group: str, name: str) -> Any:
         raise ConfigError(f"no {what} named {name!r}{hint} (there are: {', '.join(points)})")
     try:
         return points[name].load()
-    except ImportError as error:
-        raise ConfigError(f"{what} {name!r} cannot be loaded: {error}") from error
+    except Exception as error:  # a package of somebody else's may fail in any way
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"{what} {name!r} cannot be loaded: {type(error).__name__}: {reason}") from error
 
 
 def driver(name: str) -> type[Driver[Any]]:

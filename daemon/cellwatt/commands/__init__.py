@@ -41,7 +41,7 @@ def cli() -> None:
 def main() -> None:
     """Run the command line; errors meant for a person are one line each, without a traceback."""
     try:
-        cli(standalone_mode=False)
+        code = cli(standalone_mode=False)
     except click.exceptions.Exit as stop:
         sys.exit(stop.exit_code)
     except click.Abort:
@@ -55,3 +55,4 @@ def main() -> None:
     except CellwattError as error:
         click.echo(f"cellwatt: {error}", err=True)
         sys.exit(EXIT_ERROR)
+    sys.exit(code if isinstance(code, int) else 0)

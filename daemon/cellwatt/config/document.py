@@ -12,48 +12,26 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import yaml
 
 from cellwatt.config.environment import expand
-from cellwatt.config.places import KeyPath, Mark, Place, dotted
+from cellwatt.config.nodes import TAG, compose, mark_of, place, problem
+from cellwatt.config.places import KeyPath, Mark, Place
 from cellwatt.errors import ConfigError, Problem
 
-LARGEST_FILE = 1_000_000  # bytes
 LARGEST_TREE = 100_000
 """Values in a file after aliases and merges are followed; a few nested ones can stand for billions."""
 
 _SHORTEST_SECRET = 4
 """Characters from which on a value from the environment is blanked in messages."""
 
-_TAG = "tag:yaml.org,2002:"
-
 
 class WrittenFloat(float):
     """A number as it stands in the file, so that quantities can tell it from a default in base units."""
 
     __slots__ = ()
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML 1.2 core schema instead of PyYAML's 1.1."""
-
-    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]  # the stub says instance
-
-
-for _name, _pattern, _first in (
-    ("null", r"null|Null|NULL|~|", ("n", "N", "~", "")),
-    ("bool", r"true|True|TRUE|false|False|FALSE", tuple("tTfF")),
-    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+|0o[0-7]+", tuple("-+0123456789")),
-    (
-        "float",
-        r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
-        tuple("-+.0123456789"),
-    ),
-    ("merge", r"<<", ("<",)),
-):
-    _Loader.add_implicit_resolver(f"{_TAG}{_name}", re.compile(rf"(?:{_pattern})\Z"), list(_first))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +56,13 @@ class Document:
             there, at_key = there[:-1], True
         for value, shown in self.secrets.items():
             message = message.replace(value, shown) if len(value) >= _SHORTEST_SECRET else message
-        place, at_key = self.places[there], at_key or isinstance(self.at(there), dict)
-        return Problem(_place(self.file, place.key if at_key else place.value), dotted(path), message)
+        at_key = at_key or isinstance(self.at(there), dict)
+        found = self.places[there]
+        return problem(self.file, found.key if at_key else found.value, message, path)
 
     def place(self, path: KeyPath) -> str:
         """``file:line:column`` of a key."""
-        return _place(self.file, self.places[path].key)
+        return place(self.file, self.places[path].key)
 
     def at(self, path: KeyPath) -> Any:
         """The value at a path that is in ``places``."""
@@ -95,80 +74,16 @@ class Document:
 
 def read(file: Path, environ: Mapping[str, str] = os.environ) -> Document:
     """Read a settings file. Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top."""
-    text = _text(file)
-    try:
-        node = yaml.compose(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        raise ConfigError([_syntax(file, text, error)]) from error
-    except RecursionError as error:
-        raise ConfigError([Problem(_place(file, Mark(1, 1)), "", "not valid YAML: nested too deeply")]) from error
-    builder = _Builder(file, environ)
-    if node is None:
-        raise ConfigError([Problem(_place(file, Mark(1, 1)), "", "the file is empty; expected site, cell and sources")])
-    mark = _mark(node)
+    text, node = compose(file)
     if not isinstance(node, yaml.MappingNode):
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         message = f"found {found}, expected settings (key: value) starting with site, cell and sources"
-        raise ConfigError([Problem(_place(file, mark), "", message)])
-    value = builder.build(node, (), mark)
+        raise ConfigError([problem(file, mark_of(node), message)])
+    builder = _Builder(file, environ)
+    value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
     secrets = dict(sorted(builder.secrets.items(), key=lambda item: -len(item[0])))  # the longer holds the shorter
     return Document(file, text, value, builder.places, builder.environment, secrets, mistakes)
-
-
-def _text(file: Path) -> str:
-    try:
-        with file.open("rb") as stream:
-            content = stream.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise ConfigError([Problem(str(file), "", f"cannot be read: {reason.lower()}")]) from error
-    if len(content) > LARGEST_FILE:
-        raise ConfigError([Problem(str(file), "", f"larger than {LARGEST_FILE:,} bytes: this is no settings file")])
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line_start = content.rfind(b"\n", 0, error.start) + 1
-        column = len(content[line_start : error.start].decode("utf-8", "replace")) + 1
-        mark = Mark(content.count(b"\n", 0, error.start) + 1, column)
-        byte = content[error.start]
-        message = f"not UTF-8 text (byte 0x{byte:02x}); save the file as UTF-8"
-        raise ConfigError([Problem(_place(file, mark), "", message)]) from error
-
-
-_ADVICE = (
-    ("\\t", "a tab; indent with spaces"),
-    ("mapping values are not allowed", "check the indentation; a value that holds ': ' needs quotes"),
-    ("could not find expected ':'", "expected 'key: value'"),
-    ("but found another document", "a second document ('---'); expected one cell a file"),
-    ("expected <block end>", "check the indentation of this line"),
-    ("cannot start any token", "a value that starts with this character needs quotes"),
-    ("found undefined alias", "an alias (*name) needs its anchor (&name) further up"),
-    ("found unknown escape character", "write a backslash in 'single quotes'"),
-)
-
-
-def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
-    if isinstance(error, yaml.reader.ReaderError):
-        before = text[: error.position]
-        mark = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))
-        message = f"not valid YAML: character U+{ord(text[error.position]):04X} is not allowed"
-        return Problem(_place(file, mark), "", message)
-    if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
-        return Problem(_place(file, Mark(1, 1)), "", f"not valid YAML: {' '.join(str(error).split())}")
-    what = " ".join(part for part in (error.problem, error.context) if part)
-    advice = next((advice for sign, advice in _ADVICE if sign in what), None)
-    mark = Mark(error.problem_mark.line + 1, error.problem_mark.column + 1)
-    hint = f" ({advice})" if advice else ""
-    return Problem(_place(file, mark), "", f"not valid YAML: {' '.join((error.problem or what).split())}{hint}")
-
-
-def _mark(node: yaml.Node) -> Mark:
-    return Mark(node.start_mark.line + 1, node.start_mark.column + 1)
-
-
-def _place(file: Path, mark: Mark) -> str:
-    return f"{file}:{mark.line}:{mark.column}"
 
 
 class _Builder:
@@ -186,17 +101,17 @@ class _Builder:
 
     def build(self, node: yaml.Node, path: KeyPath, key: Mark) -> Any:
         written = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
-        self.places[path] = Place(key, _mark(node), written)
+        self.places[path] = Place(key, mark_of(node), written)
         self._limit(len(self.places), node, path)
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, path)
         if id(node) in self._open:
-            return self._mistake(path, _mark(node), "an anchor that contains itself")
+            return self._mistake(path, mark_of(node), "an anchor that contains itself")
         self._open.add(id(node))
         try:
             if isinstance(node, yaml.MappingNode):
                 return self._mapping(node, path)
-            return [self.build(child, (*path, i), _mark(child)) for i, child in enumerate(node.value)]
+            return [self.build(child, (*path, i), mark_of(child)) for i, child in enumerate(node.value)]
         finally:
             self._open.discard(id(node))
 
@@ -207,31 +122,31 @@ class _Builder:
             if key is None:
                 continue
             if key in entries:
-                first = _mark(entries[key][0])
+                first = mark_of(entries[key][0])
                 message = f"the key {key!r} is given twice, first at line {first.line} column {first.column}"
-                self._mistake((*path, key), _mark(key_node), message)
+                self._mistake((*path, key), mark_of(key_node), message)
             else:
                 entries[key] = key_node, value_node
         for key_node, value_node in self._merged(node, path):
             key = self._key(key_node, path)
             if key is not None:
                 entries.setdefault(key, (key_node, value_node))
-        return {key: self.build(value, (*path, key), _mark(name)) for key, (name, value) in entries.items()}
+        return {key: self.build(value, (*path, key), mark_of(name)) for key, (name, value) in entries.items()}
 
     def _pairs(self, node: yaml.MappingNode, path: KeyPath) -> list[tuple[yaml.Node, yaml.Node]]:
-        if node.tag != f"{_TAG}map":
-            self._mistake(path, _mark(node), f"the tag {_short(node.tag)} means nothing here")
-        return [(k, v) for k, v in node.value if k.tag != f"{_TAG}merge"]
+        if node.tag != f"{TAG}map":
+            self._mistake(path, mark_of(node), f"the tag {_short(node.tag)} means nothing here")
+        return [(k, v) for k, v in node.value if k.tag != f"{TAG}merge"]
 
     def _merged(self, node: yaml.MappingNode, path: KeyPath) -> list[tuple[yaml.Node, yaml.Node]]:
         """Pairs that ``<<`` brings in, nearest first."""
         found: list[tuple[yaml.Node, yaml.Node]] = []
         for key, value in node.value:
-            if key.tag != f"{_TAG}merge":
+            if key.tag != f"{TAG}merge":
                 continue
             for origin in value.value if isinstance(value, yaml.SequenceNode) else [value]:
                 if not isinstance(origin, yaml.MappingNode) or id(origin) in self._open:
-                    self._mistake(path, _mark(key), "'<<' expects *name of settings (key: value) further up")
+                    self._mistake(path, mark_of(key), "'<<' expects *name of settings (key: value) further up")
                     continue
                 self._merges += len(origin.value)
                 self._limit(self._merges, key, path)
@@ -246,7 +161,7 @@ class _Builder:
             return key
         what = f"{node.value!r}" if isinstance(node, yaml.ScalarNode) else "a list or mapping"
         quoted = f'; write it in quotes: "{node.value}"' if isinstance(node, yaml.ScalarNode) else ""
-        self._mistake(path, _mark(node), f"found {what} as a key, expected a name{quoted}")
+        self._mistake(path, mark_of(node), f"found {what} as a key, expected a name{quoted}")
         return None
 
     def _scalar(self, node: yaml.ScalarNode, path: KeyPath) -> Any:
@@ -255,7 +170,7 @@ class _Builder:
             return value
         expansion = expand(value, self.environ)
         for mistake in expansion.mistakes:
-            self._mistake(path, _mark(node), mistake)
+            self._mistake(path, mark_of(node), mistake)
         if expansion.filled:
             self.environment[path] = expansion.shown
             self.secrets.update(expansion.filled)
@@ -264,7 +179,7 @@ class _Builder:
     def _plain(self, node: yaml.ScalarNode, path: KeyPath) -> str | int | float | bool | None:
         text: str = node.value
         try:
-            match node.tag.removeprefix(_TAG):
+            match node.tag.removeprefix(TAG):
                 case "str" | "merge":
                     return text
                 case "null":
@@ -276,26 +191,26 @@ class _Builder:
                 case "float":
                     return self._float(text, node, path)
         except (ValueError, KeyError):
-            self._mistake(path, _mark(node), f"{text[:40]!r} cannot be read as {_short(node.tag)}")
+            self._mistake(path, mark_of(node), f"{text[:40]!r} cannot be read as {_short(node.tag)}")
             return None
-        self._mistake(path, _mark(node), f"the tag {_short(node.tag)} means nothing here")
+        self._mistake(path, mark_of(node), f"the tag {_short(node.tag)} means nothing here")
         return None
 
     def _float(self, text: str, node: yaml.ScalarNode, path: KeyPath) -> float | None:
         number = WrittenFloat(re.sub(r"\.(?=inf|nan)", "", text, flags=re.IGNORECASE))
         if math.isfinite(number):
             return number
-        self._mistake(path, _mark(node), f"found {text[:40]}, expected a finite number")
+        self._mistake(path, mark_of(node), f"found {text[:40]}, expected a finite number")
         return None
 
     def _limit(self, count: int, node: yaml.Node, path: KeyPath) -> None:
         if count > LARGEST_TREE:
             message = f"the aliases stand for more than {LARGEST_TREE:,} values"
-            raise ConfigError([Problem(_place(self.file, _mark(node)), dotted(path), message)])
+            raise ConfigError([problem(self.file, mark_of(node), message, path)])
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:
-        self.mistakes.setdefault(path, []).append(Problem(_place(self.file, mark), dotted(path), message))
+        self.mistakes.setdefault(path, []).append(problem(self.file, mark, message, path))
 
 
 def _short(tag: str) -> str:
-    return tag.replace(_TAG, "!!")
+    return tag.replace(TAG, "!!")

@@ -40,10 +40,11 @@ class Position(NamedTuple):
 
 
 def dotted(path: KeyPath) -> str:
-    """A key path as people write it: ``zenoh.connect[0]``."""
+    """A key path as people write it: ``zenoh.connect[0]``; on one line, whatever the keys hold."""
     text = ""
     for part in path:
-        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+        key = part if isinstance(part, int) or part.isprintable() else repr(part)
+        text += f"[{part}]" if isinstance(part, int) else f".{key}"
     return text.removeprefix(".")
 
 

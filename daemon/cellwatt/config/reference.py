@@ -14,6 +14,7 @@ _LADDERS: tuple[dict[str, float], ...] = (
     {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e-6},
     {"TB": 1e12, "GB": 1e9, "MB": 1e6, "kB": 1e3, "B": 1.0},
     {"deg": math.pi / 180},
+    {"deg/s": math.pi / 180},
     {"%": 0.01},
     {"kW": 1e3, "W": 1.0, "mW": 1e-3},
 )

@@ -18,6 +18,8 @@ from cellwatt.errors import Problem
 
 _LONGEST = 60  # characters of a value that a message repeats
 
+_SETTINGS, _LIST = _COLLECTIONS = "settings (key: value)", "a list"
+
 _EXPECTED = {
     "int_type": "a whole number",
     "int_parsing": "a whole number",
@@ -30,14 +32,14 @@ _EXPECTED = {
     "bool_parsing": "true or false",
     "string_type": "text",
     "path_type": "a path",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "set_type": "a list",
-    "frozen_set_type": "a list",
-    "dict_type": "settings (key: value)",
-    "mapping_type": "settings (key: value)",
-    "model_type": "settings (key: value)",
-    "model_attributes_type": "settings (key: value)",
+    "list_type": _LIST,
+    "tuple_type": _LIST,
+    "set_type": _LIST,
+    "frozen_set_type": _LIST,
+    "dict_type": _SETTINGS,
+    "mapping_type": _SETTINGS,
+    "model_type": _SETTINGS,
+    "model_attributes_type": _SETTINGS,
     "none_required": "nothing",
     "path_not_file": "a file that exists (relative paths start at the folder of the settings file)",
     "path_not_directory": "a folder that exists (relative paths start at the folder of the settings file)",
@@ -100,9 +102,9 @@ def found(document: Document, path: KeyPath) -> str:
     if value is None:
         return "nothing"
     if isinstance(value, dict):
-        return "settings (key: value)"
+        return _SETTINGS
     if isinstance(value, list):
-        return "a list"
+        return _LIST
     written = document.places[path].written
     text = repr(written) if isinstance(value, str) else written
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
@@ -158,7 +160,7 @@ def _value_message(group: Sequence[_Finding], document: Document) -> str:
     shown = found(document, path) if path in document.places else "nothing"
     own = [_own_words(f.error) for f in group if f.kind in ("value_error", "assertion_error")]
     if own:
-        return " or ".join(own) if shown == "settings (key: value)" else f"found {shown}: {' or '.join(own)}"
+        return " or ".join(own) if shown in _COLLECTIONS else f"found {shown}: {' or '.join(own)}"
     expected = list(dict.fromkeys(_expected(f.error) for f in group))
     return f"found {shown}, expected {' or '.join(expected)}{_hint(group, document)}"
 

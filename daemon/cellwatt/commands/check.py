@@ -1,0 +1,113 @@
+"""``cellwatt check``: is a settings file right?"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sized
+from pathlib import Path
+
+import click
+
+from cellwatt.channel import Stream
+from cellwatt.commands import EXIT_USAGE
+from cellwatt.commands.tables import show_table
+from cellwatt.config import CellConfig, json_schema, load
+from cellwatt.config.places import ordered, position
+from cellwatt.errors import ConfigError, Problem
+from cellwatt.runtime.assemble import Prepared, prepare
+
+
+@click.command()
+@click.argument("files", metavar="FILE...", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print the problems as a JSON list.")
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and stop.")
+def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
+    """Check settings files without connecting to anything.
+
+    Prints one line for each mistake, by place, and ends with exit code 2 when there is one.
+    """
+    if schema:
+        click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+        return
+    if not files:
+        raise click.UsageError("expected a settings file: cellwatt check FILE...")
+    problems: list[Problem] = []
+    for file in files:
+        try:
+            config = load(file)
+            prepared = prepare(config)
+        except ConfigError as error:
+            problems += error.problems
+        else:
+            if not as_json:
+                _describe(config, prepared)
+    problems = ordered(problems)
+    if as_json:
+        click.echo(json.dumps([_plain(p) for p in problems], indent=2, ensure_ascii=False))
+    for problem in () if as_json else problems:
+        click.echo(str(problem))
+    if problems:
+        sys.exit(EXIT_USAGE)
+
+
+def _plain(problem: Problem) -> dict[str, str | int | None]:
+    file, line, column = position(problem)
+    return {"file": file, "line": line, "column": column, "path": problem.path, "message": problem.message}
+
+
+def _describe(config: CellConfig, prepared: Prepared) -> None:
+    click.echo(
+        f"{config.path}: cell {config.cell} at {config.site} is right: {_count(config.sources, 'source')}, "
+        f"{_count(prepared.layout.channels, 'channel')} in frames at {config.frames.rate:g} Hz, "
+        f"given after {1e3 * config.frames.latency:g} ms"
+    )
+    show_table(
+        ("source", "driver", "stream", "rate", "clock", "channels"),
+        [
+            (name, config.sources[name].driver, stream.name, _rate(stream), stream.clock, _channels(stream))
+            for name, streams in prepared.streams.items()
+            for stream in streams
+        ],
+    )
+    if prepared.stages:
+        click.echo()
+        rows = [(n, config.stages[n].kind, ", ".join(s.needs)) for n, s in prepared.stages.items()]
+        show_table(("stage", "kind", "needs"), rows)
+    recorded = "nothing" if config.record is None else str(config.record.folder)
+    click.echo(f"\nrecord: {recorded}; sinks: {', '.join(config.sinks) or 'none'}")
+
+
+def _count(things: Sized, what: str) -> str:
+    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
+
+
+def _rate(stream: Stream) -> str:
+    return f"{stream.rate:g} Hz" if stream.rate else "on change"
+
+
+def _channels(stream: Stream) -> str:
+    """``joint_1…6.position, .velocity, supply.power``: joints of a quantity together, quantities of them too."""
+    joints: dict[str, list[int]] = {}
+    names: dict[str, str] = {}
+    for name in stream.names:
+        joint, _, quantity = name.partition(".")
+        number = joint.removeprefix("joint_")
+        if joint != number and number.isdigit():
+            joints.setdefault(quantity, []).append(int(number))
+            names[f"joint.{quantity}"] = quantity
+        else:
+            names[name] = ""
+    texts, before = [], ""
+    for name, quantity in names.items():
+        prefix = f"joint_{_span(joints[quantity])}" if quantity else ""
+        same = bool(prefix) and prefix == before
+        texts.append(f"{'' if same else prefix}.{quantity}" if quantity else name)
+        before = prefix
+    return ", ".join(texts)
+
+
+def _span(numbers: list[int]) -> str:
+    if numbers == list(range(numbers[0], numbers[-1] + 1)) and len(numbers) > 1:
+        return f"{numbers[0]}…{numbers[-1]}"
+    return ",".join(map(str, numbers))

@@ -1,0 +1,132 @@
+"""``cellwatt drivers``: what is installed, and the settings of each."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import sys
+from dataclasses import asdict
+from typing import Any
+
+import click
+
+from cellwatt.channel import Channel, Stream
+from cellwatt.commands import EXIT_USAGE
+from cellwatt.commands.tables import show_table
+from cellwatt.config.installed import Part, installed
+from cellwatt.config.reference import Field, markdown, reference
+from cellwatt.config.wording import did_you_mean
+from cellwatt.runtime.assemble import typical_streams
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--markdown", "as_markdown", is_flag=True, help="With NAME: print the table of settings for a docs page.")
+def command(name: str | None, as_json: bool, as_markdown: bool) -> None:
+    """List drivers, stages and sinks; with NAME print the settings of one."""
+    parts = installed()
+    if name is None:
+        _list(parts, as_json)
+        return
+    chosen = [p for p in parts if p.name == name]
+    if not chosen:
+        hint = did_you_mean(name, [p.name for p in parts])
+        raise click.UsageError(f"no driver, stage or sink named {name!r}{hint}")
+    if as_json:
+        click.echo(json.dumps([_details(p) for p in chosen], indent=2, ensure_ascii=False))
+    else:
+        for part in chosen:
+            show = _markdown if as_markdown else _page
+            show(part)
+    if any(p.found is None for p in chosen):
+        sys.exit(EXIT_USAGE)
+
+
+def _channel(channel: Channel) -> dict[str, str]:
+    return {"name": channel.name, "unit": channel.unit, "kind": channel.kind, "method": channel.method}
+
+
+def _list(parts: list[Part], as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps([_summary(p) for p in parts], indent=2, ensure_ascii=False))
+        return
+    rows = [(p.kind, p.name, f"{p.package} {p.version}".strip(), p.title) for p in parts]
+    show_table(("kind", "name", "package", "what it is"), rows)
+
+
+def _summary(part: Part) -> dict[str, Any]:
+    return {
+        "kind": part.kind,
+        "name": part.name,
+        "package": part.package,
+        "version": part.version,
+        "title": part.title,
+        "loads": part.found is not None,
+    }
+
+
+def _details(part: Part) -> dict[str, Any]:
+    return {
+        **_summary(part),
+        "about": _about(part),
+        "writes": list(getattr(part.found, "writes", ())),
+        "needs": list(getattr(part.found, "needs", ())),
+        "settings": [asdict(f) for f in _fields(part)],
+        "streams": [
+            {"name": s.name, "rate": s.rate, "clock": s.clock, "channels": [_channel(c) for c in s.channels]}
+            for s in typical_streams(part)
+        ],
+    }
+
+
+def _markdown(part: Part) -> None:
+    if part.settings is not None:
+        click.echo(markdown(part.settings))
+
+
+def _page(part: Part) -> None:
+    click.echo(f"{part.name} ({part.kind}, {part.package} {part.version}): {part.title}")
+    if part.found is None:
+        return
+    if about := _about(part):
+        click.echo(f"\n{about}")
+    fields = _fields(part)
+    if fields:
+        click.echo()
+        rows = [(f.key, f.type, "(required)" if f.required else f.default, f.description) for f in fields]
+        show_table(("key", "type", "default", "meaning"), rows)
+    else:
+        click.echo("\nIt has no settings.")
+    if needs := getattr(part.found, "needs", ()):
+        click.echo(f"\nNeeds stages of the kind: {', '.join(needs)}")
+    if part.kind == "driver":
+        click.echo("\nMay send to the device:")
+        for line in getattr(part.found, "writes", ()) or ("nothing",):
+            click.echo(f"  - {line}")
+        _show_channels(part)
+        click.echo(f"\nTry it without the device: cellwatt emulate {part.name}")
+
+
+def _show_channels(part: Part) -> None:
+    streams = typical_streams(part)
+    if not streams:
+        click.echo("\nIts channels depend on its settings; they are shown by: cellwatt check FILE")
+        return
+    click.echo("\nChannels with the default settings:")
+    rows = [(s.name, _rate(s), c.name, c.unit, c.kind, c.method) for s in streams for c in s.channels]
+    show_table(("stream", "rate", "channel", "unit", "kind", "in frames"), rows)
+
+
+def _rate(stream: Stream) -> str:
+    return f"{stream.rate:g} Hz" if stream.rate else "on change"
+
+
+def _about(part: Part) -> str:
+    """What the settings class says about itself, then the class of the part."""
+    texts = [inspect.cleandoc(c.__doc__) for c in (part.found, part.settings) if c is not None and c.__doc__]
+    return "\n\n".join(dict.fromkeys(texts)).replace("``", "")
+
+
+def _fields(part: Part) -> list[Field]:
+    return [] if part.settings is None else reference(part.settings)

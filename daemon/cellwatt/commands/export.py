@@ -1,0 +1,136 @@
+"""``cellwatt export``: recordings as Parquet or CSV."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import Progress
+
+from cellwatt.batch import Batch
+from cellwatt.errors import RecordingError
+from cellwatt.record import Recording, messages
+from cellwatt.record.encoder import FRAME_TOPIC
+from cellwatt.record.tables import Table, write_lines
+
+Advance = Callable[[int], None]
+
+
+@click.command()
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the tables.")
+@click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
+@click.option("--frames", "only", flag_value="frames", help="Only the aligned frames.")
+@click.option("--raw", "only", flag_value="raw", help="Only the raw samples.")
+@click.option("--force", is_flag=True, help="Overwrite tables of an earlier export.")
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+def command(recordings: tuple[Path, ...], out: Path, form: str, only: str | None, force: bool, as_json: bool) -> None:
+    """Write RECORDINGS (files or folders of one cell) as tables.
+
+    One table for each raw stream (SOURCE.STREAM), one of the frames, and results and events as JSON lines.
+    Columns are named like the channels; t is s since the start of the recording, utc_ns the time itself.
+    """
+    recording = Recording.open(recordings)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
+    export = Export(recording, out, form, force)
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as progress:
+        counts = recording.counts
+        total = sum(n for topic, n in counts.items() if topic == FRAME_TOPIC or topic.startswith("/raw/"))
+        task = progress.add_task("export", total=total)
+        written = export.run(only, lambda n: progress.advance(task, n))
+    report = {
+        "start": recording.start,
+        "end": recording.end,
+        "files": written,
+        "damage": list(map(str, recording.damage)),
+    }
+    if as_json:
+        click.echo(json.dumps(report))
+        return
+    for file in written:
+        click.echo(f"{out / file['file']}: {file['rows']} rows")
+    for damage in report["damage"]:
+        click.echo(f"warning: {damage}", err=True)
+    if not written:
+        click.echo("nothing to export")
+
+
+class Export:
+    """One export: every table is written in a single pass over the recording."""
+
+    def __init__(self, recording: Recording, out: Path, form: str, force: bool) -> None:
+        self._recording = recording
+        self._out = out
+        self._form = form
+        self._force = force
+
+    def run(self, only: str | None, advance: Advance) -> list[dict[str, Any]]:
+        """Write what was asked for; gives name and rows of each file."""
+        written: list[dict[str, Any]] = []
+        if only != "frames":
+            written += self._raw(advance)
+        if only != "raw":
+            written += self._frames(advance)
+        if only is None:
+            kinds = {"results.jsonl": self._recording.results(), "events.jsonl": self._recording.events()}
+            for name, items in kinds.items():
+                rows = write_lines(self._path(name), map(_line, items))
+                written += [{"file": name, "rows": rows}] if rows else []
+        return written
+
+    def _raw(self, advance: Advance) -> Iterator[dict[str, Any]]:
+        tables: dict[tuple[str, str], Table] = {}
+        with ExitStack() as stack:
+            for batch in self._recording.entries():
+                if not isinstance(batch, Batch):
+                    continue
+                key = (batch.source, batch.stream.name)
+                if key not in tables:
+                    table = self._table(".".join(key), batch.stream.channels)
+                    tables[key] = stack.enter_context(table)
+                tables[key].add_batch(batch)
+                advance(len(batch))
+        return (_told(table) for table in tables.values())
+
+    def _frames(self, advance: Advance) -> list[dict[str, Any]]:
+        layout = self._recording.layout
+        if layout is None:
+            return []
+        with self._table("frames", layout.channels) as table:
+            for frames in self._recording.frames():
+                if frames.layout != layout:
+                    raise RecordingError(
+                        "the layout of the frames changes within these recordings: export them one by one"
+                    )
+                table.add_frames(frames)
+                advance(len(frames))
+        return [_told(table)]
+
+    def _table(self, name: str, channels: Any) -> Table:
+        plain = re.sub(r"[^\w.-]+", "-", name)
+        path = self._path(f"{plain}.{self._form}")
+        return Table(path, channels, self._recording.start, self._recording.header)
+
+    def _path(self, name: str) -> Path:
+        path = self._out / name
+        if path.exists() and not self._force:
+            raise RecordingError(f"{path} is there already: choose another folder, or --force to overwrite")
+        return path
+
+
+def _told(table: Table) -> dict[str, Any]:
+    return {"file": table.path.name, "rows": table.rows}
+
+
+def _line(item: messages.Message) -> bytes:
+    return b'{"kind":"%s",' % type(item).__name__.lower().encode() + messages.encode(item)[1:]

@@ -1,0 +1,32 @@
+"""``cellwatt plot``: a recording as one self-contained page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from cellwatt.errors import CellwattError
+from cellwatt.record import Recording
+
+
+@click.command()
+@click.argument("recording", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
+@click.option("--from", "start", type=float, help="First second to show, from the recording's start.")
+@click.option("--to", "end", type=float, help="Last second to show.")
+@click.option("--channel", "channels", multiple=True, help="Only channels with this in their name; may be repeated.")
+def command(
+    recording: tuple[Path, ...], out: Path, start: float | None, end: float | None, channels: tuple[str, ...]
+) -> None:
+    """Draw RECORDING (files or folders): frames by quantity, intervals and tasks behind them, alarms across.
+
+    Where no intervals were recorded they are found now, with the segment stage's defaults.
+    """
+    try:
+        from cellwatt.runtime.page import draw
+    except ImportError as error:
+        raise CellwattError("plot needs plotly: pip install 'cellwatt[plot]'") from error
+    page = draw(Recording.open(recording), start, end, channels)
+    out.write_text(page, encoding="utf-8")
+    click.echo(f"wrote {out}")

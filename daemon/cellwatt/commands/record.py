@@ -1,0 +1,76 @@
+"""``cellwatt record``: only sources and recorder, for a while."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import signal
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.live import Live
+
+from cellwatt.commands.live_view import LiveCell
+from cellwatt.config import load
+from cellwatt.record import RecordSettings
+from cellwatt.runtime.cell import Cell
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder (default: that of FILE).")
+@click.option("--seconds", type=float, help="How long (default: until Ctrl-C).")
+@click.option("--json", "as_json", is_flag=True, help="Print the final figures as one JSON object.")
+def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) -> None:
+    """Record the sources of FILE, without stages and without publishing anything."""
+    config = load(file)
+    if out is None and config.record is None:
+        raise click.UsageError("FILE has no record section: say where to record with --out")
+    settings = RecordSettings(folder=out) if out is not None else config.record
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+    cell = Cell(replace(config, record=settings, stages={}, sinks={}))
+    final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))
+    if as_json:
+        click.echo(json.dumps(final))
+        return
+    for name, source in final["sources"].items():
+        lost = sum(source["missed"].values()) + sum(source["dropped"].values())
+        click.echo(f"{name}: {source['received']} of {source['expected']} samples, {lost} lost")
+    click.echo(f"recorded in {settings.folder if settings else ''}")
+
+
+async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[str, Any]:
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, cell.stop)
+    if seconds is not None:
+        loop.call_later(seconds, cell.stop)
+    view = LiveCell()
+    with Live(refresh_per_second=4, transient=True) if show else _Quiet() as live:
+
+        def look(status: Mapping[str, Any]) -> None:
+            view.add("health", status)
+            live.update(view.render("recording "))
+
+        cell.on_health = look
+        await cell.run()
+    return cell.status()
+
+
+class _Quiet:
+    """Stands in for the live display where there is no terminal."""
+
+    def __enter__(self) -> _Quiet:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def update(self, _: object) -> None:
+        pass

@@ -1,0 +1,96 @@
+"""``cellwatt replay``: a recording through the same aligner and stages as live data."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+
+from cellwatt.commands import EXIT_FAILED
+from cellwatt.config import CellConfig, FrameSettings, load
+from cellwatt.frames import Frames
+from cellwatt.record import Recording
+from cellwatt.results import Alarm, Result
+from cellwatt.runtime.assemble import layout_of, make_chains
+from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
+
+
+@click.command()
+@click.argument("recording", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.option(
+    "--settings",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Frames and stages of this cell file (default: frames as recorded, no stages).",
+)
+@click.option("--speed", default=0.0, help="1: as recorded, 10: ten times as fast, 0 (default): as fast as it goes.")
+@click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
+@click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
+def command(recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, as_json: bool) -> None:
+    """Run RECORDING (files or folders of one session) through frames and stages again."""
+    opened = Recording.open(recording)
+    config = load(settings) if settings is not None else None
+    frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
+    kept: list[Frames] = []
+    items = run_stages(_keeping(frames, kept), _chains(opened, config))
+    summary: dict[str, Any] = {"frames": 0, "results": _show(items, as_json)}
+    summary["frames"] = sum(len(block) for block in kept)
+    if verify:
+        summary["verified"] = asdict(held := compare(opened.frames(), kept))
+        summary["identical"] = held.identical
+        if not as_json:
+            click.echo(_verdict(held))
+    if as_json:
+        click.echo(json.dumps(summary))
+    else:
+        click.echo(f"{summary['frames']} frames, results: {summary['results'] or 'none'}")
+    if verify and not summary["identical"]:
+        sys.exit(EXIT_FAILED)
+
+
+def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
+    if config is not None:
+        return config.frames
+    written = yaml.safe_load(recording.header.settings) or {}
+    return FrameSettings.model_validate(written.get("frames") or {})
+
+
+def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
+    if config is None:
+        return []
+    return make_chains(config, layout_of(recording.header.streams, config.frames.rate))
+
+
+def _keeping(frames: Iterable[Frames], kept: list[Frames]) -> Iterator[Frames]:
+    for block in frames:
+        kept.append(block)
+        yield block
+
+
+def _show(items: Iterable[Frames | Result], as_json: bool) -> dict[str, int]:
+    counts: Counter[str] = Counter()
+    for item in items:
+        if isinstance(item, Frames):
+            continue
+        kind = type(item).__name__.lower()
+        counts[kind] += 1
+        if as_json:
+            click.echo(json.dumps({"kind": kind, **asdict(item)}))
+        elif isinstance(item, Alarm):
+            click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")
+    return dict(counts)
+
+
+def _verdict(held: Comparison) -> str:
+    if held.identical:
+        return f"identical: {held.equal} frames agree in every bit"
+    return (
+        f"not identical: {held.equal} frames agree, {held.different} differ (first at {held.first_difference} ns), "
+        f"{held.only_recorded} only recorded, {held.only_replayed} only replayed"
+    )

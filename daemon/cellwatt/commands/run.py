@@ -1,0 +1,87 @@
+"""``cellwatt run``: the daemon."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cellwatt.config import CellConfig, load
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.runtime import systemd
+from cellwatt.runtime.assemble import prepare
+from cellwatt.runtime.cell import Cell
+
+log = logging.getLogger("cellwatt")
+
+SWITCH_INTERVAL = 0.0005
+"""Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--verbose", "-v", is_flag=True, help="Log debug messages.")
+def command(file: Path, verbose: bool) -> None:
+    """Run the cell described in FILE until SIGTERM; SIGHUP applies what changed in it."""
+    logging.basicConfig(
+        level=logging.DEBUG if verbose else logging.INFO,
+        stream=sys.stderr,
+        format="%(levelname)s %(name)s: %(message)s",
+    )
+    config = load(file)
+    prepare(config)
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    asyncio.run(serve(config))
+
+
+async def serve(config: CellConfig) -> None:
+    """Run a cell with signals and systemd connected."""
+    cell = Cell(config)
+    loop = asyncio.get_running_loop()
+    reloading: set[asyncio.Task[None]] = set()
+
+    def reload() -> None:
+        task = loop.create_task(_reload(cell, config.path))
+        reloading.add(task)
+        task.add_done_callback(reloading.discard)
+
+    def stop() -> None:
+        systemd.notify(STOPPING="1")
+        cell.stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop)
+    loop.add_signal_handler(signal.SIGHUP, reload)
+    cell.on_health = _tell_systemd
+    await cell.run(ready=lambda: systemd.notify(READY="1"))
+
+
+async def _reload(cell: Cell, path: Path) -> None:
+    systemd.reloading()
+    try:
+        config = await asyncio.to_thread(_read, path)
+        log.info("%s", await cell.reload(config))
+    except ConfigError as error:
+        log.error("not reloaded, the old settings stay in force:\n%s", error)  # noqa: TRY400
+    except CellwattError as error:
+        log.error("not reloaded: %s", error)  # noqa: TRY400
+    finally:
+        systemd.notify(READY="1")
+
+
+def _read(path: Path) -> CellConfig:
+    config = load(path)
+    prepare(config)
+    return config
+
+
+def _tell_systemd(status: Mapping[str, Any]) -> None:
+    up = sum(s["state"] == "ok" for s in status["sources"].values())
+    text = f"{status['state']}: {up} of {len(status['sources'])} sources up, {len(status['alarms'])} alarms"
+    systemd.notify(WATCHDOG="1", STATUS=text)

@@ -1,0 +1,124 @@
+"""``cellwatt watch``: a cell as its subscribers see it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.live import Live
+
+from cellwatt.batch import Batch
+from cellwatt.commands.live_view import LiveCell
+from cellwatt.config import load
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Frames
+from cellwatt.publish import ZenohSettings
+from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Message, Subscriber
+
+QUIET = ("interval", "task", "prediction", "alarm", "event", "health")
+"""Topics for people; ``raw`` and ``frame`` are for programs."""
+
+
+@click.command()
+@click.argument("file", required=False, type=click.Path(path_type=Path))
+@click.option("--connect", metavar="ENDPOINT", help="Where the cell or its router listens, e.g. tcp/192.0.2.1:7447.")
+@click.option("--site", help="Site of the cell (with --connect).")
+@click.option("--cell", help="Name of the cell (with --connect).")
+@click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count and time.")
+@click.option("--seconds", type=float, help="How long (default: until Ctrl-C).")
+def command(
+    file: Path | None,
+    connect: str | None,
+    site: str | None,
+    cell: str | None,
+    topics: tuple[str, ...],
+    as_json: bool,
+    seconds: float | None,
+) -> None:
+    """Show the live cell of FILE, or the one behind --connect, --site and --cell."""
+    site, cell, link = _target(file, connect, site, cell)
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(_watch(Subscriber(site, cell, link, topics or QUIET), seconds, as_json))
+
+
+def _target(
+    file: Path | None, connect: str | None, site: str | None, cell: str | None
+) -> tuple[str, str, LinkSettings]:
+    if file is None:
+        if not (connect and site and cell):
+            raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
+        return site, cell, LinkSettings(mode="client", connect=(connect,))
+    config = load(file)
+    zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
+    endpoints = (*zenoh.listen, *zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
+    if not (connect or endpoints):
+        raise ConfigError(f"{file}: the cell is not on the bus: zenoh has neither listen nor connect; or use --connect")
+    endpoint = connect or endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+    link = LinkSettings(mode="client", connect=(endpoint,))
+    if isinstance(zenoh, ZenohSettings):
+        link = link.model_copy(update={k: getattr(zenoh, k) for k in ("tls", "user", "password", "namespace")})
+    return config.site, config.cell, link
+
+
+async def _watch(subscriber: Subscriber, seconds: float | None, as_json: bool) -> None:
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(seconds), subscriber:
+            with _printing() if as_json else _showing() as show:
+                async for message in subscriber:
+                    show(message)
+
+
+@contextlib.contextmanager
+def _printing() -> Iterator[Any]:
+    def show(message: Message) -> None:
+        click.echo(json.dumps(plain(message)))
+
+    yield show
+
+
+@contextlib.contextmanager
+def _showing() -> Iterator[Any]:
+    view = LiveCell()
+    with Live(view.render(), refresh_per_second=8, screen=False) as live:
+
+        def show(message: Message) -> None:
+            view.add(*kind_and_body(message))
+            live.update(view.render())
+
+        yield show
+
+
+def kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
+    """Topic kind and content of a message, JSON-ready; blocks are summed up as count and time span."""
+    kind = message.topic.split("/", 1)[0]
+    content = message.content
+    if isinstance(content, Batch | Frames):
+        return kind, {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
+    if isinstance(content, Health):
+        return kind, dict(content.status)
+    if isinstance(content, Gap):
+        return "gap", asdict(content)
+    assert is_dataclass(content) and not isinstance(content, type)
+    return kind, asdict(content)
+
+
+def plain(message: Message) -> dict[str, Any]:
+    """A message as one JSON line, with the time it was received, UTC ns."""
+    kind, body = kind_and_body(message)
+    return {
+        "kind": kind,
+        "topic": message.topic,
+        "session": message.session,
+        "sequence": message.sequence,
+        "backfilled": message.backfilled,
+        "received": time.time_ns(),
+        "content": body,
+    }

@@ -1,0 +1,111 @@
+"""A settings file as YAML nodes, and what is wrong with its form."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, ClassVar
+
+import yaml
+
+from cellwatt.config.places import KeyPath, Mark, dotted
+from cellwatt.errors import ConfigError, Problem
+
+LARGEST_FILE = 1_000_000  # bytes
+TAG = "tag:yaml.org,2002:"
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.2 core schema instead of PyYAML's 1.1."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]  # the stub says instance
+
+
+for _name, _pattern, _first in (
+    ("null", r"null|Null|NULL|~|", ("n", "N", "~", "")),
+    ("bool", r"true|True|TRUE|false|False|FALSE", tuple("tTfF")),
+    ("int", r"[-+]?(?:0|[1-9][0-9]*)|0x[0-9a-fA-F]+|0o[0-7]+", tuple("-+0123456789")),
+    (
+        "float",
+        r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        tuple("-+.0123456789"),
+    ),
+    ("merge", r"<<", ("<",)),
+):
+    _Loader.add_implicit_resolver(f"{TAG}{_name}", re.compile(rf"(?:{_pattern})\Z"), list(_first))
+
+
+def compose(file: Path) -> tuple[str, yaml.Node]:
+    """The text of a file and its root node. Raises ``ConfigError`` where it cannot be read, is empty or not YAML."""
+    text = _text(file)
+    try:
+        node = yaml.compose(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise ConfigError([_syntax(file, text, error)]) from error
+    except RecursionError as error:
+        raise ConfigError([problem(file, Mark(1, 1), "not valid YAML: nested too deeply")]) from error
+    if node is None:
+        raise ConfigError([problem(file, Mark(1, 1), "the file is empty; expected site, cell and sources")])
+    return text, node
+
+
+def mark_of(node: yaml.Node) -> Mark:
+    """Where a node starts."""
+    return Mark(node.start_mark.line + 1, node.start_mark.column + 1)
+
+
+def problem(file: Path, mark: Mark, message: str, path: KeyPath = ()) -> Problem:
+    """A mistake at a position."""
+    return Problem(place(file, mark), dotted(path), message)
+
+
+def place(file: Path, mark: Mark) -> str:
+    """``file:line:column``."""
+    return f"{file}:{mark.line}:{mark.column}"
+
+
+def _text(file: Path) -> str:
+    try:
+        with file.open("rb") as stream:
+            content = stream.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise ConfigError([Problem(str(file), "", f"cannot be read: {reason.lower()}")]) from error
+    if len(content) > LARGEST_FILE:
+        raise ConfigError([Problem(str(file), "", f"larger than {LARGEST_FILE:,} bytes: this is no settings file")])
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line_start = content.rfind(b"\n", 0, error.start) + 1
+        column = len(content[line_start : error.start].decode("utf-8", "replace")) + 1
+        mark = Mark(content.count(b"\n", 0, error.start) + 1, column)
+        byte = content[error.start]
+        message = f"not UTF-8 text (byte 0x{byte:02x}); save the file as UTF-8"
+        raise ConfigError([problem(file, mark, message)]) from error
+
+
+_ADVICE = (
+    ("\\t", "a tab; indent with spaces"),
+    ("mapping values are not allowed", "check the indentation; a value that holds ': ' needs quotes"),
+    ("could not find expected ':'", "expected 'key: value'"),
+    ("but found another document", "a second document ('---'); expected one cell a file"),
+    ("expected <block end>", "check the indentation of this line"),
+    ("cannot start any token", "a value that starts with this character needs quotes"),
+    ("found undefined alias", "an alias (*name) needs its anchor (&name) further up"),
+    ("found unknown escape character", "write a backslash in 'single quotes'"),
+)
+
+
+def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
+    if isinstance(error, yaml.reader.ReaderError):
+        before = text[: error.position]
+        mark = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))
+        message = f"not valid YAML: character U+{ord(text[error.position]):04X} is not allowed"
+        return problem(file, mark, message)
+    if not isinstance(error, yaml.MarkedYAMLError) or error.problem_mark is None:
+        return problem(file, Mark(1, 1), f"not valid YAML: {' '.join(str(error).split())}")
+    what = " ".join(part for part in (error.problem, error.context) if part)
+    advice = next((advice for sign, advice in _ADVICE if sign in what), None)
+    mark = Mark(error.problem_mark.line + 1, error.problem_mark.column + 1)
+    hint = f" ({advice})" if advice else ""
+    return problem(file, mark, f"not valid YAML: {' '.join((error.problem or what).split())}{hint}")

@@ -1,0 +1,179 @@
+"""What a cell will consist of, known from its settings without connecting to anything."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, cast
+
+from pydantic import BaseModel, ValidationError
+
+from cellwatt.account import Account
+from cellwatt.batch import Reading
+from cellwatt.channel import Stream
+from cellwatt.config import CellConfig, SourceConfig, StageConfig
+from cellwatt.config.installed import Part
+from cellwatt.config.places import ordered
+from cellwatt.driver import Identity, SourceSettings
+from cellwatt.errors import CellwattError, ConfigError, Problem
+from cellwatt.frames import FrameChannel, Layout
+from cellwatt.registry import driver as find_driver
+from cellwatt.registry import stage as find_stage
+from cellwatt.runtime.chain import Chain, group_by_needs
+from cellwatt.stage import CellInfo, Stage
+
+TYPICAL = {"host": "192.0.2.10", "port": "/dev/ttyUSB0"}
+"""Stands for the address that nearly every driver requires."""
+
+StageMaker = Callable[[], Stage[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Streams by source, the columns of the frames, and the stages in chains that share no results."""
+
+    streams: dict[str, tuple[Stream, ...]]
+    layout: Layout
+    chains: list[Chain]
+
+    @property
+    def stages(self) -> dict[str, Stage[Any]]:
+        """All stages by name, in an order in which needs come first."""
+        return {name: stage for chain in self.chains for name, stage in chain.stages.items()}
+
+
+def prepare(config: CellConfig) -> Prepared:
+    """Make everything that a cell needs short of opening a device.
+
+    Raises ``ConfigError`` with every source and stage whose settings do not fit the cell: a channel given
+    twice, a model of another robot or with other units, a file that is damaged.
+    """
+    problems: list[Problem] = []
+    streams: dict[str, tuple[Stream, ...]] = {}
+    for source in config.sources.values():
+        with _collecting(problems):
+            streams[source.name] = streams_of(source)
+    if problems:
+        raise ConfigError(ordered(problems))
+    layout = layout_of(streams, config.frames.rate)
+    return Prepared(streams, layout, make_chains(config, layout))
+
+
+def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
+    """What a source will deliver. Raises ``ConfigError`` where its settings do not fit together."""
+    with _placed(source.place, f"sources.{source.name}"):
+        streams = find_driver(source.driver)(source.name, source.settings, _Unconnected()).streams
+        counts = Counter(name for stream in streams for name in stream.names)
+        twice = sorted(name for name, count in counts.items() if count > 1)
+        if twice:
+            raise ConfigError(f"gives {', '.join(twice)} more than once")
+    return streams
+
+
+def typical_streams(part: Part) -> tuple[Stream, ...]:
+    """What an installed driver delivers with default settings; empty where these alone do not make a source."""
+    if part.kind != "driver" or part.settings is None:
+        return ()
+    try:
+        settings = part.settings.model_validate({k: TYPICAL[k] for k in TYPICAL if k in _required(part.settings)})
+        return streams_of(SourceConfig("source", part.name, cast("SourceSettings", settings)))
+    except (ValidationError, ConfigError):
+        return ()
+
+
+def _required(settings: type[BaseModel]) -> set[str]:
+    return {name for name, field in settings.model_fields.items() if field.is_required()}
+
+
+def layout_of(streams: Mapping[str, tuple[Stream, ...]], rate: float) -> Layout:
+    """The columns of the frames: all channels of all sources, in file order; ``rate`` in Hz."""
+    channels = (
+        FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, channel.method)
+        for source, given in streams.items()
+        for stream in given
+        for channel in stream.channels
+    )
+    return Layout(tuple(channels), rate)
+
+
+def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:
+    """The stages of a cell, ready to run, in chains that share no results.
+
+    Raises ``ConfigError`` with every stage whose settings do not fit the layout.
+    """
+    problems: list[Problem] = []
+    makers = stage_makers(config, layout)
+    stages: dict[str, Stage[Any]] = {}
+    for name, make in makers.items():
+        with _collecting(problems):
+            stages[name] = make()
+    if problems:
+        raise ConfigError(ordered(problems))
+    groups = group_by_needs(stages, {name: stage.kind for name, stage in config.stages.items()})
+    return [Chain({n: makers[n] for n in group}, {n: stages[n] for n in group}) for group in groups]
+
+
+def stage_makers(config: CellConfig, layout: Layout) -> dict[str, StageMaker]:
+    """A function for each stage that makes it anew; each raises ``ConfigError`` with the stage's place."""
+    cell = CellInfo(config.site, config.cell, config.robot, config.folder)
+
+    def maker(stage: StageConfig) -> StageMaker:
+        def make() -> Stage[Any]:
+            with _placed(stage.place, f"stages.{stage.name}"):
+                return find_stage(stage.kind)(stage.name, stage.settings, layout, cell)
+
+        return make
+
+    return {name: maker(stage) for name, stage in config.stages.items()}
+
+
+@contextmanager
+def _placed(place: str, path: str) -> Iterator[None]:
+    """Give errors of a driver or stage under construction their place in the settings file."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError(
+            [p if p.place else Problem(place, p.path or path, p.message) for p in error.problems]
+        ) from error
+    except (CellwattError, ValueError, OSError) as error:
+        raise ConfigError([Problem(place, path, " ".join(str(error).split()))]) from error
+
+
+@contextmanager
+def _collecting(problems: list[Problem]) -> Iterator[None]:
+    try:
+        yield
+    except ConfigError as error:
+        problems += error.problems
+
+
+class _Unconnected:
+    """The outlet of a driver that is only asked for its streams."""
+
+    def __init__(self) -> None:
+        self.account = Account()
+
+    def now(self) -> int:
+        raise _unconnected()
+
+    def connected(self, identity: Identity) -> None:
+        raise _unconnected()
+
+    def emit(self, reading: Reading) -> None:
+        raise _unconnected()
+
+    def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
+        raise _unconnected()
+
+    def clock_reset(self, stream: Stream, reason: str) -> None:
+        raise _unconnected()
+
+    def event(self, kind: str, text: str, **data: str | float) -> None:
+        raise _unconnected()
+
+
+def _unconnected() -> RuntimeError:
+    return RuntimeError("a driver talks only while it runs")

@@ -1,0 +1,180 @@
+"""One source at run time: its driver supervised, its samples counted, stamped and numbered."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from cellwatt.account import Account
+from cellwatt.batch import Batch, Reading
+from cellwatt.channel import Quality, Stream
+from cellwatt.clock import ClockModel, middle
+from cellwatt.driver import Driver, Identity
+from cellwatt.errors import SourceError, WrongDeviceError
+from cellwatt.results import Event
+from cellwatt.runtime.rate import RateMeter
+
+log = logging.getLogger(__name__)
+
+FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 30.0, 10.0  # s
+STEADY = 5.0
+"""A connection that lasted this long, s, resets the back-off."""
+
+
+def next_pause(pause: float, error: Exception, jitter: float) -> float:
+    """Seconds to wait before the next try: doubled each time, capped, spread by ``jitter`` in 0 … 1."""
+    longer = WRONG_DEVICE_PAUSE if isinstance(error, WrongDeviceError) else min(2 * pause, LONGEST_PAUSE)
+    return longer * (0.8 + 0.4 * jitter)
+
+
+class Source:
+    """The daemon's side of one driver; implements ``cellwatt.driver.Outlet``.
+
+    ``take`` gets every batch and ``tell`` every event, on the event loop. ``now`` is the cell's clock.
+    ``sequence`` continues the numbering of a source of the same name that a reload replaced.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        make: Callable[[Source], Driver[Any]],
+        now: Callable[[], int],
+        take: Callable[[Batch], None],
+        tell: Callable[[Event], None],
+        sequence: Mapping[str, int] | None = None,
+    ) -> None:
+        self.name = name
+        self.account = Account()
+        self.now = now
+        self._take = take
+        self._tell = tell
+        self.state = "starting"
+        self.identity: Identity | None = None
+        self.last_error: str | None = None
+        self.since = time.monotonic()
+        self._connected_at: float | None = None
+        self.driver = make(self)
+        self.meters = {s.name: RateMeter(s.rate) for s in self.driver.streams}
+        self.clocks: dict[str, ClockModel] = {
+            s.name: ClockModel(least_delay=self.driver.least_delay) for s in self.driver.streams if s.clock == "device"
+        }
+        self.sequence = dict.fromkeys(self.meters, 0) | dict(sequence or {})
+        """Number of the next sample, by stream."""
+        self._last_time = dict.fromkeys(self.meters, 0)
+
+    # Outlet ---------------------------------------------------------------------------------------
+
+    def connected(self, identity: Identity) -> None:
+        """See ``Outlet.connected``."""
+        again = self.state == "retrying"
+        self.identity = identity
+        self._connected_at = time.monotonic()
+        self.last_error = None
+        self._enter("ok")
+        who = " ".join(x for x in (identity.maker, identity.model, identity.firmware) if x)
+        self.event("reconnected" if again else "connected", f"{self.name}: {who} answers")
+
+    def emit(self, reading: Reading) -> None:
+        """See ``Outlet.emit``."""
+        n = len(reading.values)
+        if n == 0:
+            return
+        stream = reading.stream
+        if reading.device_time is not None:
+            stamped, bound = self.clocks[stream.name].stamp(reading.device_time, reading.arrival)
+        else:
+            asked = reading.arrival if reading.asked is None else reading.asked
+            stamped, bound = middle(asked, reading.arrival, n, self._last_time[stream.name])
+        quality = np.zeros(n, np.uint8) if reading.quality is None else reading.quality
+        if reading.quality is None and np.isnan(reading.values).any():
+            quality = np.where(np.isnan(reading.values).all(axis=1), Quality.MISSING, quality).astype(np.uint8)
+        sequence = self.sequence[stream.name]
+        self.sequence[stream.name] = sequence + n
+        self._last_time[stream.name] = int(stamped[-1])
+        self.account.receive(n)
+        self.meters[stream.name].add(stamped)
+        self._take(
+            Batch(
+                self.name,
+                stream,
+                sequence,
+                reading.arrival,
+                stamped,
+                bound,
+                reading.values,
+                quality,
+                reading.device_time,
+            )
+        )
+
+    def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
+        """See ``Outlet.bracket``."""
+        self.clocks[stream.name].bracket(device_time, not_before)
+
+    def clock_reset(self, stream: Stream, reason: str) -> None:
+        """See ``Outlet.clock_reset``."""
+        self.clocks[stream.name].reset(reason)
+        self.event("clock_reset", f"{self.name}: the device's clock changed ({reason})")
+
+    def event(self, kind: str, text: str, **data: str | float) -> None:
+        """See ``Outlet.event``."""
+        self.account.count(f"event {kind}")
+        log.info("%s", text)
+        self._tell(Event(self.now(), self.name, kind, text, data))
+
+    # supervision ----------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Run the driver until cancelled, again after each failure."""
+        pause = FIRST_PAUSE / 2
+        while True:
+            self._connected_at = None
+            error = await self._once()
+            if self._connected_at is not None and time.monotonic() - self._connected_at > STEADY:
+                pause = FIRST_PAUSE / 2
+            pause = next_pause(pause, error, random.random())
+            self._fail(error, pause)
+            await asyncio.sleep(pause)
+
+    async def _once(self) -> Exception:
+        try:
+            await self.driver.run()
+        except SourceError as error:
+            return error
+        except Exception as error:
+            log.exception("%s: the %s driver broke", self.name, type(self.driver).__name__)
+            self.account.count("driver bugs")
+            return error
+        return SourceError(f"{self.name}: the driver ended though nobody stopped it")
+
+    def _fail(self, error: Exception, pause: float) -> None:
+        self.account.count("restarts")
+        text = str(error) or type(error).__name__
+        if text != self.last_error or self.state != "retrying":
+            self.last_error = text
+            self.event("lost", f"{self.name}: {text}; trying again in {pause:.1f} s")
+        self._enter("retrying")
+
+    def _enter(self, state: str) -> None:
+        if state != self.state:
+            self.state, self.since = state, time.monotonic()
+
+    def status(self) -> dict[str, Any]:
+        """Figures for health, JSON-ready."""
+        return {
+            "state": self.state,
+            "since_s": round(time.monotonic() - self.since, 1),
+            "error": self.last_error,
+            "identity": asdict(self.identity) if self.identity else None,
+            **self.account.snapshot(),
+            "streams": {name: meter.figures() for name, meter in self.meters.items()},
+            "clocks": {name: asdict(clock.state()) for name, clock in self.clocks.items()},
+            "last_sequence": {name: n - 1 for name, n in self.sequence.items()},
+        }

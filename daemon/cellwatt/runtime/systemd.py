@@ -1,0 +1,53 @@
+"""What systemd wants to hear from a ``Type=notify`` service, as sd_notify(3) describes it, without its library.
+
+Everything here does nothing where systemd did not start the process (no ``NOTIFY_SOCKET``).
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import time
+
+log = logging.getLogger(__name__)
+
+
+def notify(**fields: str) -> bool:
+    """Tell systemd ``FIELD=value`` for each field, in one message; whether it was sent.
+
+    E.g. ``notify(READY="1", STATUS="4 of 4 sources up")``. Never blocks and never raises for a supervisor
+    that does not listen: the daemon's work goes on. Raises ``ValueError`` for a value with a line break,
+    which would be a field of its own.
+    """
+    if any("\n" in value for value in fields.values()):
+        raise ValueError("a value told to systemd must be one line")
+    address = os.environ.get("NOTIFY_SOCKET", "")
+    if not address.startswith(("/", "@")):
+        return False
+    if address.startswith("@"):  # Linux' abstract namespace
+        address = "\0" + address[1:]
+    message = "\n".join(f"{name}={value}" for name, value in fields.items()).encode()
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as to:
+            to.sendto(message, address)
+    except OSError as error:
+        log.warning("systemd does not listen at its notify socket: %s", error)
+        return False
+    return True
+
+
+def reloading() -> bool:
+    """Tell systemd that the settings are being read again; ``notify(READY="1")`` tells that it is over."""
+    return notify(RELOADING="1", MONOTONIC_USEC=str(time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000))
+
+
+def watchdog_interval() -> float | None:
+    """Seconds after which systemd kills this process unless it says ``WATCHDOG=1``; ``None``: it does not watch.
+
+    Say it at most half as far apart.
+    """
+    if os.environ.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
+        return None
+    microseconds = os.environ.get("WATCHDOG_USEC", "")
+    return int(microseconds) / 1e6 if microseconds.isdecimal() and int(microseconds) > 0 else None

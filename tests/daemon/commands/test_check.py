@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.channel import Channel, Stream
+from cellwatt.commands.check import _channels, command
+from tests.daemon.config.conftest import VALID
+
+
+def run(*arguments):
+    return CliRunner().invoke(command, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def test_a_right_file(cell_file):
+    result = run(cell_file)
+    assert result.exit_code == 0
+    lines = result.output.splitlines()
+    assert lines[0] == (
+        f"{cell_file}: cell weld-3 at plant-1 is right: "
+        "2 sources, 5 channels in frames at 50 Hz, given after 100 ms"
+    )  # fmt: skip
+    assert [line.split() for line in lines[1:4]] == [
+        ["source", "driver", "stream", "rate", "clock", "channels"],
+        ["arm", "arm", "state", "500", "Hz", "device", "joint_1…3.position,", "supply.power"],
+        ["board", "meter", "power", "on", "change", "host", "bus.power"],
+    ]
+    assert lines[5].split() == ["stage", "kind", "needs"]
+    assert sorted(line.split() for line in lines[6:9]) == [["cut", "cut"], ["power", "net"], ["watch", "watch", "cut"]]
+    assert lines[-1] == f"record: {cell_file.parent / 'recordings'}; sinks: zenoh"
+    assert not any(line != line.rstrip() for line in lines)
+
+
+def test_mistakes_one_a_line_in_order_and_exit_code_2(cell_file):
+    cell_file.write_text(VALID.replace("rate: 500 Hz", "rate: 500").replace("site", "sight"))
+    result = run(cell_file)
+    assert result.exit_code == 2
+    first, second = result.output.splitlines()
+    assert first.startswith(f"{cell_file}:1:1: sight: unknown key")
+    assert second.startswith(f"{cell_file}:5:46: sources.arm.rate: found 500: expected")
+
+
+def test_what_does_not_fit_the_cell_is_a_mistake_too(cell_file):
+    cell_file.write_text(VALID.replace("testarm", "ur10e"))
+    result = run(cell_file)
+    assert result.exit_code == 2
+    assert "stages.power: the model is of the robot 'testarm'" in result.output
+
+
+def test_several_files(cell_file):
+    other = cell_file.with_name("another.yaml")
+    other.write_text("site: a\n")
+    result = run(cell_file, other, cell_file.with_name("absent.yaml"))
+    assert result.exit_code == 2
+    assert f"{cell_file}: cell weld-3" in result.output
+    problems = [line for line in result.output.splitlines() if "missing" in line or "cannot be read" in line]
+    assert [p.removeprefix(str(cell_file.parent) + "/").split(":")[0] for p in problems] == [
+        "absent.yaml",
+        "another.yaml",
+        "another.yaml",
+    ]
+
+
+def test_json(cell_file):
+    result = run(cell_file, "--json")
+    assert (result.exit_code, json.loads(result.output)) == (0, [])
+    cell_file.write_text(VALID.replace("500 Hz", "fast"))
+    result = run(cell_file, "--json", cell_file.with_name("absent.yaml"))
+    assert result.exit_code == 2
+    absent, rate = json.loads(result.output)
+    assert (absent["line"], absent["column"]) == (None, None)
+    assert absent["file"].endswith("absent.yaml")
+    assert rate == {
+        "file": str(cell_file),
+        "line": 5,
+        "column": 46,
+        "path": "sources.arm.rate",
+        "message": "found 'fast': expected a number with its unit, like '500 Hz' (units: hz, khz)",
+    }
+
+
+def test_schema():
+    result = run("--schema")
+    assert result.exit_code == 0
+    assert json.loads(result.output)["title"] == "cellwatt cell"
+
+
+def test_no_file():
+    result = run()
+    assert result.exit_code == 2
+    assert "expected a settings file" in result.output
+
+
+@pytest.mark.parametrize("content", [b"\x00", b"site: [", b""])
+def test_as_a_process_a_mistake_is_a_line_and_never_a_traceback(tmp_path, content):
+    file = tmp_path / "cell.yaml"
+    file.write_bytes(content)
+    done = subprocess.run(
+        [sys.executable, "-m", "cellwatt.commands", "check", str(file)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout.startswith(f"{file}:1:")
+    assert done.stdout.count("\n") == 1
+    assert "Traceback" not in done.stderr
+
+
+def test_time_grows_with_the_file_and_no_faster(cell_file):
+    spent = []
+    for count in (10, 40):
+        lines = "".join(f"  arm_{i}: {{driver: arm, host: 192.0.2.{i}}}\n" for i in range(count))
+        cell_file.write_text(f"site: a\ncell: b\nsources:\n{lines}")
+        start = time.process_time()
+        for _ in range(3):
+            assert run(cell_file).exit_code == 0
+        spent.append(time.process_time() - start)
+    assert spent[1] < 6 * spent[0] + 0.1
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [
+        (["joint_1.position", "joint_2.position", "joint_1.torque", "joint_2.torque"], "joint_1…2.position, .torque"),
+        (["joint_1.position", "joint_1.torque", "bus.power"], "joint_1.position, .torque, bus.power"),
+        (["joint_1.position", "joint_3.position", "joint_1.torque"], "joint_1,3.position, joint_1.torque"),
+        (["bus.power", "joint_angle.x", "bus.voltage"], "bus.power, joint_angle.x, bus.voltage"),
+        (["joint_1.position", "bus.power", "joint_1.torque"], "joint_1.position, bus.power, joint_1.torque"),
+    ],
+)
+def test_channels_are_told_shortly(names, text):
+    stream = Stream("s", tuple(Channel(n, "1") for n in names), 1.0, "host")
+    assert _channels(stream) == text

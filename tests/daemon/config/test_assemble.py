@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+import pytest
+
+from cellwatt.config import load
+from cellwatt.errors import ConfigError
+from cellwatt.runtime.assemble import layout_of, prepare, stage_makers, streams_of
+from tests.daemon.config.conftest import VALID
+
+
+def test_prepare(cell_file):
+    prepared = prepare(load(cell_file))
+    assert {n: [s.name for s in streams] for n, streams in prepared.streams.items()} == {
+        "arm": ["state"],
+        "board": ["power"],
+    }
+    assert prepared.layout.names == (
+        "arm.joint_1.position",
+        "arm.joint_2.position",
+        "arm.joint_3.position",
+        "arm.supply.power",
+        "board.bus.power",
+    )
+    assert [c.method for c in prepared.layout.channels] == ["linear", "linear", "linear", "average", "average"]
+    assert [c.unit for c in prepared.layout.channels] == ["rad", "rad", "rad", "W", "W"]
+    assert prepared.layout.rate == 50.0
+    assert set(prepared.stages) == {"cut", "power", "watch"}
+
+
+def test_stages_come_after_those_they_need(cell_file):
+    cell_file.write_text(VALID.replace("  cut: {}\n", "").replace("tolerance: 10 %}", "tolerance: 10 %}\n  cut: {}"))
+    names = list(prepare(load(cell_file)).stages)
+    assert names.index("cut") < names.index("watch")
+
+
+def test_stage_makers_make_anew(cell_file):
+    config = load(cell_file)
+    streams = {name: streams_of(source) for name, source in config.sources.items()}
+    make = stage_makers(config, layout_of(streams, 50.0))["cut"]
+    assert make() is not make()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ("robot: testarm", "robot: ur10e", "12:3", "stages.power: the model is of the robot 'testarm', the cell has"),
+        ("robot: testarm\n", "", "11:3", "the cell has None"),
+        (
+            "model.txt",
+            "model.txt, input: bus.pover",
+            "12:3",
+            "no source gives the channel 'bus.pover'; there are: arm.",
+        ),
+        ("ttyUSB0", "ttyUSB0\n    unit: mW", "6:3", "sources.board: channel bus.power: unit 'mW' is not one of"),
+        ("ttyUSB0", "ttyUSB0\n    twice: yes", "6:3", "sources.board: gives bus.power more than once"),
+    ],
+)
+def test_what_does_not_fit_has_its_place(cell_file, old, new, place, message):
+    cell_file.write_text(VALID.replace(old, new))
+    with pytest.raises(ConfigError) as caught:
+        prepare(load(cell_file))
+    (problem,) = caught.value.problems
+    assert problem.place == f"{cell_file}:{place}"
+    assert message in str(problem)
+
+
+def test_damaged_model_file_has_the_stages_place(cell_file):
+    (cell_file.parent / "model.txt").write_bytes(b"\xff\xfe\xfa")
+    with pytest.raises(ConfigError) as caught:
+        prepare(load(cell_file))
+    assert str(caught.value).startswith(f"{cell_file}:12:3: stages.power: 'utf-8' codec")
+
+
+def test_all_stages_that_do_not_fit_are_told(cell_file):
+    cell_file.write_text(
+        VALID.replace("testarm", "other").replace("  cut:", "  second: {stage: net, file: model.txt}\n  cut:")
+    )
+    with pytest.raises(ConfigError) as caught:
+        prepare(load(cell_file))
+    assert [p.path for p in caught.value.problems] == ["stages.second", "stages.power"]

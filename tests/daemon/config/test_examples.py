@@ -1,0 +1,33 @@
+"""The files in ``examples/`` are right, with the drivers and stages that this distribution brings."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+from cellwatt import registry
+from cellwatt.config import load
+from cellwatt.errors import ConfigError
+from cellwatt.runtime.assemble import prepare
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+ENVIRONMENT = {"PLANT_ROUTER": "router.example", "ZENOH_PASSWORD": "hunter2hunter2"}
+
+
+@pytest.fixture(autouse=True)
+def _real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
+    monkeypatch.setattr(registry, "entry_points", entry_points)
+    registry.available.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["ur-weld-cell", "yaskawa-line", "power-only", "plant-router"])
+def test_example_is_right(name):
+    prepared = prepare(load(EXAMPLES / f"{name}.yaml", ENVIRONMENT))
+    assert prepared.layout.channels
+
+
+def test_secrets_of_an_example_must_be_set():
+    with pytest.raises(ConfigError, match="environment variable ZENOH_PASSWORD is not set"):
+        load(EXAMPLES / "plant-router.yaml", {"PLANT_ROUTER": "router.example"})

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from cellwatt.config import json_schema
+from cellwatt.config.reference import reference, written
+from cellwatt.record.settings import RecordSettings
+from tests.daemon.config.fakes import ArmSettings
+
+
+@pytest.fixture
+def schema():
+    return json.loads(json.dumps(json_schema()))
+
+
+def source_choice(schema, driver):
+    choices = schema["properties"]["sources"]["additionalProperties"]["allOf"]
+    return next(c["then"] for c in choices if c["if"]["properties"]["driver"]["const"] == driver)
+
+
+def test_top_level(schema):
+    assert schema["required"] == ["site", "cell", "sources"]
+    assert set(schema["properties"]) == {
+        "site", "cell", "robot", "sources", "frames", "stages", "record", "zenoh", "log",
+    }  # fmt: skip
+    assert schema["additionalProperties"] is False
+
+
+def test_every_driver_with_its_settings_and_docs(schema):
+    arm = source_choice(schema, "arm")
+    assert arm["required"] == ["driver", "host"]
+    assert arm["properties"]["host"]["description"].startswith("Address of the controller")
+    assert arm["properties"]["client"]["enum"] == ["native", "library"]
+    assert arm["additionalProperties"] is False
+    assert schema["properties"]["sources"]["additionalProperties"]["properties"]["driver"]["enum"] == [
+        "absent", "arm", "broken", "meter",
+    ]  # fmt: skip
+
+
+def test_defaults_are_as_written(schema):
+    assert source_choice(schema, "arm")["properties"]["rate"]["default"] == "500 Hz"
+    assert schema["properties"]["record"]["properties"]["keep"]["default"] == "20 GB"
+    assert schema["properties"]["frames"]["properties"]["latency"]["default"] == "100 ms"
+    assert source_choice(schema, "arm")["properties"]["payload"]["default"] == 0.0
+
+
+def test_a_package_that_does_not_load_leaves_its_settings_open(schema):
+    absent = source_choice(schema, "absent")
+    assert absent["description"].startswith("cannot be loaded")
+
+
+def test_every_reference_leads_somewhere(schema):
+    def refs(node):
+        if isinstance(node, dict):
+            yield from ([node["$ref"]] if isinstance(node.get("$ref"), str) else [])
+            for value in node.values():
+                yield from refs(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from refs(value)
+
+    found = set(refs(schema))
+    assert found
+    for ref in found:
+        assert ref.removeprefix("#/$defs/") in schema["$defs"]
+
+
+def test_reference():
+    fields = {f.key: f for f in reference(ArmSettings)}
+    assert fields["host"].required
+    assert (fields["port"].type, fields["port"].default) == ("whole number (≥ 1, ≤ 65535)", "30004")
+    assert (fields["rate"].type, fields["rate"].default) == ("quantity, like 500 Hz", "500 Hz")
+    assert fields["client"].type == "native | library"
+    assert fields["verify"].default == "true"
+    assert fields["joints"].type == "list of whole number"
+    assert fields["limits.power"].default == "1500 W"
+    assert fields["zones.NAME.angle"].description == "Largest angle."
+    assert {f.key: f.default for f in reference(RecordSettings)}["file_age"] == "10 min"
+
+
+@pytest.mark.parametrize(
+    ("value", "example", "text"),
+    [
+        (0.1, "100 ms", "100 ms"),
+        (0.0, "100 ms", "0 ms"),
+        (90.0, "100 ms", "90 s"),
+        (0.00005, "1 s", "50 us"),
+        (0.1, "10 %", "10 %"),
+        (1e9, "20 GB", "1 GB"),
+        (0.5, "500 Hz", "0.5 Hz"),
+        (-0.5, "100 ms", "-500 ms"),
+    ],
+)
+def test_quantities_as_written(value, example, text):
+    assert written(value, {"type": "string", "examples": [example]}) == text
