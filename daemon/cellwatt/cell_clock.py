@@ -38,9 +38,9 @@ class CellClock:
     ) -> None:
         self._wall = wall
         self._monotonic = monotonic
-        at, wall = self._compare()
-        self._difference = wall - at
-        self._line = (at, wall, 0.0)  # replaced as one, so that other threads may read the time
+        at, utc = self._compare()
+        self._difference = utc - at
+        self._line = (at, utc, 0.0)  # replaced as one, so that other threads may read the time
         self.utc_error_ns = 0
         """The cell's time minus the host's UTC at the last ``discipline``, ns."""
         self.steps = 0

@@ -103,9 +103,7 @@ def test_a_change_of_slew_is_reported():
 
 
 @given(
-    st.lists(
-        st.tuples(st.integers(0, 10 * SECOND), st.integers(-10 * SECOND, 10 * SECOND), st.booleans()), max_size=60
-    )
+    st.lists(st.tuples(st.integers(0, 10 * SECOND), st.integers(-10 * SECOND, 10 * SECOND), st.booleans()), max_size=60)
 )
 def test_never_steps_back(moves):
     host = Host()

@@ -7,10 +7,10 @@ or at least (from below) so much at that device time.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from cellwatt.batch import Float
 
@@ -19,6 +19,8 @@ BLOCK = 1 * SECOND
 """Of each side the tightest fact of a block is kept …"""
 BLOCKS = 64
 """… for this many blocks."""
+SPAN = 8
+"""Blocks in a row of which one is claimed to hold a sample that came with little delay: longer than any stall."""
 MAX_DRIFT = 750e-6
 """A device's drift (200 ppm) and the cell clock's own slew (500 ppm), with a margin."""
 
@@ -62,36 +64,55 @@ class Facts:
         self._open: Fact | None = None
         self._end = 0
 
-    def add(self, when: int, fact: Fact, slope: float) -> Fact | None:
-        """Weigh a fact got at cell time ``when`` against the block's best; gives the block's that it closed."""
+    def add(self, when: int, fact: Fact, slope: float) -> bool:
+        """Weigh a fact got at cell time ``when`` against the block's best; true where it closed a block."""
         best = self._open
         if best is None or when >= self._end:
             if best is not None:
                 self._closed.append(best)
             self._open, self._end = fact, when + BLOCK
-            return best
+            return best is not None
         if self._sign * (fact[1] - best[1] - slope * (fact[0] - best[0])) < 0:
             self._open = fact
-        return None
+        return False
 
-    def all(self) -> list[Fact]:
-        """Oldest first, the running block's included."""
-        return list(self._closed) if self._open is None else [*self._closed, self._open]
+    def closed(self) -> Float:
+        """Those of the closed blocks, oldest first, (n, 2)."""
+        return np.array(self._closed, dtype=np.float64).reshape(-1, 2)
+
+    def all(self) -> Float:
+        """Oldest first with the running block's, (n, 2)."""
+        return np.array([*self._closed, *([self._open] if self._open else [])], dtype=np.float64).reshape(-1, 2)
 
 
-def possible(above: Sequence[Fact], below: Sequence[Fact], wander: float) -> Lines | None:
-    """All lines below the facts from above and above those from below, seen from the newest fact.
+def claims(above: Float, leeway: float, lines: Lines, wander: float) -> Float:
+    """Facts from below, (m, 2), if of ``SPAN`` facts from above (n, 2) in a row one is loose by ``leeway`` at most.
+
+    Which one is not known, so the least that any of them would say is claimed, once where the span begins and
+    once where it ends; ``lines`` limits the slopes in between.
+    """
+    spans = sliding_window_view(above, min(SPAN, len(above)), axis=0)[::-1][:: SPAN // 2]
+    at, offset = spans[:, 0], spans[:, 1]
+    begin, end = at[:, :1], at[:, -1:]
+    turn = wander * (lines.at - begin)
+    fast = np.minimum(lines.fast + turn, MAX_DRIFT)
+    slow = np.maximum(lines.slow - turn, -MAX_DRIFT)
+    at_begin = (offset - fast * (at - begin)).min(axis=1) - leeway
+    at_end = (offset + slow * (end - at)).min(axis=1) - leeway
+    return np.concatenate([np.column_stack([begin, at_begin]), np.column_stack([end, at_end])])
+
+
+def possible(above: Float, below: Float, wander: float) -> Lines | None:
+    """All lines below the facts from above (n, 2) and above those from below (m, 2), seen from the newest fact.
 
     The slope may change by ``wander`` per ns, so a fact that is x ns old is loosened by wander x² / 2. A fact
     from above and an older one from below limit the slope from above, and so on: the extremes over all pairs
     are the exact extremes of this two-dimensional linear programme. ``None`` where no line is left.
     """
-    tops = np.array(above, dtype=np.float64)
-    feet = np.array(below, dtype=np.float64)
-    newest = max(max(above)[0], max(below)[0])
-    top_age, foot_age = newest - tops[:, 0], newest - feet[:, 0]
-    top = tops[:, 1] + _loosening(top_age, wander)
-    foot = feet[:, 1] - _loosening(foot_age, wander)
+    newest = max(above[:, 0].max(), below[:, 0].max())
+    top_age, foot_age = newest - above[:, 0], newest - below[:, 0]
+    top = above[:, 1] + _loosening(top_age, wander)
+    foot = below[:, 1] - _loosening(foot_age, wander)
     older = foot_age[:, None] - top_age
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = (top - foot[:, None]) / older
@@ -101,7 +122,7 @@ def possible(above: Sequence[Fact], below: Sequence[Fact], wander: float) -> Lin
     lower = float((foot + slow * foot_age).max())
     if slow > fast or lower > upper:
         return None
-    return Lines(newest, lower, upper, slow, fast)
+    return Lines(int(newest), lower, upper, slow, fast)
 
 
 def _loosening(age: Float, wander: float) -> Float:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt.batch import Nanoseconds
-from cellwatt.clock.lines import BLOCKS, MAX_DRIFT, SECOND, Fact, Facts, Lines, possible
+from cellwatt.batch import Float, Nanoseconds
+from cellwatt.clock.lines import BLOCK, MAX_DRIFT, SECOND, SPAN, Facts, Lines, claims, possible
 
-_SPAN_BLOCKS = 8
-"""``least_delay`` is claimed once in so many blocks: longer than any stall."""
-_STALL = 8 * SECOND
+_STALL = SPAN * BLOCK
 """How late the very first sample may be."""
 _FRESH = 30 * SECOND
 """Brackets are facts and make claims needless, as long as the newest is no older than this."""
@@ -75,9 +72,6 @@ class ClockModel:
         self._lines = Lines(0, -math.inf, math.inf, -MAX_DRIFT, MAX_DRIFT)
         self._above = Facts(1)
         self._below = Facts(-1)
-        self._span: deque[Fact] = deque(maxlen=_SPAN_BLOCKS)
-        self._claims: deque[Fact] = deque(maxlen=BLOCKS)
-        self._settled = False
         self._bracketed = -_FRESH
         self._floor: int | None = None  # the sample after a reset was made no earlier than this
         self._last: int | None = None
@@ -176,7 +170,7 @@ class ClockModel:
             lines = self._lines
             time = device_time + offset + (before * lines.slope).astype(np.int64)
             bound = half - (before * ((lines.fast - lines.slow) / 2)).astype(np.int64)
-        time, bound = self._rising(device_time, time, bound)
+        time, bound = self._rising(device_time, time, bound, arrival)
         self._last, self._last_time = last, int(time[-1])
         self._floor = self._last_time - int(bound[-1])
         return time, bound
@@ -190,13 +184,13 @@ class ClockModel:
         at_, lower, upper, slow, fast = self._lines.moved(at, self._wander)
         if self._last is None:
             lower = max(lower, self._begin(at, offset, arrival))
+        if offset < lower:
+            self._restart(_EARLY)
+            return self._learn(last, arrival)
         self._last_arrival = arrival
         self._lines = Lines(at_, lower, min(upper, offset), slow, fast)
-        closed = self._above.add(arrival, (at, offset), (slow + fast) / 2)
-        if closed is not None:
-            self._claim(closed, arrival)
-            claims = self._claims if arrival - self._bracketed > _FRESH else ()
-            lines = possible(self._above.all(), [*self._below.all(), *claims], self._wander)
+        if self._above.add(arrival, (at, offset), (slow + fast) / 2):
+            lines = possible(self._above.all(), self._from_below(arrival), self._wander)
             if lines is None:
                 self._restart(_CONFLICT)
                 return self._learn(last, arrival)
@@ -208,27 +202,21 @@ class ClockModel:
         """What the first sample of a map says from below: no stall was longer, and samples come in order."""
         self._first_arrival = arrival
         lower = offset - self._leeway - self._rounding - _STALL
-        self._claims.append((at, lower))
         if self._floor is not None:
             in_order = offset + self._least - (arrival - self._floor) - self._rounding
             self._below.add(arrival, (at, in_order), 0.0)
             lower = max(lower, in_order)
         return lower
 
-    def _claim(self, closed: Fact, arrival: int) -> None:
-        """Turn the newest span of blocks into a fact from below: its least delay was at most the highest."""
-        self._span.append(closed)
-        full = len(self._span) == _SPAN_BLOCKS
-        lines = self._lines
-        at, offset = min(self._span, key=lambda fact: fact[1] - lines.slope * (fact[0] - closed[0]))
-        turn = (lines.fast - lines.slow) / 2 * max(abs(fact[0] - at) for fact in self._span)
-        waived = 0 if full else max(0, _STALL - (arrival - self._first_arrival))
-        if not self._settled:
-            self._claims.clear()
-        self._settled = full
-        if self._claims and self._claims[-1][0] == at:
-            self._claims.pop()
-        self._claims.append((at, offset - self._leeway - self._rounding - turn - waived))
+    def _from_below(self, arrival: int) -> Float:
+        """Facts from below: the brackets, and what ``least_delay`` claims while these are not fresh."""
+        brackets = self._below.all()
+        if arrival - self._bracketed < _FRESH:
+            return brackets
+        blocks = self._above.closed()
+        waived = 0 if len(blocks) >= SPAN else max(0, _STALL - (arrival - self._first_arrival))
+        claimed = claims(blocks, self._leeway + self._rounding + waived, self._lines, self._wander)
+        return np.concatenate([brackets, claimed])
 
     def _estimate(self, zero: int) -> tuple[int, int]:
         """Offset and half width at the newest sample, ns: the middle, but not far down a lower edge that is a guess."""
@@ -237,13 +225,16 @@ class ClockModel:
         return zero + round(offset), math.ceil(max(upper - offset, offset - lower)) + 2
 
     def _rising(
-        self, device_time: Nanoseconds, time: Nanoseconds, bound: Nanoseconds
+        self, device_time: Nanoseconds, time: Nanoseconds, bound: Nanoseconds, arrival: int
     ) -> tuple[Nanoseconds, Nanoseconds]:
+        """Times that go on from the last one at half the device's pace at least, but not past the arrival."""
         floor = self._last_time + 1
         if self._last is not None:
-            floor += (int(device_time[0]) - self._last) // 2
+            floor = max(floor, min(floor + (int(device_time[0]) - self._last) // 2, arrival))
         if int(time[0]) >= floor and (len(time) == 1 or int(np.diff(time).min()) > 0):
             return time, bound
-        pace = (device_time - device_time[0]) // 2 + np.arange(floor, floor + len(time))
+        since = (device_time - device_time[0]).astype(np.float64)
+        rate = min(0.5, max(0, arrival - floor) / max(since[-1], 1.0))
+        pace = (since * rate).astype(np.int64) + np.arange(floor, floor + len(time))
         raised = np.maximum(np.maximum.accumulate(time - pace), 0) + pace
         return raised, bound + (raised - time)

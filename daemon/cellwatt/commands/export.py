@@ -48,19 +48,15 @@ def command(recordings: tuple[Path, ...], out: Path, form: str, only: str | None
         total = sum(n for topic, n in counts.items() if topic == FRAME_TOPIC or topic.startswith("/raw/"))
         task = progress.add_task("export", total=total)
         written = export.run(only, lambda n: progress.advance(task, n))
-    report = {
-        "start": recording.start,
-        "end": recording.end,
-        "files": written,
-        "damage": list(map(str, recording.damage)),
-    }
+    damage = [str(d) for d in recording.damage]
     if as_json:
+        report = {"start": recording.start, "end": recording.end, "files": written, "damage": damage}
         click.echo(json.dumps(report))
         return
     for file in written:
         click.echo(f"{out / file['file']}: {file['rows']} rows")
-    for damage in report["damage"]:
-        click.echo(f"warning: {damage}", err=True)
+    for text in damage:
+        click.echo(f"warning: {text}", err=True)
     if not written:
         click.echo("nothing to export")
 
@@ -133,4 +129,4 @@ def _told(table: Table) -> dict[str, Any]:
 
 
 def _line(item: messages.Message) -> bytes:
-    return b'{"kind":"%s",' % type(item).__name__.lower().encode() + messages.encode(item)[1:]
+    return b'{"type":"%s",' % type(item).__name__.lower().encode() + messages.encode(item)[1:]

@@ -64,7 +64,7 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
 def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:
     if config is None:
         return []
-    return make_chains(config, layout_of(recording.header.streams, config.frames.rate))
+    return make_chains(config, layout_of(recording.header.streams, config.frames))
 
 
 def _keeping(frames: Iterable[Frames], kept: list[Frames]) -> Iterator[Frames]:

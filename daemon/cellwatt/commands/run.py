@@ -59,7 +59,11 @@ async def serve(config: CellConfig) -> None:
         loop.add_signal_handler(number, stop)
     loop.add_signal_handler(signal.SIGHUP, reload)
     cell.on_health = _tell_systemd
-    await cell.run(ready=lambda: systemd.notify(READY="1"))
+    await cell.run(_ready)
+
+
+def _ready() -> None:
+    systemd.notify(READY="1")
 
 
 async def _reload(cell: Cell, path: Path) -> None:

@@ -46,7 +46,7 @@ def command(
     """Show the live cell of FILE, or the one behind --connect, --site and --cell."""
     site, cell, link = _target(file, connect, site, cell)
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_watch(Subscriber(site, cell, link, topics or QUIET), seconds, as_json))
+        asyncio.run(_watch(Subscriber(site, cell, link, want=topics or QUIET), seconds, as_json))
 
 
 def _target(

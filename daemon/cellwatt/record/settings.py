@@ -21,12 +21,14 @@ class RecordSettings(BaseModel):
     age: Seconds = 0.0
     """Remove closed files older than this; 0 keeps them until the budget is spent."""
     file_size: Bytes = 256e6
-    """A file is closed at this size …"""
+    """A file is closed at this size, or at a quarter of ``keep`` where that is less …"""
     file_age: Seconds = 600.0
     """… or after this time."""
     flush: Seconds = 0.05
     """Longest time a sample waits in memory: what a killed daemon may lose."""
     sync: Seconds = 1.0
     """Longest time a sample waits for the disk itself: what a power cut may lose."""
+    queue: Bytes = 64e6
+    """Memory for what waits while the disk is slow or full; what finds no room in it is dropped and counted."""
     frames: bool = True
     """Record the aligned frames beside the raw samples."""

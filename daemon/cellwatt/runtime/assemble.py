@@ -11,14 +11,15 @@ from typing import Any, cast
 from pydantic import BaseModel, ValidationError
 
 from cellwatt.account import Account
+from cellwatt.align import Aligner
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
-from cellwatt.config import CellConfig, SourceConfig, StageConfig
+from cellwatt.config import CellConfig, FrameSettings, SourceConfig, StageConfig
 from cellwatt.config.installed import Part
 from cellwatt.config.places import ordered
 from cellwatt.driver import Identity, SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, Problem
-from cellwatt.frames import FrameChannel, Layout
+from cellwatt.frames import Layout
 from cellwatt.registry import driver as find_driver
 from cellwatt.registry import stage as find_stage
 from cellwatt.runtime.chain import Chain, group_by_needs
@@ -57,7 +58,7 @@ def prepare(config: CellConfig) -> Prepared:
             streams[source.name] = streams_of(source)
     if problems:
         raise ConfigError(ordered(problems))
-    layout = layout_of(streams, config.frames.rate)
+    layout = layout_of(streams, config.frames)
     return Prepared(streams, layout, make_chains(config, layout))
 
 
@@ -87,15 +88,9 @@ def _required(settings: type[BaseModel]) -> set[str]:
     return {name for name, field in settings.model_fields.items() if field.is_required()}
 
 
-def layout_of(streams: Mapping[str, tuple[Stream, ...]], rate: float) -> Layout:
-    """The columns of the frames: all channels of all sources, in file order; ``rate`` in Hz."""
-    channels = (
-        FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, channel.method)
-        for source, given in streams.items()
-        for stream in given
-        for channel in stream.channels
-    )
-    return Layout(tuple(channels), rate)
+def layout_of(streams: Mapping[str, tuple[Stream, ...]], frames: FrameSettings) -> Layout:
+    """The columns of the frames, with the method in force for each. Raises ``ConfigError`` as ``Aligner`` does."""
+    return Aligner(streams, frames.rate, frames.latency).layout
 
 
 def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from cellwatt.align import Aligner
@@ -203,6 +203,8 @@ class Cell:
                 self._fresh = False
 
     def _give_frames(self, frames: Frames) -> None:
+        # A reload begins with a new aligner; the numbering goes on.
+        frames = replace(frames, sequence=self._frames)
         self._frames += len(frames)
         if self._recorder is not None:
             self._recorder.frames(frames)
@@ -280,7 +282,7 @@ class Cell:
             "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
             "loop_lag_ms": round(1e3 * self._lag, 3),
             "sources": sources,
-            "frames": {"count": self._frames, "late": dict(self._aligner.late)},
+            "frames": {"count": self._frames, "streams": _alignment(self._aligner)},
             "stages": stages,
             "results": self._results,
             "sinks": sinks,
@@ -373,6 +375,13 @@ def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[
             for source, given in streams.items()
         },
         "frame": {"rate_hz": layout.rate, "channels": [asdict(c) for c in layout.channels]},
+    }
+
+
+def _alignment(aligner: Aligner) -> dict[str, dict[str, int]]:
+    counts = aligner.counts.items()
+    return {f"{source}/{stream}": asdict(found) for (source, stream), found in counts} | {
+        "cell": {"skipped": aligner.skipped}
     }
 
 

@@ -48,6 +48,8 @@ class Seen:
     """What the subscriber said it got."""
 
     samples: Counter[str] = field(default_factory=Counter)
+    first: dict[str, int] = field(default_factory=dict)
+    """Number of the first sample after the subscriber joined, by topic."""
     gaps: int = 0
     intervals: list[dict[str, Any]] = field(default_factory=list)
     tasks: int = 0
@@ -59,6 +61,7 @@ class Seen:
         kind, content = line["kind"], line["content"]
         if kind in {"raw", "frame"}:
             self.samples[line["topic"]] += content["count"]
+            self.first.setdefault(line["topic"], line["sequence"])
         elif kind == "gap":
             self.gaps += 1
         elif kind == "interval" and content["closed"]:
@@ -193,7 +196,7 @@ def summary(seen: Seen, hooked: float, exit_code: int | None) -> dict[str, Any]:
     if seen.gaps:
         problems.append(f"{seen.gaps} gaps at the subscriber")
     frames = seen.status.get("frames", {})
-    if frames.get("count") != seen.samples["frame"]:
+    if frames.get("count") != seen.samples["frame"] + seen.first.get("frame", 0):
         problems.append(f"{frames.get('count')} frames were made, the subscriber got {seen.samples['frame']}")
     return {
         "ok": not problems,
@@ -211,6 +214,7 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
     streams = {
         stream: {k: figures[k] for k in ("nominal_hz", "rate_hz", "jitter_p50_ms", "jitter_p99_ms")}
         | {"samples": figures["samples"], "delivered": seen.samples[f"raw/{name}/{stream}"]}
+        | {"before_subscriber": seen.first.get(f"raw/{name}/{stream}", 0)}
         for stream, figures in status["streams"].items()
     }
     lost = sum(status["missed"].values()) + sum(status["dropped"].values())
@@ -223,7 +227,7 @@ def _source_problems(name: str, source: Mapping[str, Any]) -> list[str]:
     if source["lost"] or source["residue"]:
         problems.append(f"{name}: {source['lost']} samples lost, {source['residue']} not accounted for")
     for stream, s in source["streams"].items():
-        if s["delivered"] != s["samples"]:
+        if s["delivered"] + s["before_subscriber"] != s["samples"]:
             problems.append(f"{name}/{stream}: {s['samples']} samples, {s['delivered']} at the subscriber")
         if s["nominal_hz"] and (s["rate_hz"] is None or abs(s["rate_hz"] / s["nominal_hz"] - 1) > 0.02):
             problems.append(f"{name}/{stream}: {s['rate_hz']} Hz instead of {s['nominal_hz']} Hz")

@@ -69,8 +69,8 @@ async def examine(config: SourceConfig, seconds: float, patience: float) -> Exam
     reading = asyncio.create_task(source.driver.run())
     try:
         done, _ = await asyncio.wait({reading}, timeout=seconds)
-        if done and (error := reading.exception()) is not None:
-            result.findings.append(f"reading stopped: {error}")
+        if done and (failure := reading.exception()) is not None:
+            result.findings.append(f"reading stopped: {failure}")
             result.verdict = "failed"
     finally:
         reading.cancel()

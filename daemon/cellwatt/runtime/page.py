@@ -32,7 +32,7 @@ def draw(recording: Recording, start: float | None, end: float | None, wanted: S
     """
     frames = recording.frames_table()
     origin = int(frames.time[0])
-    seconds = (frames.time - origin) * 1e-9
+    seconds = np.asarray((frames.time - origin) * 1e-9, np.float64)
     shown = (seconds >= (start if start is not None else -np.inf)) & (seconds <= (end if end is not None else np.inf))
     groups = _groups(frames, wanted)
     if not groups or not shown.any():

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from cellwatt.config import load
+from cellwatt.config import FrameSettings, load
 from cellwatt.errors import ConfigError
 from cellwatt.runtime.assemble import layout_of, prepare, stage_makers, streams_of
 from tests.daemon.config.conftest import VALID
@@ -21,7 +21,7 @@ def test_prepare(cell_file):
         "arm.supply.power",
         "board.bus.power",
     )
-    assert [c.method for c in prepared.layout.channels] == ["linear", "linear", "linear", "average", "average"]
+    assert [c.method for c in prepared.layout.channels] == ["linear", "linear", "linear", "average", "hold"]
     assert [c.unit for c in prepared.layout.channels] == ["rad", "rad", "rad", "W", "W"]
     assert prepared.layout.rate == 50.0
     assert set(prepared.stages) == {"cut", "power", "watch"}
@@ -36,7 +36,7 @@ def test_stages_come_after_those_they_need(cell_file):
 def test_stage_makers_make_anew(cell_file):
     config = load(cell_file)
     streams = {name: streams_of(source) for name, source in config.sources.items()}
-    make = stage_makers(config, layout_of(streams, 50.0))["cut"]
+    make = stage_makers(config, layout_of(streams, FrameSettings()))["cut"]
     assert make() is not make()
 
 

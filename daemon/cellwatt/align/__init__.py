@@ -1,0 +1,6 @@
+"""Frames out of batches: all channels of a cell on one grid."""
+
+from cellwatt.align.aligner import Aligner
+from cellwatt.align.track import Counts
+
+__all__ = ["Aligner", "Counts"]

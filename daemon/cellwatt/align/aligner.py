@@ -1,0 +1,164 @@
+"""The aligner: a state machine from batches and ticks to frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cellwatt.align.lane import Lane
+from cellwatt.align.track import NEVER, Counts
+from cellwatt.batch import Batch, Tick
+from cellwatt.channel import Quality, Stream
+from cellwatt.errors import ConfigError
+from cellwatt.frames import FrameChannel, Frames, Layout
+
+_SECOND = 1_000_000_000
+_BLOCK = 512
+"""Most frames in one block."""
+_HOLE = 60 * _SECOND
+"""Where the cell's time itself jumped further than this, the frames in between are left out and counted."""
+
+
+class Aligner:
+    """Brings the streams of all sources onto one grid of ``rate`` Hz.
+
+    A grid point is given out once every stream that speaks has the samples that settle it, at the latest with
+    the first entry (batch or tick) whose time is ``latency`` s past it; what is missing then is marked, and what
+    comes later is counted by stream in ``counts``. The frames, and how they are cut into blocks, depend on
+    nothing but the sequence of entries: a replay gives the same bits.
+
+    Linear channels lie on the straight line between the neighbouring samples, averaged ones are the mean over
+    the step around the grid point, held ones the last sample. A stretch of more than 1.5 nominal periods
+    between samples makes a value interpolated, more than ``gap`` periods missing. Streams with a period above
+    half the latency, or with none, are held; those with none for ``hold`` s at most. The bound of a value is
+    the worst clock bound of its samples plus the distance of the nearest one from the grid point, -1 where it
+    is missing.
+
+    Raises ``ConfigError`` where two channels share a name, or where the latency is too short to average.
+    """
+
+    def __init__(
+        self,
+        streams: Mapping[str, tuple[Stream, ...]],
+        rate: float,
+        latency: float,
+        *,
+        gap: float = 3.5,
+        hold: float = 60.0,
+    ) -> None:
+        if not (rate > 0 and latency > 0 and gap >= 1.5 and hold > 0):
+            raise ConfigError("frames: rate, latency and hold must be above 0 and gap at least 1.5")
+        self._step = step = round(_SECOND / rate)
+        self._latency = round(latency * _SECOND)
+        self._lanes: dict[tuple[str, str], Lane] = {}
+        channels: list[FrameChannel] = []
+        for source, its_streams in streams.items():
+            for stream in its_streams:
+                lane = Lane(stream, len(channels), step, self._latency, gap, hold)
+                self._lanes[source, stream.name] = lane
+                channels += [
+                    FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, method)
+                    for channel, method in zip(stream.channels, lane.methods, strict=True)
+                ]
+                _check(source, stream, lane, step, self._latency)
+        self.layout = Layout(tuple(channels), rate)
+        _check_names(self.layout)
+        self.skipped = 0
+        """Frames left out because the cell's time itself jumped by more than a minute."""
+        self._now = self._given_out = NEVER
+        self._next: int | None = None  # number of the next grid point: its time in steps
+        self._sequence = 0
+
+    @property
+    def counts(self) -> Mapping[tuple[str, str], Counts]:
+        """What did not make it into the frames, by source and stream."""
+        return {key: lane.track.counts for key, lane in self._lanes.items()}
+
+    def add(self, batch: Batch) -> list[Frames]:
+        """Take a batch; gives the frames that it settles. Raises ``KeyError`` for a stream that was not declared."""
+        lane = self._lanes[batch.source, batch.stream.name]
+        self._now = max(self._now, batch.arrival)
+        if not len(batch):
+            return self._move_on()
+        if self._next is None:
+            self._begin(int(batch.time[0]))
+        following = self._following
+        lane.hear(batch, self._given_out, self._now + self._latency)
+        if lane.settled >= following or self._now >= following + self._latency:
+            return self._move_on()
+        return []
+
+    def tick(self, tick: Tick) -> list[Frames]:
+        """The cell's time moved on; gives the frames that are overdue now."""
+        self._now = max(self._now, tick.time)
+        return self._move_on()
+
+    def flush(self) -> list[Frames]:
+        """Give out all frames up to the newest sample, whatever is missing: the data end here."""
+        newest = max(lane.track.newest for lane in self._lanes.values()) if self._lanes else self._now
+        return self._give_out(newest // self._step)
+
+    @property
+    def _following(self) -> int:
+        """Time of the next grid point, ns."""
+        return (self._next or 0) * self._step
+
+    def _begin(self, first: int) -> None:
+        """Lay the first grid point at the first sample, or as far back as the latency reaches."""
+        self._next = -(-max(first, self._now - self._latency) // self._step)
+        for lane in self._lanes.values():
+            lane.start = self._now
+
+    def _move_on(self) -> list[Frames]:
+        if self._next is None:
+            return []
+        now = self._now
+        awaited = [lane.settled for lane in self._lanes.values() if lane.awaited(now)]
+        overdue = now - self._latency
+        ready = min(now, *awaited) if awaited else overdue
+        return self._give_out(max(ready, overdue) // self._step)
+
+    def _give_out(self, newest: int) -> list[Frames]:
+        """Frames from the next grid point up to number ``newest``."""
+        if self._next is None or newest < self._next:
+            return []
+        hole = newest - self._next + 1 - _HOLE // self._step
+        if hole > 0:
+            self.skipped += hole
+            self._next += hole
+        blocks = [self._frames(k, min(k + _BLOCK, newest + 1)) for k in range(self._next, newest + 1, _BLOCK)]
+        self._next, self._given_out = newest + 1, newest * self._step
+        needed = self._following - self._step // 2
+        for lane in self._lanes.values():
+            lane.track.forget(needed)
+        return blocks
+
+    def _frames(self, first: int, end: int) -> Frames:
+        grid = np.arange(first, end, dtype=np.int64) * self._step
+        shape = (len(grid), len(self.layout.channels))
+        values, quality, bound = np.zeros(shape), np.empty(shape, np.uint8), np.empty(shape, np.int64)
+        for lane in self._lanes.values():
+            lane.fill(grid, values, quality, bound)
+        missing = (quality == Quality.MISSING) | np.isnan(values)
+        values[missing], quality[missing], bound[missing] = np.nan, Quality.MISSING, -1
+        frames = Frames(self.layout, self._sequence, grid, values, quality, bound)
+        self._sequence += len(grid)
+        return frames
+
+
+def _check(source: str, stream: Stream, lane: Lane, step: int, latency: int) -> None:
+    needed = step / 2 + (_SECOND / stream.rate if stream.rate else 0)
+    if "average" in lane.methods and latency < needed:
+        raise ConfigError(
+            f"frames: a latency of {latency / 1e6:g} ms is too short to average {source}.{stream.name} over the "
+            f"grid step of {step / 1e6:g} ms: expected at least {needed / 1e6:g} ms"
+        )
+
+
+def _check_names(layout: Layout) -> None:
+    seen: set[str] = set()
+    for name in layout.names:
+        if name in seen:
+            raise ConfigError(f"two streams give a channel named {name!r}: rename one of them")
+        seen.add(name)

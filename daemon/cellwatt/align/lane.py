@@ -1,0 +1,91 @@
+"""One stream's columns of the frames: what settles a grid point, how long to wait, which method fills it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.align.methods import Columns, Limits, average, hold, linear
+from cellwatt.align.track import NEVER, Track
+from cellwatt.batch import Batch
+from cellwatt.channel import Align, Quality, Stream
+
+_SECOND = 1_000_000_000
+_PLAIN = 1.5
+"""Samples so many nominal periods apart are neighbours; further apart, some are missing in between."""
+_PATIENCE = 1 * _SECOND
+"""Frames wait, within the latency, for a stream that spoke this recently …"""
+_PATIENCE_PERIODS = 3
+"""… or this many periods ago."""
+
+
+class Lane:
+    """A stream on its way into the frames, ``first`` being its first column there.
+
+    ``step`` and ``latency`` ns are those of the frames. ``gap`` is the longest stretch that is bridged, in
+    nominal periods, ``hold`` the longest time in s for which a stream without a rate holds.
+    """
+
+    def __init__(self, stream: Stream, first: int, step: int, latency: int, gap: float, hold: float) -> None:
+        period = _SECOND / stream.rate if stream.rate else 0.0
+        self.held = not stream.rate or period > latency / 2
+        """Too slow to wait for the next sample: all channels hold the last one, and frames never wait for it."""
+        self.methods: tuple[Align, ...] = tuple("hold" if self.held else c.method for c in stream.channels)
+        """The method in force for each channel."""
+        self.reach = step - step // 2 if "average" in self.methods else 0
+        """How far beyond a grid point samples must be there to settle it, ns."""
+        self.track = Track(len(stream.channels))
+        self.start = NEVER
+        """Since when the stream could have spoken, ns."""
+        slack = latency if self.held else 0
+        self._limits = Limits(_PLAIN * period + slack, gap * period + slack)
+        if not stream.rate:
+            self._limits = Limits(hold * _SECOND, hold * _SECOND)
+        self._step = step
+        self._overdue = latency if self.held else 0
+        self._patience = max(_PATIENCE, _PATIENCE_PERIODS * period)
+        self._columns = slice(first, first + len(stream.channels))
+        self._groups = _groups(self.methods)
+        self._heard = NEVER
+
+    @property
+    def settled(self) -> int:
+        """Time up to which grid points are settled, ns."""
+        return self.track.newest - self.reach
+
+    def awaited(self, now: int) -> bool:
+        """Whether frames should wait for this stream at the cell's time ``now``, ns."""
+        return not self.held and now - max(self.start, self._heard) <= self._patience
+
+    def hear(self, batch: Batch, given_out: int, horizon: int) -> None:
+        """Take a batch. Frames up to ``given_out`` are gone; samples after ``horizon`` are refused, ns."""
+        self._heard = batch.arrival
+        self.track.append(batch, given_out + self.reach - self._overdue, horizon)
+
+    def fill(
+        self, grid: NDArray[np.int64], values: NDArray[np.float64], quality: NDArray[np.uint8], bound: NDArray[np.int64]
+    ) -> None:
+        """Write this stream's columns of the frames at ``grid`` (m,) ns, neighbouring points."""
+        if not len(self.track):
+            quality[:, self._columns] = Quality.MISSING
+            return
+        samples = self.track.samples
+        mine, my_quality, my_bound = (table[:, self._columns] for table in (values, quality, bound))
+        for method, columns in self._groups:
+            if method == "average":
+                aligned = average(samples, columns, grid, self._step, self._limits)
+            else:
+                aligned = (linear if method == "linear" else hold)(samples, columns, grid, self._limits)
+            mine[:, columns] = aligned.values
+            my_quality[:, columns] = aligned.quality[:, None]
+            my_bound[:, columns] = aligned.bound[:, None]
+
+
+def _groups(methods: tuple[Align, ...]) -> tuple[tuple[Align, Columns], ...]:
+    """Columns by method; neighbouring ones as a slice, which numpy reads without copying."""
+    groups: list[tuple[Align, Columns]] = []
+    for method in dict.fromkeys(methods):
+        found = np.flatnonzero([m == method for m in methods])
+        together = found[-1] - found[0] + 1 == len(found)
+        groups.append((method, slice(int(found[0]), int(found[-1]) + 1) if together else found))
+    return tuple(groups)

@@ -1,0 +1,217 @@
+"""Answers the questions that a consumer may ask of a running cell.
+
+    @/status  @/config  @/schema  @/recordings                        one JSON answer each
+    @/history?source=arm;stream=samples;session=…;first=…;count=…     recorded samples, one Arrow message
+    @/history?stream=frame;session=…;first=…;count=…                  kept frames, one Arrow message
+    @/results?kind=alarm;session=…;first=…;count=…                    results or events, one JSON list
+    alarm/**?cleared=N                                                alarms active now and the last N cleared
+
+A question about the past gets one bounded piece of it: ask again from its end. Where nothing is there, or the
+question is wrong, the answer is a Zenoh error with ``{"error": text}``.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote
+
+from cellwatt.errors import CellwattError
+from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.blocks import cut, join
+from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.publish.keys import ALARM, FRAME, CellKeys, alarm_path, raw_topic
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import encode_item, encode_json
+from cellwatt.results import Alarm
+from cellwatt.sink import CellView
+
+if TYPE_CHECKING:
+    import zenoh
+
+log = logging.getLogger(__name__)
+
+MOST_SAMPLES: Final = 2000
+"""Samples in one answer; about 1 MB of sixty channels."""
+MOST_RESULTS: Final = 500
+"""Results in one answer."""
+_WAITING: Final = 64
+"""Questions that may wait; more are refused, and a consumer asks again."""
+
+
+class QuestionError(CellwattError):
+    """A question is wrong, or nothing is there to answer it with."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer; ``path`` is the key within the cell that it would have as a message of the past."""
+
+    payload: bytes
+    encoding: str = JSON
+    mark: Mark | None = None
+    path: str | None = None
+
+
+class Answers:
+    """Serves the questions of one cell, in a thread of its own from ``start`` to ``stop``.
+
+    ``health`` gives the health message of now, the answer to ``@/status``; ``count`` counts what went wrong.
+    """
+
+    def __init__(
+        self,
+        view: CellView,
+        keys: CellKeys,
+        backlog: Backlog,
+        count: Callable[[str], None],
+        health: Callable[[], bytes],
+    ) -> None:
+        self._view = view
+        self._keys = keys
+        self._backlog = backlog
+        self._count = count
+        self._questions: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
+            "status": lambda _: Answer(health()),
+            "config": lambda _: Answer(encode_json(view.config())),
+            "schema": lambda _: Answer(encode_json(view.schema())),
+            "recordings": lambda _: Answer(encode_json(list(view.recordings()))),
+            "history": self._history,
+            "results": self._results,
+        }
+
+    def start(self, session: zenoh.Session) -> None:
+        """Declare the questions and begin to answer them."""
+        self._thread = threading.Thread(target=self._serve, name="cellwatt zenoh answers", daemon=True)
+        self._thread.start()
+        session.declare_queryable(self._keys.question("*"), lambda q: self._enqueue(q, self._reply))
+        session.declare_queryable(self._keys.live(f"{ALARM}/**"), lambda q: self._enqueue(q, self._reply_alarms))
+
+    def stop(self) -> None:
+        """End the thread after what it works on now."""
+        if self._thread is not None:
+            self._questions.put(None)
+            self._thread.join()
+            self._thread = None
+
+    def about(self, name: str, asked: Mapping[str, str]) -> Answer:
+        """The answer to one question. Raises ``CellwattError`` where it is wrong or nothing is there."""
+        if name not in self._known:
+            raise QuestionError(f"there is no question {name!r}; there are: {', '.join(self._known)}")
+        return self._known[name](asked)
+
+    def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
+        """The alarms active now, after the last ``cleared`` that are over."""
+        return [*self._backlog.cleared(_number(asked, "cleared", 0)), *self._backlog.active()]
+
+    def _history(self, asked: Mapping[str, str]) -> Answer:
+        session, first = _number(asked, "session", self._view.session), _number(asked, "first", 0)
+        count = min(_number(asked, "count", MOST_SAMPLES), MOST_SAMPLES)
+        if "source" not in asked and asked.get("stream") == FRAME:
+            return self._frames(session, first, count)
+        source, stream = _text(asked, "source"), _text(asked, "stream")
+        batch = join(self._view.history(source, stream, session, first, count), count)
+        if batch is None:
+            raise QuestionError(f"nothing is recorded of {source}/{stream} from {first} in session {session}")
+        mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
+        return Answer(encode_batch(batch), ARROW, mark, raw_topic(source, stream))
+
+    def _frames(self, session: int, first: int, count: int) -> Answer:
+        kept = self._backlog.frames(session, first, count)
+        if not kept:
+            raise QuestionError(f"no frames are kept from {first} in session {session}")
+        begin, _ = kept[0]
+        skipped = max(first - begin.sequence, 0)
+        joined = join([frames for _, frames in kept], skipped + count)
+        assert joined is not None
+        frames = cut(joined, skipped, len(joined))
+        mark = replace(begin, sequence=frames.sequence, count=len(frames), backfill=True)
+        return Answer(encode_frames(frames), ARROW, mark, FRAME)
+
+    def _results(self, asked: Mapping[str, str]) -> Answer:
+        kind, session = _text(asked, "kind"), _number(asked, "session", self._backlog.session)
+        count = min(_number(asked, "count", MOST_RESULTS), MOST_RESULTS)
+        kept = self._backlog.results(kind, session, _number(asked, "first", 0), count)
+        if not kept:
+            raise QuestionError(f"no results {kind!r} are kept from there in session {session}")
+        first, last = kept[0][0], kept[-1][0]
+        mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
+        return Answer(b"[" + b",".join(encode_item(item, m) for m, item in kept) + b"]", JSON, mark, kind)
+
+    # Zenoh ------------------------------------------------------------------------------------------
+
+    def _enqueue(self, query: zenoh.Query, reply: Callable[[zenoh.Query], None]) -> None:
+        """Runs in Zenoh's thread: must not block."""
+        if self._questions.qsize() >= _WAITING:
+            self._count("questions refused")
+            query.drop()  # type: ignore[no-untyped-call]
+            return
+        self._questions.put(lambda: reply(query))
+
+    def _serve(self) -> None:
+        while (work := self._questions.get()) is not None:
+            try:
+                work()
+            except Exception:
+                # A consumer's question, or the loss of its link, must not end the answers to all others.
+                self._count("questions failed")
+                log.exception("zenoh: a question could not be answered")
+
+    def _reply(self, query: zenoh.Query) -> None:
+        with query:
+            asked = _asked(query)
+            names = [n for n in self._known if query.key_expr.intersects(self._keys.question(n))]
+            alone = len(names) < 2
+            for name in names or [str(query.key_expr).rsplit("/", 1)[-1]]:
+                if alone or name not in ("history", "results"):
+                    self._reply_one(query, name, asked)
+
+    def _reply_one(self, query: zenoh.Query, name: str, asked: Mapping[str, str]) -> None:
+        import zenoh
+
+        try:
+            answer = self.about(name, asked)
+        except CellwattError as error:
+            query.reply_err(encode_json({"error": str(error)}), encoding=JSON)
+            return
+        key = self._keys.question(name)
+        if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
+            key = self._keys.backfill(answer.path)
+        attachment = None if answer.mark is None else answer.mark.encode()
+        query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
+
+    def _reply_alarms(self, query: zenoh.Query) -> None:
+        with query:
+            for mark, alarm in self.alarms(_asked(query)):
+                attachment = replace(mark, backfill=True).encode()
+                # Zenoh by default keeps one reply a key: with its id each alarm has a key of its own.
+                for key in (alarm_path(alarm.severity, alarm.kind, alarm.id), alarm_path(alarm.severity, alarm.kind)):
+                    if query.key_expr.intersects(self._keys.live(key)):
+                        query.reply(
+                            self._keys.live(key), encode_item(alarm, mark), encoding=JSON, attachment=attachment
+                        )
+                        break
+
+
+def _asked(query: zenoh.Query) -> dict[str, str]:
+    pairs = (pair.partition("=") for pair in str(query.parameters).split(";"))
+    return {name: unquote(value) for name, _, value in pairs if name}
+
+
+def _text(asked: Mapping[str, str], name: str) -> str:
+    if not asked.get(name):
+        raise QuestionError(f"the question needs {name}=…")
+    return asked[name]
+
+
+def _number(asked: Mapping[str, str], name: str, default: int) -> int:
+    text = asked.get(name, str(default))
+    if not text.isascii() or not text.isdecimal():
+        raise QuestionError(f"{name}={text!r} is not a whole number")
+    return int(text)

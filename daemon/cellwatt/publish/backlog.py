@@ -1,0 +1,119 @@
+"""What a sink keeps of what it published, for those who come late or missed some."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from cellwatt.frames import Frames
+from cellwatt.publish.keys import ALARM, FRAME, alarm_path
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import topic_of
+from cellwatt.results import Alarm, Event, Result
+
+RESULTS_KEPT: Final = 4096
+"""Results and events kept of each topic."""
+
+
+@dataclass(slots=True)
+class _Numbering:
+    """Of one topic: the items kept, oldest first, and the number of the next."""
+
+    session: int
+    following: int = 0
+    kept: deque[tuple[Mark, Result | Event]] = field(default_factory=lambda: deque(maxlen=RESULTS_KEPT))
+
+
+class Backlog:
+    """Numbers results, events and frames, and keeps the last of each and the alarms that are active now.
+
+    ``session`` is the start of this numbering, UTC ns: a sink that is made anew begins a new one, so that a number
+    is never given twice. Frames are kept up to ``frame_bytes``. Called from several threads.
+    """
+
+    def __init__(self, session: int, frame_bytes: float) -> None:
+        self.session = session
+        self._lock = threading.Lock()
+        self._topics: dict[str, _Numbering] = {}
+        self._alarms: dict[str, tuple[Mark, Alarm]] = {}
+        self._frames: deque[tuple[Mark, Frames]] = deque()
+        self._frame_bytes = 0
+        self._most_bytes = frame_bytes
+
+    def add(self, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
+        """Number and keep a result or event; gives its mark and where it is to be put.
+
+        That is one path, but two for an alarm whose severity changed: whoever follows the old one must hear of it.
+        """
+        topic = topic_of(item)
+        with self._lock:
+            numbering = self._topics.setdefault(topic, _Numbering(self.session))
+            mark = Mark(numbering.session, numbering.following, 1, _time_of(item))
+            numbering.following += 1
+            numbering.kept.append((mark, item))
+            return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
+
+    def add_frames(self, frames: Frames) -> Mark:
+        """Keep frames under their own numbers; where those jump, a new numbering begins."""
+        with self._lock:
+            numbering = self._topics.setdefault(FRAME, _Numbering(self.session, frames.sequence))
+            if frames.sequence != numbering.following:
+                numbering.session += 1
+                self._frames.clear()
+                self._frame_bytes = 0
+            mark = Mark(numbering.session, frames.sequence, len(frames), int(frames.time[-1]) if len(frames) else 0)
+            numbering.following = mark.end
+            self._frames.append((mark, frames))
+            self._frame_bytes += _size(frames)
+            while self._frame_bytes > self._most_bytes and len(self._frames) > 1:
+                self._frame_bytes -= _size(self._frames.popleft()[1])
+        return mark
+
+    def active(self) -> list[tuple[Mark, Alarm]]:
+        """The alarms active now, oldest first."""
+        with self._lock:
+            return list(self._alarms.values())
+
+    def cleared(self, count: int) -> list[tuple[Mark, Alarm]]:
+        """The last ``count`` alarms that were cleared, oldest first."""
+        with self._lock:
+            numbering = self._topics.get(ALARM)
+            past = [] if numbering is None else [(m, a) for m, a in numbering.kept if isinstance(a, Alarm)]
+        found = [(mark, alarm) for mark, alarm in past if not alarm.active]
+        return found[-count:] if count > 0 else []
+
+    def results(self, topic: str, session: int, first: int, count: int) -> list[tuple[Mark, Result | Event]]:
+        """Results ``first`` … ``first + count`` of a topic, what is left of them."""
+        with self._lock:
+            numbering = self._topics.get(topic)
+            if numbering is None or numbering.session != session:
+                return []
+            return [(m, r) for m, r in numbering.kept if first <= m.sequence < first + count]
+
+    def frames(self, session: int, first: int, count: int) -> Sequence[tuple[Mark, Frames]]:
+        """Blocks that hold any of the frames ``first`` … ``first + count``, what is left of them."""
+        with self._lock:
+            return [
+                (m, f) for m, f in self._frames if m.session == session and m.end > first < first + count > m.sequence
+            ]
+
+    def _set_alarm(self, mark: Mark, alarm: Alarm) -> tuple[str, ...]:
+        before = self._alarms.pop(alarm.id, (mark, alarm))[1]
+        if alarm.active:
+            self._alarms[alarm.id] = (mark, alarm)
+        return tuple(dict.fromkeys(alarm_path(a.severity, a.kind) for a in (alarm, before)))
+
+
+def _size(frames: Frames) -> int:
+    return frames.time.nbytes + frames.values.nbytes + frames.quality.nbytes + frames.bound.nbytes
+
+
+def _time_of(item: Result | Event) -> int:
+    """When a result was known, UTC ns."""
+    time = getattr(item, "time", None)
+    if isinstance(time, tuple):
+        return time[-1] if time else 0
+    return int(time if time is not None else getattr(item, "end", 0))

@@ -1,0 +1,120 @@
+"""Key expressions of a cell on the bus; pure text.
+
+    cellwatt/<site>/<cell>/<topic>             live messages; liveliness token at cellwatt/<site>/<cell>
+    cellwatt/<site>/<cell>/backfill/<topic>    the same, asked for later
+    cellwatt/<site>/<cell>/@/<name>            questions
+
+A topic is what one numbering runs over: ``raw/<source>/<stream>``, ``frame``, ``interval``, ``task``, ``energy``,
+``prediction/<model>``, ``alarm``, ``event``, ``health``. An alarm's key has ``/<severity>/<kind>`` after its topic.
+Names are escaped like URLs, so that no name can break a key.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+from urllib.parse import unquote
+
+from cellwatt.errors import ConfigError, ProtocolError
+
+PREFIX: Final = "cellwatt"
+FRAME: Final = "frame"
+ALARM: Final = "alarm"
+EVENT: Final = "event"
+HEALTH: Final = "health"
+KINDS: Final = ("raw", FRAME, "interval", "task", "energy", "prediction", ALARM, EVENT, HEALTH)
+"""First part of every topic."""
+QUESTIONS: Final = ("status", "config", "schema", "recordings", "history", "results")
+
+_NAMES: Final = {"raw": 2, "prediction": 1}
+_UNSAFE = re.compile(r"[/*$?#%\s\x00-\x1f\x7f]|^@")
+
+
+def escape(name: str) -> str:
+    """One chunk of a key for any name: ``/ * $ ? # %``, blanks and a leading ``@`` become ``%XX``.
+
+    Raises ``ConfigError`` for the empty name, which no key can hold.
+    """
+    if not name:
+        raise ConfigError("an empty name cannot be part of a Zenoh key")
+    return _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), name)
+
+
+def raw_topic(source: str, stream: str) -> str:
+    """Topic of a stream as its source gives it."""
+    return f"raw/{escape(source)}/{escape(stream)}"
+
+
+def prediction_topic(model: str) -> str:
+    """Topic of a model's output."""
+    return f"prediction/{escape(model)}"
+
+
+def alarm_path(severity: str, kind: str, alarm: str | None = None) -> str:
+    """An alarm's key within its cell; with ``alarm``, its id, unique among alarms of one kind."""
+    path = f"{ALARM}/{escape(severity)}/{escape(kind)}"
+    return path if alarm is None else f"{path}/{escape(alarm)}"
+
+
+@dataclass(frozen=True, slots=True)
+class CellKeys:
+    """Keys of one cell. Raises ``ConfigError`` when a name is empty."""
+
+    site: str
+    cell: str
+
+    def __post_init__(self) -> None:
+        escape(self.site), escape(self.cell)
+
+    @property
+    def root(self) -> str:
+        """The cell itself; its liveliness token is there."""
+        return f"{PREFIX}/{escape(self.site)}/{escape(self.cell)}"
+
+    def live(self, path: str) -> str:
+        """Key of live messages of a topic, or of an alarm's path."""
+        return f"{self.root}/{path}"
+
+    def backfill(self, path: str) -> str:
+        """Key on which the past of a topic is answered."""
+        return f"{self.root}/backfill/{path}"
+
+    def question(self, name: str) -> str:
+        """Key of a question, one of ``QUESTIONS``."""
+        return f"{self.root}/@/{name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """What a key says: ``names`` are the unescaped parts after the kind (``("arm", "main")`` of a raw stream)."""
+
+    site: str
+    cell: str
+    kind: str
+    names: tuple[str, ...] = ()
+    backfill: bool = False
+
+    @property
+    def topic(self) -> str:
+        """The topic as it is in keys."""
+        return "/".join([self.kind, *(escape(n) for n in self.names[: _NAMES.get(self.kind, 0)])])
+
+
+@lru_cache(maxsize=1024)
+def parse(key: str) -> Address:
+    """The parts of a message's key. Raises ``ProtocolError`` for keys that no cell uses."""
+    chunks = key.split("/")
+    backfill = len(chunks) > 3 and chunks[3] == "backfill"
+    head, path = chunks[:3], chunks[4 if backfill else 3 :]
+    known = len(head) == 3 and head[0] == PREFIX and bool(path) and path[0] in KINDS
+    if not known or "" in chunks or not _right_length(path):
+        raise ProtocolError(f"{key!r} is not a key of a cellwatt cell")
+    return Address(unquote(head[1]), unquote(head[2]), path[0], tuple(map(unquote, path[1:])), backfill)
+
+
+def _right_length(path: list[str]) -> bool:
+    if path[0] == ALARM:
+        return len(path) in (1, 3, 4)
+    return len(path) == 1 + _NAMES.get(path[0], 0)

@@ -1,0 +1,251 @@
+"""How a Zenoh session is set up, opened, and why it could not be.
+
+zenoh is imported on first use. Nothing listens and nothing is discovered unless the settings say so.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
+
+from cellwatt.errors import SinkError
+from cellwatt.sink import SinkSettings
+
+if TYPE_CHECKING:
+    import zenoh
+
+_ATTEMPT: Final = 1.0
+"""Longest time, s, of one attempt to reach a router; a stop waits for it."""
+_PAUSE: Final = 0.2  # s
+_PROBE: Final = 1.0  # s
+_LAST_PORT: Final = 65535
+_ADDRESS = re.compile(r"(tcp|udp|tls|quic|ws)/([^/]+):(\d+)(?:[?#].*)?")
+_OTHER_ADDRESS = re.compile(r"(unixsock-stream|unixpipe|serial|vsock)/.+")
+_ZENOH_DETAIL = re.compile(r'msg: "((?:[^"\\]|\\.)*)"|Str\("([^"]*)"\)')
+_ZENOH_PLACE = re.compile(r"\s*at /\S+:\d+\.?")
+
+
+class TlsSettings(BaseModel):
+    """Certificates in PEM files."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    root_ca: Path
+    """Authority that signed the other side's certificate."""
+    certificate: Path | None = None
+    """Our own certificate: needed to listen, and to connect to a router that asks for one."""
+    key: Path | None = None
+    """Private key of ``certificate``."""
+    mutual: bool = True
+    """Ask for the other side's certificate when we listen; show ours when we connect."""
+    verify_name: bool = True
+    """The certificate must name the host that we connect to."""
+
+    @model_validator(mode="after")
+    def _paired(self) -> TlsSettings:
+        if (self.certificate is None) != (self.key is None):
+            raise ValueError("certificate and key are needed together")
+        return self
+
+
+class LinkSettings(SinkSettings):
+    """A Zenoh session."""
+
+    mode: Literal["peer", "client", "router"] = "peer"
+    """``peer`` serves whoever connects, ``client`` goes through a router, ``router`` also relays for others."""
+    listen: tuple[str, ...] = ()
+    """Endpoints to listen on, like ``tcp/192.0.2.1:7447``; none by default, so nothing is exposed."""
+    connect: tuple[str, ...] = ()
+    """Endpoints to connect to, like ``tls/plant-router:7447``; tried again for ever when they are away."""
+    scouting: bool = False
+    """Find and be found by others on the local network by multicast and gossip."""
+    tls: TlsSettings | None = None
+    """Certificates for ``tls/`` and ``quic/`` endpoints."""
+    user: str | None = None
+    """Name that we give where we connect."""
+    password: SecretStr | None = None
+    """Its password; write ``${NAME}`` and set it in the environment."""
+    users: Path | None = None
+    """File of lines ``user:password`` that may connect to us."""
+    namespace: str | None = None
+    """Put before every key of this session, both ways."""
+    options: Mapping[str, Any] = Field(default_factory=dict)
+    """Any other Zenoh configuration by path, like ``access_control: {…}`` or ``transport/link/tx/lease: 5000``."""
+
+    @field_validator("listen", "connect")
+    @classmethod
+    def _endpoints(cls, endpoints: tuple[str, ...]) -> tuple[str, ...]:
+        for endpoint in endpoints:
+            found = _ADDRESS.fullmatch(endpoint)
+            if not _OTHER_ADDRESS.fullmatch(endpoint) and (found is None or int(found[3]) > _LAST_PORT):
+                raise ValueError(
+                    f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
+                )
+        return endpoints
+
+    @model_validator(mode="after")
+    def _accepted(self) -> LinkSettings:
+        if self.mode == "client" and not self.connect and not self.scouting:
+            raise ValueError("mode client needs an endpoint in connect, like tcp/plant-router:7447")
+        if (self.user is None) != (self.password is None):
+            raise ValueError("user and password are needed together")
+        secure = [e for e in (*self.listen, *self.connect) if e.startswith(("tls/", "quic/"))]
+        if secure and self.tls is None:
+            raise ValueError(f"{secure[0]} needs tls: {{root_ca: FILE, …}}")
+        session_config(self)
+        return self
+
+
+def session_config(settings: LinkSettings, timeout: float = _ATTEMPT) -> zenoh.Config:
+    """The settings as Zenoh takes them; ``timeout`` s for reaching a router.
+
+    Raises ``ValueError`` that names the option where Zenoh refuses one.
+    """
+    import zenoh
+
+    config = zenoh.Config()
+    for path, value in _options(settings, timeout):
+        try:
+            config.insert_json5(path, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ValueError(f"Zenoh refuses {_where(path)} = {_shown(path, value)}: {_plain(error)}") from None
+    return config
+
+
+def open_session(
+    settings: LinkSettings, stopped: Callable[[], bool] = lambda: False, patience: float = 10.0
+) -> zenoh.Session:
+    """Open a session; blocks, so call it in a thread.
+
+    A client tries for ``patience`` s to reach its router, unless somebody there refuses it. Raises ``SinkError``
+    that says what to look at, or when ``stopped()`` turns true meanwhile.
+    """
+    import zenoh
+
+    zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
+    _check_files(settings)
+    config = session_config(settings)
+    end = time.monotonic() + patience
+    refused_before = False
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            refused, reason = _explain(settings, error)
+            # Once may be a router that began to listen between our attempt and the look at why it failed.
+            if (refused and refused_before) or stopped() or time.monotonic() > end:
+                raise SinkError(reason) from None
+            refused_before = refused
+        time.sleep(_PAUSE)
+
+
+def _options(settings: LinkSettings, timeout: float) -> Iterator[tuple[str, Any]]:
+    yield "mode", settings.mode
+    yield "listen/endpoints", settings.listen
+    yield "connect/endpoints", settings.connect
+    if settings.mode == "client":
+        yield "connect/timeout_ms", round(1e3 * timeout)
+    yield "scouting/multicast/enabled", settings.scouting
+    yield "scouting/gossip/enabled", settings.scouting
+    if not settings.scouting:
+        yield "scouting/delay", 0
+    # Shared memory gains nothing at our message sizes, costs 30 MB, and put() was seen to take 24 ms with it.
+    yield "transport/shared_memory/enabled", False
+    # A receiver that takes no results for this long, µs, is cut off and has to ask for what it missed.
+    yield "transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000
+    yield from _tls(settings.tls)
+    if settings.user is not None and settings.password is not None:
+        yield "transport/auth/usrpwd/user", settings.user
+        yield "transport/auth/usrpwd/password", settings.password.get_secret_value()
+    if settings.users is not None:
+        yield "transport/auth/usrpwd/dictionary_file", str(settings.users)
+    if settings.namespace is not None:
+        yield "namespace", settings.namespace
+    yield from settings.options.items()
+
+
+def _tls(tls: TlsSettings | None) -> Iterator[tuple[str, Any]]:
+    if tls is None:
+        return
+    at = "transport/link/tls"
+    yield f"{at}/root_ca_certificate", str(tls.root_ca)
+    yield f"{at}/verify_name_on_connect", tls.verify_name
+    if tls.certificate is not None:
+        for role in ("listen", "connect"):
+            yield f"{at}/{role}_certificate", str(tls.certificate)
+            yield f"{at}/{role}_private_key", str(tls.key)
+        yield f"{at}/enable_mtls", tls.mutual
+
+
+def _where(path: str) -> str:
+    named = {"listen/endpoints": "listen", "connect/endpoints": "connect", "mode": "mode", "namespace": "namespace"}
+    return named.get(path, f"options: {path}")
+
+
+def _shown(path: str, value: object) -> str:
+    return "…" if "password" in path else json.dumps(value)
+
+
+def _plain(error: Exception) -> str:
+    """Zenoh's message without the places in its source."""
+    text = str(error)
+    found = _ZENOH_DETAIL.search(text)
+    return _ZENOH_PLACE.sub("", (found[1] or found[2]) if found else text).strip()
+
+
+def _explain(settings: LinkSettings, error: Exception) -> tuple[bool, str]:
+    """Whether trying again is useless for now, and what to tell the person at the cell."""
+    text = _plain(error)
+    if "Unable to connect" not in text:
+        return True, f"Zenoh session: {text}"
+    answers = {endpoint: _probe(endpoint) for endpoint in settings.connect}
+    return None in answers.values(), _answers(answers)
+
+
+def why_unconnected(settings: LinkSettings) -> str:
+    """Why a session has no link to any endpoint of ``connect``; looks, so it blocks for up to a second for each."""
+    return _answers({endpoint: _probe(endpoint) for endpoint in settings.connect})
+
+
+def _answers(answers: Mapping[str, str | None]) -> str:
+    return "; ".join(f"{endpoint}: {answer or _REFUSED}" for endpoint, answer in answers.items())
+
+
+def _check_files(settings: LinkSettings) -> None:
+    tls = settings.tls
+    named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
+    for option, path in {**named, "users": settings.users}.items():
+        if path is None:
+            continue
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise SinkError(f"{option}: {path} cannot be read: {error.strerror}") from None
+
+
+_REFUSED: Final = (
+    "somebody answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
+)
+
+
+def _probe(endpoint: str) -> str | None:
+    """Why nobody answers at an endpoint, or ``None`` where somebody does. Looks with a plain TCP connection."""
+    found = _ADDRESS.fullmatch(endpoint)
+    if found is None or found[1] not in ("tcp", "tls", "ws"):
+        return "no Zenoh session could be opened there"
+    try:
+        socket.create_connection((found[2].strip("[]"), int(found[3])), timeout=_PROBE).close()
+    except TimeoutError:
+        return "nobody answers; is the address right and the host up?"
+    except socket.gaierror:
+        return f"the host name {found[2]!r} is not known"
+    except OSError as error:
+        return f"nobody answers ({(error.strerror or str(error)).lower()})"
+    return None

@@ -1,0 +1,161 @@
+"""Puts the messages of one topic in order, each exactly once, and says what is missing. Pure."""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Final
+
+from cellwatt.batch import Batch
+from cellwatt.frames import Frames
+from cellwatt.publish.blocks import cut
+from cellwatt.results import Event, Result
+
+_PAST: Final = 16
+"""Finished sessions remembered, to know a straggler from a new session."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """``count`` samples or messages that nobody has any more; ``reason`` says why."""
+
+    count: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Samples ``sequence`` … ``end`` of a topic in a session, or one result."""
+
+    session: int
+    sequence: int
+    count: int
+    backfilled: bool
+    content: Batch | Frames | Result | Event | Gap
+
+    @property
+    def end(self) -> int:
+        """Number of the sample after the last."""
+        return self.sequence + self.count
+
+    def after(self, first: int) -> Part:
+        """What is left of it from number ``first`` on."""
+        if first <= self.sequence:
+            return self
+        content = self.content
+        if isinstance(content, Batch | Frames):
+            content = cut(content, first - self.sequence, self.count)
+        return replace(self, sequence=first, count=self.end - first, content=content)
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """Numbers ``first`` … ``first + count`` are missing; to the end of the session where ``count`` is ``None``.
+
+    ``certain`` where later ones are here; else they were announced and may still be on their way.
+    """
+
+    session: int
+    first: int
+    count: int | None
+    certain: bool
+
+
+class Follower:
+    """Follows one topic from number ``following`` of ``session`` on.
+
+    Parts that come early are held back, at most ``hold`` of them; those beyond are forgotten and so asked for
+    again. ``duplicates`` counts the samples that came more than once.
+    """
+
+    def __init__(self, session: int, following: int, hold: int = 1000) -> None:
+        self.session = session
+        self.following = following
+        self.duplicates = 0
+        self._hold = hold
+        self._held: dict[int, list[Part]] = {}
+        self._ends: dict[int, int] = {}
+        self._later: list[int] = []
+        self._past: deque[int] = deque(maxlen=_PAST)
+
+    def take(self, part: Part) -> list[Part]:
+        """Take a part as it comes; gives what is in order now."""
+        if part.session in self._past or (part.session == self.session and part.end <= self.following):
+            self.duplicates += part.count
+            return []
+        self.announce(part.session, part.end)
+        held = self._held.setdefault(part.session, [])
+        if part.session == self.session and part.sequence <= self.following:
+            held.insert(0, part)
+        elif sum(map(len, self._held.values())) < self._hold:
+            insort(held, part, key=lambda p: p.sequence)
+        return self._ready()
+
+    def announce(self, session: int, end: int) -> None:
+        """The cell says that numbers below ``end`` exist in ``session``."""
+        if session in self._past:
+            return
+        if session != self.session and session not in self._later:
+            self._later.append(session)
+        self._ends[session] = max(end, self._ends.get(session, 0))
+
+    @property
+    def over(self) -> bool:
+        """Whether a later session has begun."""
+        return bool(self._later)
+
+    def hole(self) -> Hole | None:
+        """The first thing that is missing, if any."""
+        held = self._held.get(self.session)
+        if held:
+            return Hole(self.session, self.following, held[0].sequence - self.following, certain=True)
+        end = self._ends.get(self.session, 0)
+        if end > self.following:
+            return Hole(self.session, self.following, end - self.following, certain=self.over)
+        if self.over:
+            return Hole(self.session, self.following, None, certain=True)
+        return None
+
+    def fill(self, part: Part) -> list[Part]:
+        """Take an answer to ``hole``; where it begins later than asked, what is before it is lost."""
+        lost: list[Part] = []
+        if part.session == self.session and part.sequence > self.following:
+            lost = self._lost(part.sequence, "no longer in the record of the cell")
+        return lost + self.take(part)
+
+    def give_up(self, hole: Hole, reason: str) -> list[Part]:
+        """The cell has nothing of ``hole``; gives the gap and what follows it."""
+        if (hole.session, hole.first) != (self.session, self.following):
+            return []
+        if hole.count is None:
+            return self._next_session()
+        return self._lost(hole.first + hole.count, reason)
+
+    def _lost(self, end: int, reason: str) -> list[Part]:
+        count = end - self.following
+        gap = Part(self.session, self.following, count, True, Gap(count, reason))
+        self.following = end
+        return [gap, *self._ready()]
+
+    def _ready(self) -> list[Part]:
+        held = self._held.get(self.session, [])
+        ready: list[Part] = []
+        while held and held[0].sequence <= self.following:
+            part = held.pop(0)
+            fresh = part.end - self.following
+            self.duplicates += part.count - max(fresh, 0)
+            if fresh > 0:
+                ready.append(part.after(self.following))
+                self.following = part.end
+        if not held:
+            self._held.pop(self.session, None)
+        return ready
+
+    def _next_session(self) -> list[Part]:
+        self._past.append(self.session)
+        self._held.pop(self.session, None)
+        self._ends.pop(self.session, None)
+        self.session = self._later.pop(0)
+        self.following = 0
+        return self._ready()

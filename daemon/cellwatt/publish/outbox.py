@@ -1,0 +1,178 @@
+"""What waits between the event loop and the publishing thread."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import count
+from typing import Final
+
+from cellwatt.account import Account
+from cellwatt.batch import Batch
+from cellwatt.publish.blocks import concatenate, follows
+from cellwatt.publish.mark import Mark
+from cellwatt.sink import Item
+
+_MERGED: Final = 1024
+"""Most samples of one stream that go into one message when the publisher is behind."""
+
+
+class Lane(IntEnum):
+    """What goes out first; what is dropped last."""
+
+    RESULTS = 0
+    FRAMES = 1
+    RAW = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """An item with its place: ``topic`` numbers it, ``paths`` are its keys within the cell."""
+
+    topic: str
+    paths: tuple[str, ...]
+    item: Item
+    mark: Mark
+
+
+class Outbox:
+    """At most ``limit`` items from one thread to another.
+
+    When full the oldest raw batch goes, then the oldest frames, and only then a result; each loss is counted
+    in ``account``, in samples, under ``queue: raw``, ``queue: frames`` or ``queue: results``. Raw batches of a stream
+    that wait together leave as one. An item enters the account when its fate is known, so the account has
+    no residue at any moment.
+    """
+
+    def __init__(self, limit: int, account: Account) -> None:
+        self._limit = limit
+        self._account = account
+        self._changed = threading.Condition()
+        self._results: deque[Outgoing] = deque()
+        self._frames: deque[Outgoing] = deque()
+        self._raw: dict[str, deque[tuple[int, Outgoing]]] = {}
+        self._tickets = count()
+        self._ends: dict[str, tuple[int, int]] = {}
+        self._waiting = 0
+        self._woken = False
+
+    def put(self, lane: Lane, outgoing: Outgoing) -> None:
+        """Add an item; never blocks."""
+        with self._changed:
+            self._ends[outgoing.topic] = (outgoing.mark.session, outgoing.mark.end)
+            while self._waiting >= self._limit:
+                self._drop_oldest()
+            if lane is Lane.RAW:
+                self._raw.setdefault(outgoing.topic, deque()).append((next(self._tickets), outgoing))
+            else:
+                (self._results if lane is Lane.RESULTS else self._frames).append(outgoing)
+            self._waiting += 1
+            self._changed.notify()
+
+    def wake(self) -> None:
+        """Make the ``take`` that runs now, or the next one, return."""
+        with self._changed:
+            self._woken = True
+            self._changed.notify()
+
+    def take(self) -> Outgoing | None:
+        """The next item, or ``None`` after ``wake`` where nothing waits. Blocks until either."""
+        with self._changed:
+            while not self._waiting:
+                if self._woken:
+                    self._woken = False
+                    return None
+                self._changed.wait()
+            return self._next()
+
+    def sent(self, outgoing: Outgoing) -> None:
+        """An item that was taken is on its way."""
+        with self._changed:
+            self._account.expect(outgoing.mark.count)
+            self._account.receive(outgoing.mark.count)
+
+    def lost(self, outgoing: Outgoing, where: str) -> None:
+        """An item that was taken could not be sent."""
+        with self._changed:
+            self._drop(outgoing, where)
+
+    def positions(self) -> dict[str, tuple[int, int]]:
+        """By topic, session and the number up to which nothing waits any more."""
+        with self._changed:
+            found = dict(self._ends)
+            for outgoing in reversed(list(self._all())):
+                found[outgoing.topic] = (outgoing.mark.session, outgoing.mark.sequence)
+            return found
+
+    def clear(self, where: str) -> None:
+        """Give up what waits."""
+        with self._changed:
+            for outgoing in self._all():
+                self._drop(outgoing, where)
+            self._results.clear()
+            self._frames.clear()
+            self._raw.clear()
+            self._waiting = 0
+
+    def count(self, what: str) -> None:
+        """Count anything else in the account, from any thread."""
+        with self._changed:
+            self._account.count(what)
+
+    def __len__(self) -> int:
+        return self._waiting
+
+    def _all(self) -> Iterator[Outgoing]:
+        yield from self._results
+        yield from self._frames
+        for waiting in self._raw.values():
+            yield from (outgoing for _, outgoing in waiting)
+
+    def _next(self) -> Outgoing:
+        if self._results or self._frames:
+            self._waiting -= 1
+            return (self._results or self._frames).popleft()
+        topic, waiting = next(iter(self._raw.items()))
+        together = [waiting.popleft()[1]]
+        while waiting and _fits(together, waiting[0][1]):
+            together.append(waiting.popleft()[1])
+        del self._raw[topic]
+        if waiting:
+            self._raw[topic] = waiting  # behind the other streams
+        self._waiting -= len(together)
+        return _merged(together)
+
+    def _drop_oldest(self) -> None:
+        self._waiting -= 1
+        if self._raw:
+            topic = min(self._raw, key=lambda t: self._raw[t][0][0])
+            self._drop(self._raw[topic].popleft()[1], "queue: raw")
+            if not self._raw[topic]:
+                del self._raw[topic]
+        elif self._frames:
+            self._drop(self._frames.popleft(), "queue: frames")
+        else:
+            self._drop(self._results.popleft(), "queue: results")
+
+    def _drop(self, outgoing: Outgoing, where: str) -> None:
+        self._account.expect(outgoing.mark.count)
+        self._account.drop(outgoing.mark.count, where)
+
+
+def _fits(together: list[Outgoing], second: Outgoing) -> bool:
+    first = together[-1].item
+    if not isinstance(first, Batch) or not isinstance(second.item, Batch) or not follows(first, second.item):
+        return False
+    return second.mark.end - together[0].mark.sequence <= _MERGED
+
+
+def _merged(together: list[Outgoing]) -> Outgoing:
+    """One message for several that follow each other."""
+    if len(together) == 1:
+        return together[0]
+    batch = concatenate([o.item for o in together if isinstance(o.item, Batch)])
+    mark = replace(together[0].mark, count=len(batch), arrival=batch.arrival)
+    return replace(together[0], item=batch, mark=mark)

@@ -1,0 +1,180 @@
+"""The thread that owns the Zenoh session: opens it, puts what the outbox holds, closes it."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Any, Final
+
+from cellwatt.batch import Batch
+from cellwatt.errors import SinkError
+from cellwatt.frames import Frames
+from cellwatt.publish.answers import Answers
+from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.publish.keys import HEALTH, CellKeys
+from cellwatt.publish.link import LinkSettings, open_session, why_unconnected
+from cellwatt.publish.messages import encode_item
+from cellwatt.publish.outbox import Outbox, Outgoing
+
+if TYPE_CHECKING:
+    import zenoh
+
+log = logging.getLogger(__name__)
+
+DRAIN: Final = 1.0
+"""Longest time, s, that a stop waits for the outbox to empty."""
+_UNCONNECTED: Final = 5.0
+"""Time, s, without any link after which the log says why."""
+
+
+class Publisher(threading.Thread):
+    """Puts the outbox onto the bus until ``stop``; ``done`` then holds nothing, or the ``SinkError`` that ended it.
+
+    Results block while a receiver is slow; that is why puts have a thread. Samples, frames and health do not: a
+    receiver that cannot keep up misses some and asks for them, and no other receiver waits for it.
+    ``health`` gives the health message at the moment it is due.
+    """
+
+    def __init__(
+        self, link: LinkSettings, keys: CellKeys, outbox: Outbox, answers: Answers, health: Callable[[], bytes]
+    ) -> None:
+        super().__init__(name="cellwatt zenoh", daemon=True)
+        self.done: Future[None] = Future()
+        self.done.set_running_or_notify_cancel()
+        self._link = link
+        self._keys = keys
+        self._outbox = outbox
+        self._answers = answers
+        self._health = health
+        self._publishers: dict[str, Any] = {}
+        self._beat_due = False
+        self._stop_at: float | None = None
+        self._links = _LinkWatch(link)
+
+    def beat(self) -> None:
+        """Put a health message after what is being put now."""
+        self._beat_due = True
+        self._outbox.wake()
+
+    def stop(self) -> None:
+        """Empty the outbox, as far as ``DRAIN`` allows, and end."""
+        self._stop_at = time.monotonic() + DRAIN
+        self._outbox.wake()
+
+    def run(self) -> None:
+        """Open, publish, close."""
+        try:
+            self._serve()
+        except BaseException as error:
+            self.done.set_exception(error)
+        else:
+            self.done.set_result(None)
+
+    def _serve(self) -> None:
+        session = open_session(self._link, lambda: self._stop_at is not None)
+        try:
+            token = session.liveliness().declare_token(self._keys.root)
+            self._answers.start(session)
+            self._publish(session)
+            token.undeclare()  # type: ignore[no-untyped-call]
+        finally:
+            self._answers.stop()
+            self._close(session)
+
+    def _publish(self, session: zenoh.Session) -> None:
+        while True:
+            stopping = self._stop_at
+            if stopping is not None and (not len(self._outbox) or time.monotonic() > stopping):
+                return
+            outgoing = self._outbox.take()
+            if outgoing is not None:
+                self._put(session, outgoing)
+            if self._beat_due:
+                self._beat_due = False
+                self._put_health(session)
+                self._links.look(session)
+
+    def _put(self, session: zenoh.Session, outgoing: Outgoing) -> None:
+        import zenoh
+
+        try:
+            payload = encode(outgoing)
+        except (ValueError, TypeError):
+            # One item that breaks its own contract costs that item, not the sink.
+            log.exception("zenoh: an item of %s cannot be encoded", outgoing.topic)
+            self._outbox.lost(outgoing, "not encodable")
+            return
+        try:
+            for path in outgoing.paths:
+                self._publisher(session, path, outgoing).put(payload, attachment=outgoing.mark.encode())
+        except zenoh.ZError as error:
+            self._outbox.lost(outgoing, "session")
+            raise SinkError(f"Zenoh session: {error}") from None
+        self._outbox.sent(outgoing)
+
+    def _put_health(self, session: zenoh.Session) -> None:
+        import zenoh
+
+        key = self._keys.live(HEALTH)
+        try:
+            session.put(key, self._health(), encoding=JSON, priority=zenoh.Priority.DATA, express=True)
+        except zenoh.ZError as error:
+            raise SinkError(f"Zenoh session: {error}") from None
+
+    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> Any:
+        import zenoh
+
+        publisher = self._publishers.get(path)
+        if publisher is None:
+            samples = isinstance(outgoing.item, Batch | Frames)
+            control, priority = zenoh.CongestionControl, zenoh.Priority
+            publisher = self._publishers[path] = session.declare_publisher(
+                self._keys.live(path),
+                encoding=ARROW if samples else JSON,
+                congestion_control=control.DROP if samples else control.BLOCK,
+                priority=priority.DATA if samples else priority.INTERACTIVE_HIGH,
+                express=True,
+            )
+        return publisher
+
+    @staticmethod
+    def _close(session: zenoh.Session) -> None:
+        import zenoh
+
+        with contextlib.suppress(zenoh.ZError):  # it was closed by the other side
+            session.close()  # type: ignore[no-untyped-call]
+
+
+class _LinkWatch:
+    """Says in the log, once each time, that no link is up and why, and that one is up again."""
+
+    def __init__(self, link: LinkSettings) -> None:
+        self._settings = link
+        self._up_at = time.monotonic()
+        self._told = False
+
+    def look(self, session: zenoh.Session) -> None:
+        if not self._settings.connect:
+            return
+        now = time.monotonic()
+        if session.info.routers_zid() or session.info.peers_zid():
+            if self._told:
+                log.info("zenoh: connected again")
+            self._up_at, self._told = now, False
+        elif now - self._up_at > _UNCONNECTED and not self._told:
+            self._told = True
+            log.warning("zenoh: no link for %.0f s: %s", now - self._up_at, why_unconnected(self._settings))
+
+
+def encode(outgoing: Outgoing) -> bytes:
+    """The payload of an item."""
+    item = outgoing.item
+    if isinstance(item, Batch):
+        return encode_batch(item)
+    if isinstance(item, Frames):
+        return encode_frames(item)
+    return encode_item(item, outgoing.mark)

@@ -1,0 +1,114 @@
+"""Publishes a cell over Zenoh."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, PositiveInt
+
+from cellwatt.batch import Batch
+from cellwatt.frames import Frames
+from cellwatt.publish.answers import Answers
+from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.keys import FRAME, CellKeys, raw_topic
+from cellwatt.publish.link import LinkSettings
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import health, topic_of
+from cellwatt.publish.outbox import Lane, Outbox, Outgoing
+from cellwatt.publish.publisher import Publisher
+from cellwatt.quantity import Bytes
+from cellwatt.sink import CellView, Item, Sink
+
+
+class PublishSettings(BaseModel):
+    """What is put on the bus live; results, alarms, events and health always are."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    raw: bool = True
+    """The samples as they come from the sources."""
+    frames: bool = True
+    """The aligned frames."""
+
+
+class ZenohSettings(LinkSettings):
+    """Publication over Zenoh."""
+
+    publish: PublishSettings = PublishSettings()
+    """What is put on the bus live."""
+    queue: PositiveInt = 4096
+    """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
+    frame_memory: Bytes = 16e6
+    """Memory for frames that a consumer may ask for after a cut; raw samples it gets from the record."""
+
+
+class ZenohSink(Sink[ZenohSettings]):
+    """Puts raw samples, frames, results, alarms, events and health on the bus, and answers questions.
+
+    Opening a session, encoding and putting have a thread of their own, so a receiver or router that hangs
+    never holds up the event loop.
+    """
+
+    Settings: ClassVar[type[ZenohSettings]] = ZenohSettings
+    title = "Zenoh: raw samples, frames, results and alarms, live and for those who missed some"
+
+    def __init__(self, name: str, settings: ZenohSettings, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._keys = CellKeys(view.site, view.cell)
+        self._outbox = Outbox(settings.queue, self.account)
+        self._backlog = Backlog(time.time_ns(), settings.frame_memory)
+        self._answers = Answers(view, self._keys, self._backlog, self._outbox.count, self._health)
+        self._topics: dict[tuple[str, str], str] = {}
+        self._status: Mapping[str, Any] = {}
+        self._publisher: Publisher | None = None
+
+    def offer(self, item: Item) -> None:
+        """Number one item and hand it to the publishing thread."""
+        if isinstance(item, Batch):
+            if self.settings.publish.raw and len(item):
+                topic = self._raw_topic(item)
+                mark = Mark(self.view.session, item.sequence, len(item), item.arrival)
+                self._outbox.put(Lane.RAW, Outgoing(topic, (topic,), item, mark))
+        elif isinstance(item, Frames):
+            if self.settings.publish.frames and len(item):
+                mark = self._backlog.add_frames(item)
+                self._outbox.put(Lane.FRAMES, Outgoing(FRAME, (FRAME,), item, mark))
+        else:
+            mark, paths = self._backlog.add(item)
+            self._outbox.put(Lane.RESULTS, Outgoing(topic_of(item), paths, item, mark))
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Publish the cell's health with the numbers that were reached."""
+        self._status = status
+        if self._publisher is not None:
+            self._publisher.beat()
+
+    async def run(self) -> None:
+        """Open, publish until cancelled, drain, close. Raises ``SinkError`` when there is no session to be had."""
+        publisher = self._publisher = Publisher(self.settings, self._keys, self._outbox, self._answers, self._health)
+        done = asyncio.wrap_future(publisher.done)
+        publisher.start()
+        try:
+            await asyncio.shield(done)
+        except asyncio.CancelledError:
+            publisher.stop()
+            await asyncio.wait([done])
+            self._outbox.clear("shut down")
+            if error := done.exception():
+                raise error from None
+            raise
+        finally:
+            self._publisher = None
+
+    def _health(self) -> bytes:
+        return health(self.view.session, time.time_ns(), self._outbox.positions(), self._status or self.view.status())
+
+    def _raw_topic(self, batch: Batch) -> str:
+        key = batch.source, batch.stream.name
+        topic = self._topics.get(key)
+        if topic is None:
+            topic = self._topics[key] = raw_topic(*key)
+        return topic

@@ -1,0 +1,144 @@
+"""Reading MCAP records that may be damaged: everything raises ``ValueError`` in words, nothing else."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, McapRecord, Schema
+
+from cellwatt.record.container import CHUNK_HEAD, MESSAGE_HEAD, RECORD
+
+LARGEST_CHUNK = 2**30
+"""Bytes; anything above is a damaged length."""
+
+R = TypeVar("R", bound=McapRecord)
+
+
+def parse(kind: type[R], body: bytes) -> R:
+    """A schema, channel or entry of the summary from its body."""
+    reader: Any = kind
+    try:
+        record: R = reader.read(ReadDataStream(BytesIO(body)))
+    except (McapError, struct.error, UnicodeDecodeError):
+        raise ValueError(f"a {kind.__name__.lower()} record is damaged") from None
+    return record
+
+
+def parse_attachment(body: bytes) -> Attachment:
+    """An attachment, its checksum compared."""
+    if len(body) < 4 or zlib.crc32(body[:-4]) != struct.unpack("<I", body[-4:])[0]:
+        raise ValueError("an attachment's checksum is wrong")
+    return parse(Attachment, body)
+
+
+class Opened(NamedTuple):
+    """The records of a chunk, its earliest and latest log time, and its compressed size."""
+
+    data: bytes
+    start: int
+    end: int
+    compressed: int
+
+
+def open_chunk(body: bytes) -> Opened:
+    """A chunk from the body of its record, its checksum compared."""
+    try:
+        start, end, size, crc = CHUNK_HEAD.unpack_from(body)
+        at = CHUNK_HEAD.size
+        (name_length,) = struct.unpack_from("<I", body, at)
+        compression = body[at + 4 : at + 4 + name_length]
+        (packed_length,) = struct.unpack_from("<Q", body, at + 4 + name_length)
+    except struct.error:
+        raise ValueError("the head of a chunk is cut") from None
+    packed = body[at + 12 + name_length :]
+    if packed_length != len(packed) or size > LARGEST_CHUNK:
+        raise ValueError("a chunk's length is wrong")
+    data = _decompress(packed, compression, size)
+    if len(data) != size or zlib.crc32(data) != crc:
+        raise ValueError("a chunk's checksum is wrong")
+    return Opened(data, start, end, packed_length)
+
+
+def _decompress(packed: bytes, compression: bytes, size: int) -> bytes:
+    if compression == b"":
+        return packed
+    if compression != b"zstd":
+        raise ValueError(f"a chunk is compressed with {compression[:20]!r}, not zstd")
+    try:
+        # A damaged frame may ask for any amount of memory: what it claims is compared first.
+        if zstandard.get_frame_parameters(packed).content_size != size:
+            raise ValueError("a chunk's size is wrong")
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    except zstandard.ZstdError:
+        raise ValueError("a chunk cannot be decompressed") from None
+
+
+@dataclass(slots=True)
+class Walk:
+    """What a chunk holds: ``definitions``; by channel flat ``pairs`` of log time and offset, and the ``first`` and
+    ``last`` sequence number.
+    """
+
+    definitions: list[Schema | Channel] = field(default_factory=list)
+    pairs: dict[int, list[int]] = field(default_factory=dict)
+    first: dict[int, int] = field(default_factory=dict)
+    last: dict[int, int] = field(default_factory=dict)
+
+    def index(self) -> dict[int, bytes]:
+        """The pairs as message indexes hold them."""
+        return {channel: np.array(pairs, "<u8").tobytes() for channel, pairs in self.pairs.items()}
+
+    def counts(self) -> dict[int, int]:
+        """Messages by channel."""
+        return {channel: len(pairs) // 2 for channel, pairs in self.pairs.items()}
+
+
+def walk(data: bytes) -> Walk:
+    """List the records of a chunk, which must fill it exactly."""
+    found, at, end = Walk(), 0, len(data)
+    pairs, last = found.pairs, found.last
+    while at < end:
+        try:
+            opcode, length = RECORD.unpack_from(data, at)
+            if opcode == Opcode.MESSAGE:
+                channel, sequence, time = MESSAGE_HEAD.unpack_from(data, at + 9)
+                if channel not in pairs:
+                    pairs[channel] = []
+                    found.first[channel] = sequence
+                last[channel] = sequence
+                pairs[channel] += (time, at)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                found.definitions += definitions(data[at : at + 9 + length])
+        except struct.error:
+            raise ValueError("a record in a chunk is cut") from None
+        at += 9 + length
+    if at != end:
+        raise ValueError("the last record of a chunk is cut")
+    return found
+
+
+def definitions(data: bytes) -> list[Schema | Channel]:
+    """Schema and channel records that stand one behind the other; others are passed over."""
+    found: list[Schema | Channel] = []
+    at = 0
+    while at < len(data):
+        try:
+            opcode, length = RECORD.unpack_from(data, at)
+        except struct.error:
+            raise ValueError("a definition is cut") from None
+        body = data[at + 9 : at + 9 + length]
+        if opcode == Opcode.SCHEMA:
+            found.append(parse(Schema, body))
+        elif opcode == Opcode.CHANNEL:
+            found.append(parse(Channel, body))
+        at += 9 + length
+    return found

@@ -1,0 +1,178 @@
+"""The files of one session, one open at a time, and what happens when the disk refuses."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import time
+from collections import Counter, deque
+from dataclasses import replace
+from typing import NamedTuple
+
+from cellwatt.record.encoder import Encoder, Item, Redeclared
+from cellwatt.record.header import FileName, Header
+from cellwatt.record.openfile import OpenFile
+from cellwatt.record.settings import RecordSettings
+from cellwatt.record.upkeep import Upkeep, is_full
+
+log = logging.getLogger(__name__)
+
+CHUNK = 1 << 20
+"""A chunk is written when it holds this many bytes, or when its first sample has waited long enough."""
+RETRY = 1.0
+"""Pause after a disk error, s."""
+RETAIN_EVERY = 60.0
+"""How often files are compared with the greatest age allowed, s."""
+
+
+class Entry(NamedTuple):
+    """An item on its way to disk: its ``size`` in memory, and the ``n`` messages it becomes under ``topic``.
+
+    A header stands for: what follows belongs into a new file under this header.
+    """
+
+    item: Item | Header
+    size: int
+    topic: str
+    n: int
+
+
+class Files:
+    """Writes entries into files named after the header; used by the recorder's thread alone.
+
+    ``state`` is ``ok``, ``disk full``, ``read-only`` or ``disk error``, and ``problem`` one line about it.
+    """
+
+    def __init__(self, settings: RecordSettings, header: Header, upkeep: Upkeep) -> None:
+        self.state, self.problem = "ok", ""
+        self.open: OpenFile | None = None
+        self.samples: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self.bytes = self.count = 0
+        self.flushed_at = self.retry_at = self._synced_at = self._retained_at = time.monotonic()
+        self._opened_at = 0.0
+        self._unsynced = False
+        self._settings = settings
+        self._header = header
+        self._upkeep = upkeep
+        self._number = 1
+        self._encoder: Encoder | None = None
+
+    def write(self, held: deque[Entry]) -> None:
+        """Write entries in order; those on disk (or that cannot be written at all) are taken off ``held``.
+
+        After a disk error the others stay, for a later call at or after ``retry_at``.
+        """
+        try:
+            while held:
+                taken, counts = self._fill(held)
+                self._commit()
+                for _ in range(taken):
+                    held.popleft()
+                self.samples.update(counts)
+                if self.open is not None and self.open.size >= self._upkeep.rotate_at:
+                    self.rotate()
+        except OSError as error:
+            self._fail(error)
+
+    def look_after(self) -> None:
+        """Sync, rotate and remove what is due."""
+        now = time.monotonic()
+        try:
+            if self.open is not None and now - self._opened_at >= self._settings.file_age:
+                self.rotate()
+            due = self._unsynced and now - self._synced_at >= self._settings.sync
+            if self.open is not None and due and self._upkeep.sync(self.open):
+                self._unsynced, self._synced_at = False, now
+        except OSError as error:
+            self._fail(error)
+        if self._settings.age and now - self._retained_at >= RETAIN_EVERY:
+            self._retained_at = now
+            self._upkeep.retain()
+
+    def rotate(self) -> None:
+        """End the open file; the next entry opens a new one. Raises ``OSError``."""
+        file, self._encoder = self.open, None
+        if file is None:
+            return
+        file.finish()
+        self.open = None
+        self._upkeep.publish(file)
+
+    def close(self) -> None:
+        """End the open file; where the disk refuses, the next start repairs it."""
+        try:
+            self.rotate()
+        except OSError as error:
+            self._fail(error)
+
+    def _fill(self, held: deque[Entry]) -> tuple[int, Counter[str]]:
+        """Put entries into the open file's chunk; gives how many, and how many messages of them by topic."""
+        taken, counts = 0, Counter[str]()
+        for entry in held:
+            if isinstance(entry.item, Header):
+                if not taken:
+                    self.rotate()
+                    self._header = entry.item
+                    taken = 1
+                break
+            file, encoder = self._ready()
+            if file.waiting > CHUNK:
+                break
+            try:
+                encoder.add(entry.item)
+                counts[entry.topic] += entry.n
+            except Redeclared:
+                if not taken:
+                    self.rotate()
+                break
+            except Exception:
+                # One item that cannot be written must not end the recording of all others.
+                log.exception("an item for %s cannot be recorded", entry.topic)
+                self.refused[entry.topic] += entry.n
+            taken += 1
+        return taken, counts
+
+    def _ready(self) -> tuple[OpenFile, Encoder]:
+        if self.open is None or self._encoder is None:
+            header = replace(self._header, number=self._number)
+            name = str(FileName(header.session, header.number, header.cell))
+            try:
+                self.open = OpenFile(self._settings.folder / name, header)
+            except FileExistsError:
+                self._number += 1
+                raise
+            self._number += 1
+            self._encoder = Encoder(self.open)
+            self._opened_at = time.monotonic()
+            self._upkeep.sync_folder()
+            self.count += 1
+            self.bytes += self.open.size
+        return self.open, self._encoder
+
+    def _commit(self) -> None:
+        file = self.open
+        if file is None:
+            return
+        before = file.size
+        file.write_chunk()
+        self.bytes += file.size - before
+        self.flushed_at = time.monotonic()
+        self._unsynced = True
+        if self.state != "ok":
+            self.state, self.problem = "ok", ""
+            self._upkeep.repair_left()
+
+    def _fail(self, error: OSError) -> None:
+        file, self.open, self._encoder = self.open, None, None
+        if file is not None:
+            file.abandon()
+            if file.contents.chunks:
+                self._upkeep.leave(file.part)
+        if is_full(error):
+            self.state = "disk full"
+        else:
+            self.state = "read-only" if error.errno == errno.EROFS else "disk error"
+        self.problem = f"{self._settings.folder} cannot be written: {error.strerror}"
+        room = is_full(error) and self._upkeep.make_room()
+        self.retry_at = time.monotonic() + (0.0 if room else RETRY)

@@ -1,0 +1,96 @@
+"""What a recording says about itself, and how its files are called."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from cellwatt import __version__
+from cellwatt.channel import Channel, Stream
+
+PART = ".part"
+"""Ends the name of a file that was not closed yet."""
+DAMAGED = ".damaged"
+"""Ends the name of bytes set aside because they could not be read."""
+
+_PLAIN = ("site", "cell", "session", "robot", "settings", "version", "number")
+_NAME = re.compile(
+    r"(?P<cell>.+)_(?P<second>\d{8}T\d{6})_(?P<ns>\d{9})Z_(?P<number>\d{6,})\.mcap(\.part)?(\.\d+)?(\.damaged)?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Origin of a recording.
+
+    ``session`` is the UTC ns at which the daemon started, ``settings`` the text of its settings file with
+    secrets blanked, ``streams`` what each source declared. ``number`` counts the files of a session from 1.
+    """
+
+    site: str
+    cell: str
+    session: int
+    robot: str | None = None
+    settings: str = ""
+    streams: Mapping[str, tuple[Stream, ...]] = field(default_factory=dict)
+    version: str = __version__
+    number: int = 0
+
+    def to_json(self) -> str:
+        """The header as JSON text."""
+        declared = {source: [stream_to_dict(s) for s in streams] for source, streams in self.streams.items()}
+        plain = {n: getattr(self, n) for n in _PLAIN}
+        return json.dumps({**plain, "streams": declared})
+
+    @classmethod
+    def from_json(cls, text: str | bytes) -> Header:
+        """The header back from its JSON; raises ``ValueError``, ``KeyError`` or ``TypeError`` where it is none."""
+        plain = json.loads(text)
+        declared = {source: tuple(map(stream_from_dict, streams)) for source, streams in plain.pop("streams").items()}
+        return cls(**plain, streams=declared)
+
+
+def stream_to_dict(stream: Stream) -> dict[str, Any]:
+    """A stream's declaration, JSON-ready."""
+    return asdict(stream)
+
+
+def stream_from_dict(plain: Mapping[str, Any]) -> Stream:
+    """A stream back from ``stream_to_dict``; raises ``ValueError``, ``KeyError`` or ``TypeError``."""
+    channels = tuple(Channel(**channel) for channel in plain["channels"])
+    return Stream(str(plain["name"]), channels, float(plain["rate"]), plain["clock"])
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FileName:
+    """``<cell>_<session in UTC>_<number>.mcap``; sorts by session, then number."""
+
+    session: int
+    number: int
+    cell: str
+
+    def __str__(self) -> str:
+        seconds, ns = divmod(self.session, 1_000_000_000)
+        start = datetime.fromtimestamp(seconds, UTC).strftime("%Y%m%dT%H%M%S")
+        return f"{plain_cell(self.cell)}_{start}_{ns:09d}Z_{self.number:06d}.mcap"
+
+    @classmethod
+    def parse(cls, name: str) -> FileName | None:
+        """The parts of a file's name (also with ``.part`` or ``.damaged`` behind it), or ``None``."""
+        match = _NAME.fullmatch(name)
+        if match is None:
+            return None
+        try:
+            start = datetime.strptime(match["second"], "%Y%m%dT%H%M%S").replace(tzinfo=UTC)
+        except ValueError:
+            return None
+        return cls(int(start.timestamp()) * 1_000_000_000 + int(match["ns"]), int(match["number"]), match["cell"])
+
+
+def plain_cell(cell: str) -> str:
+    """A cell's name as it stands in file names."""
+    return re.sub(r"[^\w.-]+", "-", cell)

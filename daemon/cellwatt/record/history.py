@@ -1,0 +1,210 @@
+"""Answers about the past while recording goes on: what a subscriber missed, and which files there are."""
+
+from __future__ import annotations
+
+import threading
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellwatt.batch import Batch
+from cellwatt.errors import RecordingError
+from cellwatt.record import decoder
+from cellwatt.record.container import Chunk, Contents
+from cellwatt.record.decoder import Track, track_of
+from cellwatt.record.encoder import topic_of
+from cellwatt.record.reader import chunk_data
+from cellwatt.record.retention import Kept, listing
+from cellwatt.record.summary import Survey, read_summary, survey
+from cellwatt.record.writer import Recorder
+
+FLUSH_TIMEOUT = 1.0
+"""Longest wait for the newest samples to reach the file, s."""
+CACHED_FILES = 4
+"""Files whose list of chunks is kept in memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is remembered of a file: ``firsts`` maps topics to their channel and first sequence number."""
+
+    kept: Kept
+    state: str
+    start: int
+    end: int
+    messages: int
+    firsts: Mapping[str, tuple[int, int]]
+
+
+class History:
+    """Serves what is in ``folder`` of the recorder's cell, and the file it is writing. Any thread may ask."""
+
+    def __init__(self, folder: Path, recorder: Recorder) -> None:
+        self._folder = folder
+        self._recorder = recorder
+        self._lock = threading.Lock()
+        self._known: dict[Path, Known] = {}
+        self._chunks: OrderedDict[Path, tuple[Sequence[Chunk], dict[int, Track]]] = OrderedDict()
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
+        """Recorded samples ``first`` … ``first + count`` of a stream, in order, what is left of them.
+
+        Reads files and may wait for a flush: never call it on the event loop.
+        """
+        topic, stop = topic_of(source, stream), first + count
+        with self._lock:
+            found = self._find(topic, session, first, stop)
+            if _end(found, first) < stop and self._recorder.flush(FLUSH_TIMEOUT):
+                found = self._find(topic, session, first, stop)
+            return found
+
+    def recordings(self) -> list[dict[str, Any]]:
+        """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
+        with self._lock:
+            return [
+                {
+                    "file": known.kept.path.name,
+                    "session": known.kept.name.session,
+                    "start": known.start,
+                    "end": known.end,
+                    "bytes": known.kept.size,
+                    "messages": known.messages,
+                    "state": known.state,
+                }
+                for known in self._files()
+            ]
+
+    def _files(self) -> list[Known]:
+        """All files of the cell in order, read again only where they changed."""
+        live = self._recorder.live()
+        fresh: dict[Path, Known] = {}
+        for kept in listing(self._folder, self._recorder.cell):
+            old = self._known.get(kept.path)
+            if live is not None and kept.path == live[0]:
+                fresh[kept.path] = _known(kept, live[1], "open")
+            elif old is not None and old.state != "open" and old.kept == kept:
+                fresh[kept.path] = old
+            else:
+                fresh[kept.path] = _look(kept)
+        self._known = fresh
+        return list(fresh.values())
+
+    def _find(self, topic: str, session: int, first: int, stop: int) -> list[Batch]:
+        files = [f for f in self._files() if f.kept.name.session == session and topic in f.firsts]
+        begins = [f.firsts[topic][1] for f in files]
+        found: list[Batch] = []
+        for at in range(max(bisect_right(begins, first) - 1, 0), len(files)):
+            if begins[at] >= stop:
+                break
+            found += self._from_file(files[at], topic, first, stop)
+        return found
+
+    def _from_file(self, known: Known, topic: str, first: int, stop: int) -> list[Batch]:
+        channel = known.firsts[topic][0]
+        try:
+            chunks, tracks = self._listed(known)
+            with FileIO(known.kept.path, "rb") as file:
+                holding = [c for c in chunks if any(number == channel for number, _ in c.indexes)]
+                start = bisect_right(holding, first, key=lambda c: _first_in(file, c, tracks, channel))
+                return list(_between(file, holding[max(start - 1, 0) :], tracks, channel, first, stop))
+        except (OSError, RecordingError):
+            # Removed to make room, or renamed at this moment: what is left of them is asked for.
+            return []
+
+    def _listed(self, known: Known) -> tuple[Sequence[Chunk], dict[int, Track]]:
+        """Chunks and tracks of a file; of closed ones the last few are kept."""
+        path = known.kept.path
+        live = self._recorder.live()
+        if live is not None and path == live[0]:
+            return list(live[1].chunks), _tracks(live[1])
+        if path not in self._chunks:
+            contents = survey(path).contents
+            self._chunks[path] = contents.chunks, _tracks(contents)
+            while len(self._chunks) > CACHED_FILES:
+                self._chunks.popitem(last=False)
+        self._chunks.move_to_end(path)
+        return self._chunks[path]
+
+
+def _end(batches: Sequence[Batch], first: int) -> int:
+    return batches[-1].sequence + len(batches[-1]) if batches else first
+
+
+def _tracks(contents: Contents) -> dict[int, Track]:
+    tracks = ((number, track_of(channel)) for number, channel in dict(contents.channels).items())
+    return {number: track for number, track in tracks if track is not None}
+
+
+def _look(kept: Kept) -> Known:
+    """Read what a file says of itself; one that its writer left open waits for its repair."""
+    nothing = Known(kept, "unreadable", 0, 0, 0, {})
+    try:
+        if kept.path.suffix == ".mcap":
+            found: Survey = survey(kept.path, chunks=False)
+            return _known(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
+        if not kept.closed:
+            with FileIO(kept.path, "rb") as file:
+                summary = read_summary(file, chunks=False)
+            return _known(kept, summary, "closing") if summary else Known(kept, "left open", 0, 0, 0, {})
+    except (OSError, RecordingError):
+        pass
+    return nothing
+
+
+def _known(kept: Kept, contents: Contents, state: str) -> Known:
+    firsts = {t.topic: (number, t.first) for number, t in _tracks(contents).items() if t.rows is not None}
+    return Known(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
+
+
+def _batches(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], channel: int) -> list[Batch]:
+    """One stream's batches in a chunk; none where it is damaged."""
+    try:
+        found = list(decoder.items(chunk_data(file, chunk), tracks, {channel}))
+    except ValueError:
+        return []
+    return [item for item in found if isinstance(item, Batch)]
+
+
+def _first_in(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], channel: int) -> int:
+    """The sequence number with which a stream begins in a chunk; a damaged chunk counts as before everything."""
+    batches = _batches(file, chunk, tracks, channel)
+    return batches[0].sequence if batches else -1
+
+
+def _between(
+    file: FileIO, chunks: Sequence[Chunk], tracks: Mapping[int, Track], channel: int, first: int, stop: int
+) -> Iterator[Batch]:
+    for chunk in chunks:
+        for batch in _batches(file, chunk, tracks, channel):
+            if batch.sequence >= stop:
+                return
+            cut = trim(batch, first, stop)
+            if cut is not None:
+                yield cut
+
+
+def trim(batch: Batch, first: int, stop: int) -> Batch | None:
+    """The part of a batch with sequence numbers from ``first`` to before ``stop``."""
+    low, high = max(first - batch.sequence, 0), min(stop - batch.sequence, len(batch))
+    if low >= high:
+        return None
+    if (low, high) == (0, len(batch)):
+        return batch
+    part = np.s_[low:high]
+    return Batch(
+        source=batch.source,
+        stream=batch.stream,
+        sequence=batch.sequence + low,
+        arrival=batch.arrival,
+        time=batch.time[part],
+        bound=batch.bound[part],
+        values=batch.values[part],
+        quality=batch.quality[part],
+        device_time=None if batch.device_time is None else batch.device_time[part],
+    )

@@ -1,0 +1,79 @@
+"""Everything that is recorded as JSON: ticks, events, results and health."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pydantic_core
+from pydantic import TypeAdapter, ValidationError
+
+from cellwatt.batch import Tick
+from cellwatt.results import Alarm, Event, Interval, Prediction, Task
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The daemon's health at ``time`` (UTC ns), as it was published."""
+
+    time: int
+    status: Mapping[str, Any]
+
+
+Message = Tick | Event | Interval | Task | Prediction | Alarm | Health
+
+TOPICS: Mapping[type[Message], str] = {
+    Tick: "/tick",
+    Event: "/event",
+    Interval: "/interval",
+    Task: "/task",
+    Prediction: "/prediction",
+    Alarm: "/alarm",
+    Health: "/health",
+}
+
+
+_ADAPTERS: Mapping[type[Message], TypeAdapter[Any]] = {kind: TypeAdapter(kind) for kind in TOPICS}
+
+
+def schema(kind: type[Message]) -> bytes:
+    """JSON Schema of a kind of message."""
+    return json.dumps(_ADAPTERS[kind].json_schema()).encode()
+
+
+def time_of(message: Message) -> int:
+    """The instant a message is filed under, UTC ns."""
+    match message:
+        case Interval() | Task():
+            return message.end
+        case Prediction():
+            return message.time[-1] if message.time else 0
+        case _:
+            return message.time
+
+
+def _plain(value: object) -> object:
+    """numpy scalars and arrays inside free-form figures."""
+    tolist = getattr(value, "tolist", None)
+    if tolist is None:
+        raise TypeError(f"{type(value).__name__} cannot be recorded")
+    return tolist()
+
+
+def encode(message: Message) -> bytes:
+    """A message as JSON; numbers that JSON lacks become the texts NaN, Infinity and -Infinity.
+
+    Raises ``ValueError`` where free-form figures hold what JSON cannot.
+    """
+    return pydantic_core.to_json(message, inf_nan_mode="strings", fallback=_plain)
+
+
+def decode(kind: type[Message], data: bytes) -> Message:
+    """A message back from its JSON; raises ``ValueError`` where it is none of that kind."""
+    try:
+        message: Message = _ADAPTERS[kind].validate_json(data)
+    except ValidationError as error:
+        raise ValueError(str(error)) from error
+    return message

@@ -1,0 +1,184 @@
+"""One recording file while it is written."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections import Counter
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+from mcap.records import AttachmentIndex, Channel, Schema
+from numpy.typing import NDArray
+
+from cellwatt.record.container import (
+    PRELUDE,
+    Contents,
+    attachment,
+    chunk_bytes,
+    closing,
+    message,
+    record_bytes,
+)
+from cellwatt.record.header import PART, Header
+
+HEADER = "header.json"
+DEFINITIONS = "definitions"
+"""Attachments: the origin of the file, and copies of the definitions that chunks bring."""
+REPEAT_AFTER = 64
+"""Definitions are copied in front of their chunk and again so many chunks later, out of reach of one bad sector."""
+
+
+def create(path: Path) -> FileIO:
+    """A new file that only its writer may repair: it is locked until closed. Raises ``OSError``."""
+    file = FileIO(path, "xb+")
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
+
+
+class OpenFile:
+    """An MCAP file being written; every method that writes raises ``OSError``.
+
+    After such an error only ``abandon`` may be called. ``size`` is the length of what is whole on disk.
+    """
+
+    def __init__(self, path: Path, header: Header) -> None:
+        self.path = path
+        self.part = path.with_name(path.name + PART)
+        self.contents = Contents()
+        self.size = 0
+        self._repeat_at = -1
+        self._compressor = zstandard.ZstdCompressor(level=1)
+        self._begin()
+        self._file = create(self.part)
+        try:
+            body, index = attachment(
+                HEADER, "application/json", header.session, header.to_json().encode(), len(PRELUDE)
+            )
+            self._write(PRELUDE + body)
+        except OSError:
+            self.abandon()
+            raise
+        self.contents.attachments.append(index)
+
+    def _begin(self) -> None:
+        self._pieces: list[bytes] = []
+        self._filled = 0
+        self._index: dict[int, list[NDArray[np.uint64]]] = {}
+        self._counts: Counter[int] = Counter()
+        self._defined = False
+
+    @property
+    def waiting(self) -> int:
+        """Bytes of the chunk not yet written."""
+        return self._filled
+
+    @property
+    def next_channel(self) -> int:
+        """The number that the next channel defined will have."""
+        return len(self.contents.channels) + 1
+
+    def define(self, topic: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
+        """A new channel with a schema of its own (``schema.id`` is set here); gives the channel's number."""
+        number = schema.id = self.next_channel
+        channel = Channel(number, topic, encoding, metadata, number)
+        for record in (schema, channel):
+            self._put(record_bytes(record))
+        self._defined = True
+        self.contents.define((schema, channel))
+        return number
+
+    def add_rows(self, channel: int, rows: NDArray[np.void]) -> None:
+        """A block of message records of equal length (see ``rows``) into the chunk."""
+        n, stride = len(rows), rows.itemsize
+        pairs = np.empty((n, 2), "<u8")
+        pairs[:, 0] = rows["log_time"]
+        pairs[:, 1] = self._filled + stride * np.arange(n, dtype=np.uint64)
+        self._put(rows.tobytes())
+        self._count(channel, pairs)
+
+    def add_message(self, channel: int, sequence: int, time: int, data: bytes) -> None:
+        """One message into the chunk."""
+        pairs = np.array([[time & 0xFFFFFFFFFFFFFFFF, self._filled]], "<u8")
+        self._put(message(channel, sequence, time, data))
+        self._count(channel, pairs)
+
+    def _put(self, piece: bytes) -> None:
+        self._pieces.append(piece)
+        self._filled += len(piece)
+
+    def _count(self, channel: int, pairs: NDArray[np.uint64]) -> None:
+        self._index.setdefault(channel, []).append(pairs)
+        self._counts[channel] += len(pairs)
+
+    def write_chunk(self) -> None:
+        """Write what was added since the last chunk, in one piece."""
+        if not self._index:
+            return
+        front, indexed = b"", None
+        if self._defined:
+            self._repeat_at = len(self.contents.chunks) + REPEAT_AFTER
+        if self._defined or len(self.contents.chunks) == self._repeat_at:
+            front, indexed = definitions_copy(self.contents, self.size)
+        index = {channel: b"".join(p.tobytes() for p in pairs) for channel, pairs in self._index.items()}
+        body, chunk = chunk_bytes(b"".join(self._pieces), index, self.size + len(front), self._compressor)
+        self._write(front + body)
+        if indexed is not None:
+            self.contents.attachments.append(indexed)
+        self.contents.add_chunk(chunk, self._counts)
+        self._begin()
+
+    def finish(self) -> None:
+        """Write the end of the file; it stays open and locked until ``publish``."""
+        self.write_chunk()
+        self._write(closing(self.contents, self.size))
+
+    def publish(self) -> None:
+        """Bring a finished file to disk and give it its final name."""
+        os.fsync(self._file.fileno())
+        self.part.rename(self.path)
+        sync_folder(self.path.parent)
+        self._file.close()
+
+    def descriptor(self) -> int:
+        """A second descriptor of the file, for another thread to sync and close."""
+        return os.dup(self._file.fileno())
+
+    def abandon(self) -> None:
+        """Cut off what is not whole and let go of the file; a file without a chunk is removed."""
+        with contextlib.suppress(OSError):
+            if self.contents.chunks:
+                self._file.truncate(self.size)
+            else:
+                self.part.unlink(missing_ok=True)
+        self.release()
+
+    def release(self) -> None:
+        """Let go of the file as it is."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+    def _write(self, data: bytes) -> None:
+        view: Any = memoryview(data)
+        while view:
+            view = view[self._file.write(view) :]
+        self.size += len(data)
+
+
+def definitions_copy(contents: Contents, offset: int) -> tuple[bytes, AttachmentIndex]:
+    """All definitions of a file as an attachment to be written at ``offset``."""
+    records = (*contents.schemas.values(), *contents.channels.values())
+    return attachment(DEFINITIONS, "application/octet-stream", 0, b"".join(map(record_bytes, records)), offset)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring names in a folder to disk. Raises ``OSError``."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

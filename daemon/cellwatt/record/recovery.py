@@ -1,0 +1,213 @@
+"""Files left open by a crash, a power cut or a full disk become closed ones, and it is said what was lost."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import itertools
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from io import FileIO
+from pathlib import Path
+from typing import Any
+
+from cellwatt.record.chunks import open_chunk, walk
+from cellwatt.record.container import (
+    PRELUDE,
+    RECORD,
+    Chunk,
+    Contents,
+    attachment,
+    closing,
+    message_indexes,
+    record_bytes,
+)
+from cellwatt.record.header import DAMAGED, PART, FileName, Header, plain_cell
+from cellwatt.record.openfile import HEADER, definitions_copy, sync_folder
+from cellwatt.record.scan import Damage, Scan, read_at, scan
+from cellwatt.record.summary import guess_header
+
+
+@dataclass(frozen=True, slots=True)
+class Recovery:
+    """What became of one file that was left open.
+
+    ``result`` is the closed file, ``None`` where it held no message or could not be repaired (then
+    ``problem`` says why and it stays as it was). ``missing`` counts by topic the messages that the
+    numbering shows to be absent. ``aside`` holds the bytes that could not be read, where there were any.
+    """
+
+    part: Path
+    result: Path | None = None
+    messages: int = 0
+    size: int = 0
+    unreadable: int = 0
+    missing: Mapping[str, int] = field(default_factory=dict)
+    damage: tuple[Damage, ...] = ()
+    aside: Path | None = None
+    problem: str = ""
+
+    def __str__(self) -> str:
+        name = self.part.name.removesuffix(PART)
+        if self.problem:
+            return f"{self.part.name}: {self.problem}"
+        if self.result is None and not self.size:
+            return f"{self.part.name}: was empty and is removed"
+        kept = f"{name}: {self.messages} messages recovered" if self.result else f"{name}: held no message"
+        if not self.unreadable and not self.missing:
+            return f"{kept}, nothing lost but what was still in memory"
+        lost = [f"{n} of {topic}" for topic, n in sorted(self.missing.items())]
+        if self.unreadable:
+            lost.append(f"{self.unreadable} bytes unreadable ({'; '.join(dict.fromkeys(d.what for d in self.damage))})")
+        where = f"; kept as {self.aside.name}" if self.aside else ""
+        return f"{kept}, lost: {', '.join(lost)}{where}"
+
+    def plain(self) -> dict[str, Any]:
+        """JSON-ready, for reports."""
+        return {
+            "file": self.part.name,
+            "result": self.result.name if self.result else None,
+            "messages": self.messages,
+            "bytes": self.size,
+            "unreadable_bytes": self.unreadable,
+            "missing": dict(self.missing),
+            "aside": self.aside.name if self.aside else None,
+            "text": str(self),
+        }
+
+
+def left_open(folder: Path, cell: str) -> list[Path]:
+    """Files of a cell that were not closed, newest first."""
+    named = [(FileName.parse(p.name), p) for p in folder.glob(f"*.mcap{PART}")]
+    ours = [(name, path) for name, path in named if name is not None and name.cell == plain_cell(cell)]
+    return [path for _, path in sorted(ours, reverse=True)]
+
+
+def recover(part: Path) -> Recovery | None:
+    """Close one file that was left open; ``None`` where its writer is alive or it is gone.
+
+    Bytes that cannot be read are never thrown away: they are set aside under the name with ``.damaged``.
+    Raises nothing: what prevents the repair (a full or read-only disk) is told in ``problem``, and calling
+    again later is safe, also after a crash in the middle of it.
+    """
+    try:
+        with FileIO(part, "rb+") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return _repair(file, part)
+    except (FileNotFoundError, BlockingIOError):
+        return None
+    except OSError as error:
+        return Recovery(part, problem=f"cannot be repaired now: {error.strerror}; it stays as it is")
+
+
+def _repair(file: FileIO, part: Path) -> Recovery:
+    target = part.with_name(part.name.removesuffix(PART))
+    if target.exists():
+        copy = _free_name(part.with_name(part.name + DAMAGED))
+        part.rename(copy)
+        return Recovery(part, problem=f"{target.name} is there already; set aside as {copy.name}")
+    found = scan(file, part)
+    aside: Path | None = None
+    if not found.contents.chunks:
+        aside = _set_aside_whole(part) if found.damage else None
+        part.unlink(missing_ok=True)
+        return _told(found, None, aside)
+    if found.closed and not found.damage:
+        part.rename(target)
+    elif found.torn:
+        aside = _set_aside(file, found, target)
+        _close_behind(file, found)
+        part.rename(target)
+    else:
+        _rewrite(file, found, target)
+        aside = _set_aside_whole(part)
+    sync_folder(part.parent)
+    return _told(found, target, aside)
+
+
+def _told(found: Scan, result: Path | None, aside: Path | None) -> Recovery:
+    return Recovery(
+        part=found.path,
+        result=result,
+        messages=found.contents.counts.total(),
+        size=found.size,
+        unreadable=sum(d.length for d in found.damage),
+        missing=dict(found.missing),
+        damage=tuple(found.damage),
+        aside=aside,
+    )
+
+
+def _free_name(path: Path) -> Path:
+    """A name for bytes set aside that overwrites nothing."""
+    numbered = (path.with_suffix(f".{n}{DAMAGED}") for n in itertools.count(2))
+    return path if not path.exists() else next(p for p in numbered if not p.exists())
+
+
+def _set_aside_whole(part: Path) -> Path:
+    aside = _free_name(part.with_name(part.name.removesuffix(PART) + DAMAGED))
+    part.rename(aside)
+    return aside
+
+
+def _set_aside(file: FileIO, found: Scan, target: Path) -> Path | None:
+    """Keep a torn tail, unless it holds nothing but zeros."""
+    tail = read_at(file, found.size - found.end, found.end)
+    if not tail.strip(b"\0"):
+        return None
+    aside = _free_name(target.with_name(target.name + DAMAGED))
+    with FileIO(aside, "xb") as out:
+        _write(out, tail)
+        os.fsync(out.fileno())
+    return aside
+
+
+def _close_behind(file: FileIO, found: Scan) -> None:
+    """Cut the torn tail off and write the end of the file in its place."""
+    file.truncate(found.end)
+    file.seek(found.end)
+    _write(file, found.tail + closing(found.contents, found.end + len(found.tail)))
+    os.fsync(file.fileno())
+
+
+def _rewrite(file: FileIO, found: Scan, target: Path) -> None:
+    """Copy every whole chunk into a new file beside the old one."""
+    temporary = target.with_name(f".{target.name}.new")
+    header = found.header or guess_header(found.path, found.contents)
+    try:
+        with FileIO(temporary, "wb") as out:
+            contents = _copy(file, found, header, out)
+            _write(out, closing(contents, out.tell()))
+            os.fsync(out.fileno())
+        temporary.rename(target)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def _copy(file: FileIO, found: Scan, header: Header, out: FileIO) -> Contents:
+    old, new = found.contents, Contents()
+    new.schemas, new.channels, new.counts = old.schemas, old.channels, old.counts
+    new.start, new.end = old.start, old.end
+    body, index = attachment(HEADER, "application/json", header.session, header.to_json().encode(), len(PRELUDE))
+    _write(out, PRELUDE + body)
+    definitions = b"".join(map(record_bytes, (*old.schemas.values(), *old.channels.values())))
+    body, second = definitions_copy(old, out.tell())
+    # In front of all chunks, because the chunk that brought them may be the one that is lost.
+    _write(out, body + definitions)
+    new.attachments = [index, second]
+    for chunk in old.chunks:
+        record = read_at(file, chunk.length, chunk.offset)
+        at = out.tell()
+        indexes, places = message_indexes(walk(open_chunk(record[RECORD.size :]).data).index(), at + chunk.length)
+        _write(out, record + indexes)
+        new.chunks.append(Chunk(at, *chunk[1:6], places, len(indexes)))
+    return new
+
+
+def _write(file: FileIO, data: bytes) -> None:
+    view: Any = memoryview(data)
+    while view:
+        view = view[file.write(view) :]

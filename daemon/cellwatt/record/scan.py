@@ -1,0 +1,272 @@
+"""Everything that can still be read of a file, whatever happened to it.
+
+Records are followed from the start; where that fails, the next chunk whose checksum is right is looked for
+byte by byte, and what lies between is reported.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field
+from io import FileIO
+from pathlib import Path
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, Schema
+from mcap.records import Header as McapHeader
+
+from cellwatt.record.chunks import Walk, definitions, open_chunk, parse, parse_attachment, walk
+from cellwatt.record.container import CHUNK_HEAD, COMPRESSION, MAGIC, RECORD, TAIL, Chunk, Contents, message_indexes
+from cellwatt.record.header import Header
+from cellwatt.record.openfile import DEFINITIONS, HEADER
+
+_WINDOW = 1 << 20
+_LOW = 0xFFFFFFFF
+"""Sequence numbers stand in messages with their low 32 bits."""
+_MARK = RECORD.size + CHUNK_HEAD.size
+"""From the start of a chunk record to the name of its compression, which is what is searched for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """``length`` bytes at ``offset`` of a file that cannot be read, and why."""
+
+    path: Path
+    offset: int
+    length: int
+    what: str
+
+    def __str__(self) -> str:
+        if not self.length:
+            return f"{self.path.name}: {self.what}"
+        return f"{self.path.name}: {self.length} bytes at {self.offset} cannot be read: {self.what}"
+
+
+@dataclass
+class Scan:
+    """What was found.
+
+    ``end`` is where the last whole record of the data ends and ``tail`` the message indexes missing there.
+    ``closed`` is true where the file has a valid end of its own. ``missing`` counts by topic the messages
+    that the numbering shows to be absent.
+    """
+
+    path: Path
+    size: int
+    header: Header | None = None
+    contents: Contents = field(default_factory=Contents)
+    damage: list[Damage] = field(default_factory=list)
+    end: int = 0
+    tail: bytes = b""
+    closed: bool = False
+    missing: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def torn(self) -> bool:
+        """All damage lies behind the last whole record."""
+        return all(d.offset >= self.end for d in self.damage)
+
+
+def read_at(file: FileIO, length: int, offset: int) -> bytes:
+    """Up to ``length`` bytes; none where the disk cannot read them."""
+    try:
+        return os.pread(file.fileno(), length, offset)
+    except OSError:
+        return b""
+
+
+def scan(file: FileIO, path: Path) -> Scan:
+    """Read a whole file, checking all there is to check. Never raises on what it finds in it."""
+    scanner = _Scanner(file, path)
+    scanner.run()
+    return scanner.found
+
+
+class _Scanner:
+    def __init__(self, file: FileIO, path: Path) -> None:
+        self._file = file
+        self.found = Scan(path, os.fstat(file.fileno()).st_size)
+        self._numbers: dict[int, list[tuple[int, int, int]]] = {}
+
+    def run(self) -> None:
+        found = self.found
+        if not found.size:
+            return
+        if read_at(self._file, len(MAGIC), 0) != MAGIC:
+            self._damaged(0, min(len(MAGIC), found.size), "the file does not begin like an MCAP file")
+        at = len(MAGIC)
+        while at < found.size and not found.closed:
+            at = self._record(at)
+        self._count_missing()
+        self._drop_undefined()
+
+    def _drop_undefined(self) -> None:
+        """Chunks are no use where no copy of the definition of a channel in them is left."""
+        old = self.found.contents
+        undefined = old.counts.keys() - old.channels.keys()
+        if not undefined:
+            return
+        new = Contents(old.schemas, old.channels, attachments=old.attachments)
+        for chunk in old.chunks:
+            if undefined.isdisjoint(number for number, _ in chunk.indexes):
+                body = read_at(self._file, chunk.length, chunk.offset)[RECORD.size :]
+                new.add_chunk(chunk, walk(open_chunk(body).data).counts())
+            else:
+                self._damaged(chunk.offset, chunk.length, "what its channels are is told nowhere else")
+        self.found.contents = new
+
+    def _damaged(self, offset: int, length: int, what: str) -> None:
+        self.found.damage.append(Damage(self.found.path, offset, length, what))
+
+    def _record(self, at: int) -> int:
+        """Read the record at ``at``; gives where to go on."""
+        head = read_at(self._file, RECORD.size, at)
+        if len(head) < RECORD.size:
+            return self._resync(at, "the file ends within a record")
+        opcode, length = RECORD.unpack(head)
+        after = at + RECORD.size + length
+        if not 0 < opcode <= max(Opcode):
+            return self._resync(at, "these bytes are no record")
+        if after > self.found.size:
+            return self._resync(at, "the file ends within a record")
+        body = read_at(self._file, length, at + RECORD.size)
+        try:
+            if len(body) < length:
+                raise ValueError("the disk cannot read it")
+            if opcode == Opcode.CHUNK:
+                return self._chunk(at, body)
+            self._other(opcode, at, body)
+        except ValueError as error:
+            return self._resync(at, str(error))
+        if opcode != Opcode.DATA_END:
+            self.found.end = after
+        return after if opcode != Opcode.DATA_END else self.found.size
+
+    def _chunk(self, at: int, body: bytes) -> int:
+        opened = open_chunk(body)
+        listed = walk(opened.data)
+        index = listed.index()
+        _check_times(index, opened.start, opened.end)
+        after = at + RECORD.size + len(body)
+        indexes, places = message_indexes(index, after)
+        length, contents = after - at, self.found.contents
+        contents.define(listed.definitions)
+        self._note_numbers(listed)
+        sizes = (opened.compressed, len(opened.data))
+        contents.add_chunk(Chunk(at, length, opened.start, opened.end, *sizes, places, len(indexes)), listed.counts())
+        if read_at(self._file, len(indexes), after) == indexes:
+            self.found.end, self.found.tail = after + len(indexes), b""
+            return self.found.end
+        self.found.end, self.found.tail = after, indexes
+        if after == self.found.size:
+            self._damaged(after, 0, "the file ends before the index of its last chunk")
+            return after
+        return self._resync(after, "the index of a chunk is wrong")
+
+    def _other(self, opcode: int, at: int, body: bytes) -> None:
+        contents = self.found.contents
+        if opcode == Opcode.HEADER and at == len(MAGIC):
+            parse(McapHeader, body)
+        elif opcode == Opcode.ATTACHMENT:
+            self._attachment(at, body)
+        elif opcode == Opcode.SCHEMA:
+            contents.define([parse(Schema, body)])
+        elif opcode == Opcode.CHANNEL:
+            contents.define([parse(Channel, body)])
+        elif opcode == Opcode.DATA_END:
+            self._closing(at)
+        else:
+            raise ValueError("a record stands where none of its kind belongs")
+
+    def _attachment(self, at: int, body: bytes) -> None:
+        read = parse_attachment(body)
+        if read.name == HEADER:
+            self.found.header = header_of(read.data)
+        elif read.name == DEFINITIONS:
+            self.found.contents.define(definitions(read.data))
+        self.found.contents.attachments.append(
+            AttachmentIndex(
+                offset=at,
+                length=RECORD.size + len(body),
+                log_time=read.log_time,
+                create_time=read.create_time,
+                data_size=len(read.data),
+                name=read.name,
+                media_type=read.media_type,
+            )
+        )
+
+    def _closing(self, at: int) -> None:
+        """Compare the checksum of everything behind the data."""
+        start = at + RECORD.size + 4
+        rest = read_at(self._file, self.found.size - start, start)
+        footer = rest[-TAIL : -len(MAGIC) - 4]
+        crc = zlib.crc32(footer, zlib.crc32(rest[:-TAIL]))
+        if not rest.endswith(struct.pack("<I", crc) + MAGIC) or footer[:1] != bytes([Opcode.FOOTER]):
+            self._damaged(at, self.found.size - at, "the summary is damaged")
+            return
+        self.found.closed = True
+
+    def _note_numbers(self, listed: Walk) -> None:
+        for channel, counted in listed.counts().items():
+            self._numbers.setdefault(channel, []).append((listed.first[channel], listed.last[channel], counted))
+
+    def _count_missing(self) -> None:
+        """Compare the numbers seen with those that there should be."""
+        for channel, runs in self._numbers.items():
+            definition = self.found.contents.channels.get(channel)
+            if definition is None:
+                continue
+            expected = int(definition.metadata.get("first", 0)) & _LOW
+            for first, last, counted in runs:
+                absent = (last - expected + 1 & _LOW) - counted
+                # Numbers that run backwards are another matter than holes.
+                if 0 < absent < 1 << 31 and first - expected & _LOW < 1 << 31:
+                    self.found.missing[definition.topic] += absent
+                expected = last + 1
+
+    def _resync(self, at: int, what: str) -> int:
+        """The next whole chunk behind ``at``, or the end of the file."""
+        after = self._next_chunk(at + 1)
+        self._damaged(at, after - at, what)
+        return after
+
+    def _next_chunk(self, start: int) -> int:
+        at = start
+        while at < self.found.size:
+            window = read_at(self._file, _WINDOW, at)
+            place = window.find(COMPRESSION)
+            while place >= 0:
+                if (candidate := at + place - _MARK) >= start and self._is_chunk(candidate):
+                    return candidate
+                place = window.find(COMPRESSION, place + 1)
+            at += _WINDOW - len(COMPRESSION)
+        return self.found.size
+
+    def _is_chunk(self, at: int) -> bool:
+        opcode, length = RECORD.unpack(read_at(self._file, RECORD.size, at))
+        if opcode != Opcode.CHUNK or at + RECORD.size + length > self.found.size:
+            return False
+        try:
+            walk(open_chunk(read_at(self._file, length, at + RECORD.size)).data)
+        except ValueError:
+            return False
+        return True
+
+
+def _check_times(index: dict[int, bytes], start: int, end: int) -> None:
+    times = np.concatenate([np.frombuffer(pairs, "<u8")[::2] for pairs in index.values()] or [np.zeros(1, "<u8")])
+    if int(times.min()) != start or int(times.max()) != end:
+        raise ValueError("a chunk's times are wrong")
+
+
+def header_of(data: bytes) -> Header:
+    """The header from its attachment; raises ``ValueError`` where it is none."""
+    try:
+        return Header.from_json(data)
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"the header is not one this version knows: {error}") from error

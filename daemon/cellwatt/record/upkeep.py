@@ -1,0 +1,151 @@
+"""What a recording folder needs beside the writing: syncing, closing, repairing, making room."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import time
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from cellwatt.record.openfile import OpenFile, sync_folder
+from cellwatt.record.recovery import Recovery, left_open, recover
+from cellwatt.record.retention import listing, remove, remove_oldest, surplus
+from cellwatt.record.settings import RecordSettings
+
+
+def is_full(error: OSError) -> bool:
+    """Deleting recordings may help."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
+
+
+class Upkeep:
+    """Runs slow file work for one recorder, one piece at a time, and repairs beside it."""
+
+    def __init__(self, settings: RecordSettings, cell: str) -> None:
+        self._settings = settings
+        self._cell = cell
+        self.rotate_at = min(settings.file_size, settings.keep / 4)
+        self._worker = ThreadPoolExecutor(1, "recording-upkeep")
+        self._repairs = ThreadPoolExecutor(1, "recording-repair")
+        self._syncing: Future[None] | None = None
+        self._repairing: list[Future[Recovery | None]] = []
+        self._left: set[Path] = set()
+        self._recovered: list[Recovery] = []
+        self._removed_files = self._removed_bytes = 0
+        self._problem = ""
+
+    def start(self) -> None:
+        """Repair what an earlier run left open, newest first, and keep to the budget."""
+        self._repair(left_open(self._settings.folder, self._cell))
+        self.retain()
+
+    def close(self) -> None:
+        """Finish what was asked for; repairs not yet begun are left to the next start."""
+        self._worker.shutdown(wait=True)
+        self._repairs.shutdown(wait=True, cancel_futures=True)
+
+    async def recovered(self) -> list[Recovery]:
+        """What became of the files left open, once all are dealt with."""
+        await asyncio.gather(*map(asyncio.wrap_future, self._repairing), return_exceptions=True)
+        return list(self._recovered)
+
+    def stats(self) -> dict[str, Any]:
+        """Figures for health messages."""
+        return {
+            "removed": {"files": self._removed_files, "bytes": self._removed_bytes},
+            "recovered": [str(r) for r in self._recovered],
+            "upkeep_problem": self._problem,
+        }
+
+    def sync(self, file: OpenFile) -> bool:
+        """Bring what was written to disk; ``False`` where the disk is still busy with the last call.
+
+        Raises the ``OSError`` that the last call met.
+        """
+        last, self._syncing = self._syncing, None
+        if last is not None:
+            if not last.done():
+                self._syncing = last
+                return False
+            last.result()
+        self._syncing = self._worker.submit(_sync, file.descriptor())
+        return True
+
+    def sync_folder(self) -> None:
+        """Bring the name of a new file to disk."""
+        self._worker.submit(sync_folder, self._settings.folder)
+
+    def publish(self, file: OpenFile) -> None:
+        """Bring a finished file to disk under its final name, then keep to the budget."""
+        self._worker.submit(self._publish, file)
+
+    def retain(self) -> None:
+        """Remove what is too much or too old."""
+        self._worker.submit(self._retain)
+
+    def leave(self, part: Path) -> None:
+        """A file had to be given up; it is repaired when the disk takes it."""
+        self._left.add(part)
+
+    def repair_left(self) -> None:
+        """The disk works again: repair what was given up."""
+        left, self._left = self._left, set()
+        self._repair(sorted(left))
+
+    def make_room(self) -> bool:
+        """Delete the oldest closed recording, because the disk is full; ``False`` where there is none."""
+        try:
+            gone = remove_oldest(self._settings.folder, self._cell)
+        except OSError as error:
+            self._problem = f"cannot make room: {error.strerror}"
+            return False
+        if gone is not None:
+            self._count_removed([gone.size])
+        return gone is not None
+
+    def _repair(self, parts: Iterable[Path]) -> None:
+        self._repairing += [self._repairs.submit(self._recover, part) for part in parts]
+
+    def _recover(self, part: Path) -> Recovery | None:
+        recovery = recover(part)
+        if recovery is not None:
+            self._recovered.append(recovery)
+            if recovery.problem and part.exists():
+                self._left.add(part)
+        return recovery
+
+    def _publish(self, file: OpenFile) -> None:
+        try:
+            file.publish()
+        except OSError as error:
+            self._problem = f"{file.part.name} cannot be closed: {error.strerror}"
+            file.release()
+            self._left.add(file.part)
+        self._retain()
+
+    def _retain(self) -> None:
+        settings = self._settings
+        try:
+            files = listing(settings.folder, self._cell)
+            growing = next((f.size for f in reversed(files) if not f.closed), 0)
+            reserve = max(self.rotate_at - growing, 0)
+            gone = surplus(files, keep=settings.keep, age=settings.age, now=time.time(), reserve=reserve)
+            remove(gone)
+            self._count_removed([f.size for f in gone])
+        except OSError as error:
+            self._problem = f"old recordings cannot be removed: {error.strerror}"
+
+    def _count_removed(self, sizes: list[int]) -> None:
+        self._removed_files += len(sizes)
+        self._removed_bytes += sum(sizes)
+
+
+def _sync(descriptor: int) -> None:
+    try:
+        os.fdatasync(descriptor)
+    finally:
+        os.close(descriptor)

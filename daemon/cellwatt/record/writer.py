@@ -1,0 +1,210 @@
+"""The recorder: takes items from the event loop, writes them from a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cellwatt.batch import Batch, Tick
+from cellwatt.errors import RecordingError
+from cellwatt.frames import Frames
+from cellwatt.record.container import Contents
+from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
+from cellwatt.record.files import CHUNK, Entry, Files
+from cellwatt.record.header import Header
+from cellwatt.record.messages import TOPICS, Health
+from cellwatt.record.recovery import Recovery
+from cellwatt.record.settings import RecordSettings
+from cellwatt.record.upkeep import Upkeep
+from cellwatt.results import Event, Result
+
+IDLE = 0.5
+"""How often files are looked after while nothing arrives, s."""
+
+
+class Recorder:
+    """Writes everything of one session into ``settings.folder``.
+
+    ``batch``, ``tick``, ``frames``, ``result``, ``event`` and ``health`` are called on the event loop, only
+    enqueue, and return ``False`` where the item was refused because the queue is full (or the recorder is
+    not running); refused items are counted. A disk that is full, read-only or broken stops the writing,
+    never the daemon: what waits stays in memory up to ``settings.queue`` bytes, room is made by deleting
+    the oldest recordings, and writing goes on in a new file as soon as the disk takes it.
+    """
+
+    def __init__(self, settings: RecordSettings, header: Header) -> None:
+        self.settings = settings
+        self.cell = header.cell
+        self._upkeep = Upkeep(settings, header.cell)
+        self._files = Files(settings, header, self._upkeep)
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._wake = threading.Condition()
+        # Guarded by _wake:
+        self._queue: deque[Entry] = deque()
+        self._bytes = 0
+        self._first_at = 0.0
+        self._accepted = self._settled = self._flush_to = 0
+        self._running = False
+        self._drops: Counter[str] = Counter()
+        # The thread's own: taken from the queue and not yet on disk.
+        self._held: deque[Entry] = deque()
+
+    def start(self) -> None:
+        """Begin to write; files left open by an earlier run are recovered meanwhile.
+
+        Raises ``RecordingError`` where the folder cannot be made.
+        """
+        try:
+            self.settings.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordingError(f"record.folder {self.settings.folder} cannot be made: {error.strerror}") from error
+        self._running = True
+        self._upkeep.start()
+        self._thread.start()
+
+    async def recovered(self) -> list[Recovery]:
+        """What became of the files that an earlier run left open, once all are dealt with."""
+        return await self._upkeep.recovered()
+
+    async def close(self) -> None:
+        """Write all that waits, close the file, end."""
+        await asyncio.to_thread(self._close)
+
+    def _close(self) -> None:
+        with self._wake:
+            running, self._running = self._running, False
+            self._wake.notify_all()
+        if running:
+            self._thread.join()
+            self._upkeep.close()
+
+    def batch(self, batch: Batch) -> bool:
+        """Record raw samples; ``False`` where they were refused, for the caller to count. An empty batch is nothing."""
+        if not len(batch):
+            return True
+        size = batch.values.nbytes + 40 * len(batch) + 200
+        return self._put(batch, size, topic_of(batch.source, batch.stream.name), len(batch))
+
+    def tick(self, tick: Tick) -> bool:
+        """Record that time moved on."""
+        return self._put(tick, 300, TOPICS[Tick])
+
+    def frames(self, frames: Frames) -> bool:
+        """Record frames, unless the settings say not to."""
+        if not self.settings.frames or not len(frames):
+            return True
+        size = frames.values.nbytes + frames.bound.nbytes + frames.quality.nbytes + 200
+        return self._put(frames, size, FRAME_TOPIC, len(frames))
+
+    def result(self, result: Result) -> bool:
+        """Record what a stage found."""
+        return self._put(result, 2000, TOPICS[type(result)])
+
+    def event(self, event: Event) -> bool:
+        """Record what happened to a source or the daemon."""
+        return self._put(event, 1000, TOPICS[Event])
+
+    def health(self, time: int, status: Mapping[str, Any]) -> bool:
+        """Record the daemon's health at ``time``, UTC ns."""
+        return self._put(Health(time, status), 8000, TOPICS[Health])
+
+    def redeclare(self, header: Header) -> None:
+        """The settings changed: go on in a new file under this header (of the same session)."""
+        with self._wake:
+            self._queue.append(Entry(header, 0, "", 0))
+            self._accepted += 1
+
+    def flush(self, timeout: float) -> bool:
+        """Wait until all taken so far is in the file; ``False`` where it is not. Never call it on the event loop."""
+        with self._wake:
+            target = self._flush_to = self._accepted
+            self._wake.notify_all()
+            self._wake.wait_for(lambda: self._settled >= target or not self._thread.is_alive(), timeout)
+            return self._settled >= target
+
+    def live(self) -> tuple[Path, Contents] | None:
+        """The file being written, and its contents as far as they are on disk; they grow in another thread."""
+        file = self._files.open
+        return None if file is None else (file.part, file.contents)
+
+    def stats(self) -> dict[str, Any]:
+        """Figures for health messages; ages in s, sizes in bytes."""
+        files = self._files
+        open_file = files.open
+        return {
+            "state": files.state,
+            "problem": files.problem,
+            "file": open_file.part.name if open_file else None,
+            "files": files.count,
+            "bytes": files.bytes,
+            "queue": {"items": self._accepted - self._settled, "bytes": self._bytes},
+            "flush_age": round(time.monotonic() - files.flushed_at, 3),
+            "samples": dict(files.samples),
+            "drops": dict(self._drops + files.refused),
+            **self._upkeep.stats(),
+        }
+
+    def _put(self, item: Item, size: int, topic: str, n: int = 1) -> bool:
+        with self._wake:
+            if not self._running or (self._bytes and self._bytes + size > self.settings.queue):
+                self._drops[topic] += n
+                return False
+            if not self._queue:
+                self._first_at = time.monotonic()
+            self._queue.append(Entry(item, size, topic, n))
+            self._bytes += size
+            self._accepted += 1
+            # Woken for the first, to note when it must be written, and for a full chunk; not in between.
+            if len(self._queue) == 1 or self._bytes > CHUNK:
+                self._wake.notify_all()
+        return True
+
+    def _work(self) -> None:
+        while self._wait():
+            self._files.write(self._held)
+            self._settle()
+            self._files.look_after()
+        self._files.write(self._held)
+        self._settle()
+        self._files.close()
+        with self._wake:
+            self._drops.update(_counted(self._held))
+            self._wake.notify_all()
+
+    def _wait(self) -> bool:
+        """Sleep until something is to be done, and take over what arrived; ``False`` at the end."""
+        with self._wake:
+            end = time.monotonic() + IDLE
+            while self._running and (pause := min(self._due(), end) - time.monotonic()) > 0:
+                self._wake.wait(pause)
+            self._held += self._queue
+            self._queue.clear()
+            return self._running
+
+    def _due(self) -> float:
+        """When to write next, monotonic s."""
+        if not self._queue and not self._held:
+            return float("inf")
+        if self._files.state != "ok":
+            return self._files.retry_at
+        if self._bytes > CHUNK or self._settled < self._flush_to:
+            return 0.0
+        return self._first_at + self.settings.flush
+
+    def _settle(self) -> None:
+        with self._wake:
+            self._settled = self._accepted - len(self._queue) - len(self._held)
+            self._bytes = sum(e.size for e in self._queue) + sum(e.size for e in self._held)
+            self._wake.notify_all()
+
+
+def _counted(entries: deque[Entry]) -> Counter[str]:
+    counts: Counter[str] = Counter()
+    for entry in entries:
+        counts[entry.topic] += entry.n
+    return counts

@@ -1,0 +1,366 @@
+"""Takes the data of one cell from the bus: each topic in order, each sample exactly once.
+
+    async with Subscriber("plant-1", "weld-3", LinkSettings(mode="client", connect=("tcp/router:7447",))) as cell:
+        async for message in cell:
+            print(message.topic, message.sequence, message.content)
+
+Holes, which a cut of the link leaves, are filled from the cell's record before what came after them is delivered;
+such messages have ``backfilled`` set. What the cell no longer has is delivered as a ``Gap``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import queue
+import threading
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import quote
+
+from cellwatt.batch import Batch
+from cellwatt.errors import ProtocolError, SinkError
+from cellwatt.frames import Frames
+from cellwatt.publish.encode import decode
+from cellwatt.publish.follow import Delivery, Following, Positions, Question
+from cellwatt.publish.keys import ALARM, FRAME, HEALTH, CellKeys, parse
+from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.publish.mailbox import Mailbox
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import decode_item, from_json
+from cellwatt.publish.order import Gap
+from cellwatt.results import Alarm, Event, Result
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["EVERYTHING", "Gap", "Health", "LinkSettings", "Message", "Subscriber"]
+
+log = logging.getLogger(__name__)
+
+EVERYTHING: Final = ("raw", "frame", "interval", "task", "prediction", "alarm", "event", "health")
+"""All topics of a cell."""
+_INBOX: Final = 8192
+"""Messages from the bus that may wait; those beyond are let go, and asked for again."""
+_TICK: Final = 0.05  # s, between two looks at what is missing
+_TIMEOUT: Final = 5.0  # s, for the answer to one question
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The cell's health message, about once a second; ``positions``: by topic, session and next number."""
+
+    session: int
+    time: int
+    positions: Positions
+    status: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Something from the cell, in its place.
+
+    ``sequence`` is the number of the first sample (raw, frame) or of the result within ``topic`` and ``session``.
+    ``backfilled`` where it was asked for later, because it was missed or happened before the subscription began.
+    """
+
+    topic: str
+    session: int
+    sequence: int
+    backfilled: bool
+    content: Batch | Frames | Result | Event | Health | Gap
+
+    @property
+    def count(self) -> int:
+        """Samples in it; 1 for a result."""
+        content = self.content
+        if isinstance(content, Gap):
+            return content.count
+        return len(content) if isinstance(content, Batch | Frames) else 1
+
+
+class Subscriber:
+    """A consumer of one cell.
+
+    ``link`` is the Zenoh session to make; ``want`` topics or first parts of topics, like ``raw/arm``. ``resume`` takes
+    up where an earlier run's ``positions`` were. ``patience``: time, s, to wait for what the cell should have before
+    it is called a gap. ``queue``: messages that may wait for the consumer; while it is full nothing is lost, but later
+    asked for. Use it with ``with`` or ``async with``; opening raises ``SinkError`` when the link cannot be made.
+
+    Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
+    """
+
+    def __init__(
+        self,
+        site: str,
+        cell: str,
+        link: LinkSettings,
+        *,
+        want: Sequence[str] = EVERYTHING,
+        resume: Positions | None = None,
+        patience: float = 5.0,
+        queue_size: int = 10_000,
+    ) -> None:
+        self._keys = CellKeys(site, cell)
+        self._link = link
+        self._want = tuple(want)
+        self._following = Following(self._want, resume or {}, patience)
+        self._standing_asked = self._following.joined
+        self._mailbox: Mailbox[Message] = Mailbox(queue_size)
+        self._inbox: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._counts: Counter[str] = Counter()
+        self._reached: dict[str, tuple[int, int]] = {}
+        self._stopped = threading.Event()
+        self._session: zenoh.Session | None = None
+        self._thread: threading.Thread | None = None
+
+    # for consumers ----------------------------------------------------------------------------------
+
+    def receive(self, timeout: float | None = None) -> Message:
+        """The next message. Raises ``TimeoutError``, or ``SinkError`` after ``close``."""
+        message = self._mailbox.take(timeout)
+        if message is None:
+            raise SinkError("the subscriber was closed")
+        return self._handed(message)
+
+    def __iter__(self) -> Iterator[Message]:
+        while (message := self._mailbox.take()) is not None:
+            yield self._handed(message)
+
+    async def __aiter__(self) -> AsyncIterator[Message]:
+        while (message := await self._mailbox.take_async()) is not None:
+            yield self._handed(message)
+
+    @property
+    def positions(self) -> dict[str, tuple[int, int]]:
+        """By topic, session and next number after what was handed out: ``resume`` of another run goes on from there."""
+        return {**self._following.begun, **self._reached}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and messages that were odd."""
+        return {**self._following.counts, **self._counts, "duplicates": self._following.duplicates}
+
+    def _handed(self, message: Message) -> Message:
+        if message.topic != HEALTH:
+            session, end = self._reached.get(message.topic) or self._following.begun[message.topic]
+            if message.session != session or message.sequence >= end:
+                self._reached[message.topic] = (message.session, message.sequence + message.count)
+        return message
+
+    # life -------------------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Make the session and subscribe; blocks."""
+        import pyarrow  # noqa: F401  # so that the first message does not wait for it
+
+        self._session = open_session(self._link, self._stopped.is_set)
+        self._thread = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=True)
+        self._thread.start()
+        for wanted in dict.fromkeys((*self._want, HEALTH)):
+            self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._enqueue)
+        self._ask(self._keys.question("status"), self._on_status)
+
+    def close(self) -> None:
+        """End the session and whoever waits for messages."""
+        import zenoh
+
+        self._stopped.set()
+        self._mailbox.end()
+        if self._session is not None:
+            with contextlib.suppress(zenoh.ZError):  # closed already
+                self._session.close()  # type: ignore[no-untyped-call]
+        if self._thread is not None:
+            self._inbox.put(None)
+            self._thread.join()
+
+    def __enter__(self) -> Subscriber:
+        try:
+            self.open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def __aenter__(self) -> Subscriber:
+        opening = asyncio.ensure_future(asyncio.to_thread(self.__enter__))
+        try:
+            return await asyncio.shield(opening)
+        except asyncio.CancelledError:
+            self._stopped.set()
+            await asyncio.wait([opening])
+            await asyncio.to_thread(self.close)
+            raise
+
+    async def __aexit__(self, *_: object) -> None:
+        await asyncio.to_thread(self.close)
+
+    # Zenoh's threads: only enqueue ------------------------------------------------------------------
+
+    def _enqueue(self, sample: zenoh.Sample) -> None:
+        if self._inbox.qsize() < _INBOX:
+            self._inbox.put(partial(self._on_sample, sample))
+        else:
+            self._counts["let go"] += 1
+
+    def _ask(self, selector: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
+        """Ask; ``then`` runs in our thread with the replies, once all are there."""
+        import zenoh
+
+        assert self._session is not None
+        replies: list[zenoh.Reply] = []
+        self._session.get(
+            selector,
+            zenoh.handlers.Callback(replies.append, lambda: self._inbox.put(partial(then, replies))),
+            timeout=_TIMEOUT,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=zenoh.Priority.DATA_LOW,
+        )
+
+    # our thread -------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        import zenoh
+
+        try:
+            while True:
+                with contextlib.suppress(queue.Empty):
+                    work = self._inbox.get(timeout=_TICK)
+                    if work is None:
+                        return
+                    work()
+                for question in self._following.questions(time.monotonic()):
+                    self._ask(self._selector(question), partial(self._on_answer, question))
+        except zenoh.ZError as error:
+            self._mailbox.end(SinkError(f"Zenoh session: {error}"))
+        except BaseException as error:
+            self._mailbox.end(error)
+            raise
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        try:
+            address = parse(str(sample.key_expr))
+            payload = sample.payload.to_bytes()
+            if address.kind == HEALTH:
+                self._on_health(payload, HEALTH in self._want)
+                return
+            mark, content = _decode(sample, address.kind)
+        except ProtocolError as error:
+            self._unreadable(error)
+            return
+        self._deliver(self._following.message(address.topic, mark, content))
+
+    def _on_status(self, replies: list[zenoh.Reply]) -> None:
+        for reply in replies:
+            if reply.ok is not None:
+                try:
+                    self._on_health(reply.ok.payload.to_bytes(), wanted=False)
+                except ProtocolError as error:
+                    self._unreadable(error)
+
+    def _on_health(self, payload: bytes, wanted: bool) -> None:
+        health = _health(payload)
+        self._following.beat(health.positions)
+        if wanted:
+            self._mailbox.put(Message(HEALTH, health.session, health.time, False, health))
+        if not self._standing_asked and self._following.wants(ALARM):
+            self._standing_asked = True
+            self._ask(self._keys.live(f"{ALARM}/**"), self._on_standing)
+
+    def _on_standing(self, replies: list[zenoh.Reply]) -> None:
+        for reply in replies:
+            if reply.ok is not None:
+                try:
+                    mark, alarm = _decode(reply.ok, ALARM)
+                except ProtocolError as error:
+                    self._unreadable(error)
+                    continue
+                assert isinstance(alarm, Alarm)
+                self._deliver(self._following.standing(mark, alarm))
+
+    def _on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
+        now = time.monotonic()
+        for reply in replies:
+            try:
+                if reply.ok is not None:
+                    self._deliver(self._following.filled(question, _contents(reply.ok, question.topic)))
+                    return
+                if reply.err is not None and (reason := _reason(reply.err)):
+                    self._deliver(self._following.nothing(question, reason, now))
+                    return
+            except ProtocolError as error:
+                self._unreadable(error)
+        self._following.unanswered(question, now)
+
+    def _deliver(self, deliveries: list[Delivery]) -> None:
+        for topic, part in ((d.topic, d.part) for d in deliveries):
+            self._mailbox.put(Message(topic, part.session, part.sequence, part.backfilled, part.content))
+
+    def _unreadable(self, error: ProtocolError) -> None:
+        self._counts["unreadable"] += 1
+        log.warning("%s", error)
+
+    def _selector(self, question: Question) -> str:
+        hole, topic = question.hole, question.topic
+        address = parse(self._keys.live(topic))
+        asked: dict[str, object] = {"session": hole.session, "first": hole.first}
+        if hole.count is not None:
+            asked["count"] = hole.count
+        if address.kind == "raw":
+            asked |= {"source": address.names[0], "stream": address.names[1]}
+        else:
+            asked |= {"stream": FRAME} if topic == FRAME else {"kind": topic}
+        name = "history" if address.kind in ("raw", FRAME) else "results"
+        parameters = ";".join(f"{k}={quote(str(v), safe='')}" for k, v in asked.items())
+        return f"{self._keys.question(name)}?{parameters}"
+
+
+def _decode(sample: zenoh.Sample, kind: str) -> tuple[Mark, Batch | Frames | Result | Event]:
+    """Raises ``ProtocolError``."""
+    mark = _mark(sample)
+    payload = sample.payload.to_bytes()
+    return mark, decode(payload, mark) if kind in ("raw", FRAME) else decode_item(kind, payload)
+
+
+def _mark(sample: zenoh.Sample) -> Mark:
+    return Mark.decode(sample.attachment.to_bytes() if sample.attachment is not None else b"")
+
+
+def _contents(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
+    """What an answer about the past holds, in order. Raises ``ProtocolError``."""
+    kind = topic.split("/", 1)[0]
+    if kind in ("raw", FRAME):
+        return [_decode(sample, kind)]
+    mark = _mark(sample)
+    try:
+        bodies = json.loads(sample.payload.to_bytes())
+        return [(Mark(mark.session, b["mark"]["sequence"], 1, mark.arrival, True), from_json(kind, b)) for b in bodies]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ProtocolError(f"an answer about {topic} is not a list of results: {error}") from error
+
+
+def _health(payload: bytes) -> Health:
+    try:
+        body = json.loads(payload)
+        positions = {topic: (int(session), int(end)) for topic, (session, end) in body["positions"].items()}
+        return Health(int(body["session"]), int(body["time"]), positions, body["status"])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ProtocolError(f"a health message is not what its schema says: {error}") from error
+
+
+def _reason(error: zenoh.ReplyError) -> str | None:
+    """What the cell says against a question; ``None`` where Zenoh itself gave up."""
+    try:
+        return str(json.loads(error.payload.to_bytes())["error"])
+    except (ValueError, KeyError, TypeError):
+        return None

@@ -1,0 +1,99 @@
+"""One board's packets become readings of one stream, with an account of what came and what did not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellwatt import Channel, Outlet, Reading, Stream
+from cellwatt_drivers.power_board.clock import BoardClock
+from cellwatt_drivers.power_board.payload import Packet, measured
+from cellwatt_drivers.power_board.resequencer import Placed, Resequencer
+
+_QUANTITIES = (("voltage", "V"), ("current", "A"), ("power", "W"))
+
+
+def board_stream(phases: int, rate: float, board: int | None = None) -> Stream:
+    """The stream of a board: the supply as a whole, then each phase.
+
+    ``supply.power`` is the sum over the phases, ``supply.voltage`` their mean, ``supply.current`` their sum.
+    With ``board`` its number goes before every name, for ports that several boards share.
+    """
+    prefix, name = ("", "power") if board is None else (f"board_{board}.", f"power_{board}")
+    places = ["supply", *(f"phase_{n}" for n in range(1, phases + 1))]
+    channels = tuple(Channel(f"{prefix}{place}.{what}", unit) for place in places for what, unit in _QUANTITIES)
+    return Stream(name, channels, rate, "device")
+
+
+class Board:
+    """Takes one board's packets and emits what they say, in the board's order.
+
+    ``label`` names it in messages; ``window`` ns as in ``Resequencer``.
+    """
+
+    def __init__(self, label: str, stream: Stream, phases: int, window: int, outlet: Outlet) -> None:
+        self.stream = stream
+        self._label = label
+        self._heard = 0
+        self._silent = False
+        self._phases = phases
+        self._outlet = outlet
+        self._clock = BoardClock(stream.rate)
+        self._order = Resequencer(window)
+
+    @property
+    def deadline(self) -> int | None:
+        """The cell's time, ns, at which ``release`` has something to do though nothing came."""
+        return self._order.deadline
+
+    def take(self, packet: Packet, arrival: int) -> None:
+        """Take a packet that came at the cell's time ``arrival``, ns; ``release`` then gives what is due."""
+        self._heard = arrival
+        place = self._clock.place(packet, arrival)
+        if place.verdict == "stale":
+            self._outlet.account.count("late")
+            return
+        if place.verdict in {"jumped", "restarted"}:
+            self.release(arrival, everything=True)
+            if place.verdict == "restarted":
+                self._order.restart()
+            jumped = f"its clock jumped by {place.jump / 1e6:+.3f} s"
+            text = jumped if place.verdict == "jumped" else "it restarted"
+            self._outlet.clock_reset(self.stream, text)
+            self._outlet.event(f"board {place.verdict}", f"{self._label}: {text}", jump_s=place.jump / 1e6)
+        outcome = self._order.put(Placed(packet, place.sequence, place.time, arrival))
+        if outcome:
+            self._outlet.account.count(outcome)
+
+    def watch(self, now: int, since: int, silence: int) -> None:
+        """Report when nothing came for ``silence`` ns, at the earliest after ``since``, and when it comes back."""
+        silent = now - max(self._heard, since) > silence
+        if silent != self._silent:
+            self._silent = silent
+            what = "silent" if silent else "heard again"
+            self._outlet.event(f"board {what}", f"{self._label}: {what}")
+
+    def release(self, now: int, *, everything: bool = False) -> None:
+        """Emit what is in order, and with ``everything`` also what waits for overtaken packets.
+
+        ``now`` is the cell's time, ns.
+        """
+        account = self._outlet.account
+        released = self._order.release(now, everything=everything)
+        if not released:
+            return
+        for gap, placed in released:
+            account.expect(gap + placed.packet.samples)
+            account.miss(gap, "gap")
+        values, quality = measured([x for _, p in released for x in p.packet.raw], self._phases)
+        total = np.stack([values[..., 0].mean(axis=1), values[..., 1].sum(axis=1), values[..., 2].sum(axis=1)], axis=1)
+        rows = np.concatenate([total, values.reshape(len(values), -1)], axis=1)
+        times = [p.time + i * p.packet.step for _, p in released for i in range(p.packet.samples)]
+        self._outlet.emit(
+            Reading(
+                self.stream,
+                rows,
+                arrival=now,
+                device_time=np.array(times, dtype=np.int64) * 1000,
+                quality=quality,
+            )
+        )

@@ -1,0 +1,140 @@
+"""Puts a board's 16-bit sequence numbers and 32-bit microseconds on lines that never wrap.
+
+At 123 Hz the sequence wraps every 532 s and the clock every 71.6 min, so either alone is ambiguous after an
+outage. Together with the cell's time they are not: the cell's time says which turn of the clock it is, the
+clock says which turn of the sequence. What fits neither line is a clock that jumped or a board that restarted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cellwatt_drivers.power_board.payload import SEQUENCE_WRAP, TIME_WRAP, Packet
+
+EARLY = 1e6
+"""µs by which a packet may be ahead of the least delayed one so far: more is another time base."""
+DRIFT = 1e-3
+"""Most the board's clock may gain or lose against the cell's while nothing is heard; crystals stay far below."""
+OLDEST = 60e6
+"""µs that a packet may be on its way (stalled link, waiting bytes) before it counts as another time base."""
+RECENT = 1024
+"""Samples by which a packet may be behind and still be a duplicate or overtaken."""
+OVERTAKEN = 64
+"""Samples by which a packet may be behind where the clock jumped meanwhile."""
+MOST_BEHIND = 32
+"""Packets behind in a row after which the board must have restarted shortly after its last start."""
+
+Verdict = Literal["follows", "behind", "stale", "jumped", "restarted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a packet belongs: unwrapped ``sequence`` and ``time`` (µs) of its first sample.
+
+    ``follows`` the newest, or comes from ``behind`` it; ``stale``: from behind, on a time base that is gone;
+    ``jumped``: next in sequence, but the clock was set, by ``jump`` µs; ``restarted``: sequence and clock
+    both begin anew.
+    """
+
+    sequence: int
+    time: int
+    verdict: Verdict
+    jump: float = 0.0
+
+
+class BoardClock:
+    """The lines of one board; ``rate`` (Hz) is used until two packets have told the true one."""
+
+    def __init__(self, rate: float) -> None:
+        self._nominal = 1e6 / rate
+        self._period: float | None = None
+        self._sequence: int | None = None
+        self._time = 0
+        self._arrival = 0.0
+        self._ahead = 0.0
+        self._behind = 0
+
+    def place(self, packet: Packet, arrival: int) -> Place:
+        """Where a packet that came at the cell's time ``arrival`` (ns) belongs."""
+        now = arrival / 1e3
+        if self._sequence is None:
+            return self._start(packet, now, "follows")
+        elapsed = now - self._arrival
+        expected = now + self._ahead
+        time = _nearest(packet.time, TIME_WRAP, expected)
+        span = time - self._time
+        steps = self._steps(packet, span)
+        if -EARLY - DRIFT * elapsed <= expected - time <= OLDEST and self._fits(steps, span):
+            if steps > 0:
+                return self._advance(packet, steps, time, now)
+            return self._fall_behind(packet, Place(self._sequence + steps, time, "behind"), now)
+        steps = self._steps(packet, elapsed)
+        if -OVERTAKEN <= steps <= 0:
+            return self._fall_behind(packet, Place(self._sequence + steps, time, "stale"), now)
+        if (
+            steps > 0
+            and not self._fresh(packet)
+            and elapsed - OLDEST <= steps * self._step <= 1.02 * elapsed + 2 * EARLY
+        ):
+            jump = _nearest(packet.time, TIME_WRAP, expected) - self._time - steps * self._step
+            return self._start(packet, now, "jumped", self._sequence + steps, jump)
+        return self._start(packet, now, "restarted")
+
+    @property
+    def _step(self) -> float:
+        return self._period or self._nominal
+
+    def _steps(self, packet: Packet, span: float) -> int:
+        """Samples from the newest to this one, given about how many µs lie between them."""
+        assert self._sequence is not None
+        return _nearest(packet.sequence, SEQUENCE_WRAP, self._sequence + span / self._step) - self._sequence
+
+    def _fits(self, steps: int, span: float) -> bool:
+        """Whether ``steps`` samples take ``span`` µs; until the period is known, whether they could."""
+        if steps < -RECENT or (steps > 0) != (span > 0) or (steps < 0) != (span < 0):
+            return False
+        if self._period is None:
+            return steps <= RECENT
+        return abs(span - steps * self._period) <= 20e3 + 2 * self._period + 0.02 * abs(steps) * self._period
+
+    def _fresh(self, packet: Packet) -> bool:
+        """Whether both counters went back, to those of a board that was switched on within the last minute."""
+        assert self._sequence is not None
+        went_back = packet.time < self._time and packet.sequence < self._sequence
+        return (
+            went_back
+            and packet.time < OLDEST
+            and (abs(packet.time - packet.sequence * self._step) <= 20e3 + 2 * self._step + 0.02 * packet.time)
+        )
+
+    def _advance(self, packet: Packet, steps: int, time: int, now: float) -> Place:
+        assert self._sequence is not None
+        if packet.step:
+            self._period = float(packet.step)
+        elif steps <= RECENT:
+            seen = (time - self._time) / steps
+            self._period = seen if self._period is None else self._period + (seen - self._period) / 16
+        self._ahead = max(self._ahead - DRIFT * (now - self._arrival), time - now)
+        self._sequence += steps
+        self._time, self._arrival, self._behind = time, now, 0
+        return Place(self._sequence, time, "follows")
+
+    def _fall_behind(self, packet: Packet, place: Place, now: float) -> Place:
+        self._behind += 1
+        return place if self._behind < MOST_BEHIND else self._start(packet, now, "restarted")
+
+    def _start(
+        self, packet: Packet, now: float, verdict: Verdict, sequence: int | None = None, jump: float = 0.0
+    ) -> Place:
+        """Take this packet as the new origin of the clock, and of the sequence unless that goes on."""
+        self._sequence = packet.sequence if sequence is None else sequence
+        self._time, self._arrival, self._ahead = packet.time, now, packet.time - now
+        self._period = float(packet.step) if packet.step else None
+        self._behind = 0
+        return Place(self._sequence, self._time, verdict, jump)
+
+
+def _nearest(value: int, wrap: int, target: float) -> int:
+    """The number that is ``value`` modulo ``wrap`` and nearest to ``target``."""
+    return value + wrap * round((target - value) / wrap)

@@ -1,0 +1,233 @@
+"""The asyncio side of the power board: listen, decode, emit."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated, ClassVar
+
+from pydantic import BeforeValidator, Field, StrictInt, field_validator
+
+from cellwatt import (
+    Account,
+    ConnectError,
+    Driver,
+    Identity,
+    Outlet,
+    ProtocolError,
+    SourceError,
+    SourceSettings,
+    Stream,
+    WrongDeviceError,
+)
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.power_board import wire
+from cellwatt_drivers.power_board.board import Board, board_stream
+from cellwatt_drivers.power_board.payload import Packet
+from cellwatt_drivers.power_board.port import ListeningPort, listening_port
+
+EVIDENCE = 4096
+"""Newest bytes kept, until a wanted packet is heard, to say what they look like."""
+
+BoardNumber = Annotated[StrictInt, Field(ge=0, le=255)]
+
+
+def _listed(value: object) -> object:
+    return [value] if isinstance(value, int) else value
+
+
+class PowerBoardSettings(SourceSettings):
+    """A power-measuring board behind an XBee/ZigBee receiver on a serial port."""
+
+    port: str
+    """Device path; prefer /dev/serial/by-id/…, which stays the same when the adapter is plugged in elsewhere."""
+    baud: StrictInt = Field(115200, ge=1200, le=4_000_000)
+    """Speed of the serial line, as set in the receiver (BD)."""
+    mode: wire.Mode = "api"
+    """How the receiver is set: api (AP=1), api_escaped (AP=2) or transparent (AP=0)."""
+    boards: Annotated[tuple[BoardNumber, ...] | None, BeforeValidator(_listed)] = None
+    """Number of the board, or a list of numbers; left out: the first one heard."""
+    phases: StrictInt = Field(3, ge=1, le=3)
+    """Phases that the board measures."""
+    rate: Hertz = 123.0
+    """Nominal samples a second; the board's own clock and counter say what is true."""
+    reorder: Seconds = Field(0.04, ge=0, le=10)
+    """Longest time that a sample waits for one that it overtook; what comes later is counted as late."""
+    silence: Seconds = Field(5.0, gt=0)
+    """Without a valid sample for this time the port is closed and opened anew."""
+
+    @field_validator("port")
+    @classmethod
+    def _is_path(cls, port: str) -> str:
+        if not port.startswith("/"):
+            raise ValueError("expected the path of a serial port, like '/dev/serial/by-id/usb-…' or '/dev/ttyUSB0'")
+        return port
+
+    @field_validator("boards")
+    @classmethod
+    def _are_distinct(cls, boards: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        if boards is not None and (not boards or len(set(boards)) != len(boards)):
+            raise ValueError("expected one or more board numbers, each once, like 7 or [7, 8]")
+        return boards
+
+
+class PowerBoardDriver(Driver[PowerBoardSettings]):
+    """Listens to one or several power boards on one serial port; never writes to it.
+
+    What is known of a board outlives the connection, so that after a port vanished and came back the
+    board's own numbering still tells exactly what was lost.
+    """
+
+    Settings = PowerBoardSettings
+    title = "Serial power-measuring board behind an XBee/ZigBee receiver"
+    emulator = "cellwatt_drivers.power_board.emulator:PowerBoardEmulator"
+    writes: ClassVar[tuple[str, ...]] = ()
+    least_delay: ClassVar[tuple[float, float]] = (0.0, 0.03)  # board → radio → receiver → USB: see the docs page
+
+    def __init__(self, name: str, settings: PowerBoardSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        self._boards = {n: self._board(n, s) for n, s in zip(settings.boards or (), self.streams, strict=False)}
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One per board; called ``power`` where there is only one."""
+        s = self.settings
+        if s.boards is None or len(s.boards) == 1:
+            return (board_stream(s.phases, s.rate),)
+        return tuple(board_stream(s.phases, s.rate, board) for board in s.boards)
+
+    async def run(self) -> None:
+        """See ``Driver.run``."""
+        async with listening_port(self.settings.port, self.settings.baud) as port:
+            listening = self._listening(port)
+            opened, connected = self.outlet.now(), False
+            try:
+                while True:
+                    packets = await listening.packets(self._wait())
+                    if packets and not connected:
+                        connected = True
+                        self.outlet.connected(_identity(packets[0], port))
+                    self._deliver(packets, self.outlet.now(), opened)
+            finally:
+                for board in self._boards.values():
+                    board.release(self.outlet.now(), everything=True)
+
+    async def identify(self) -> Identity:
+        """See ``Driver.identify``; a board says who it is with every packet."""
+        async with listening_port(self.settings.port, self.settings.baud) as port:
+            listening = self._listening(port)
+            while not (packets := await listening.packets(self.settings.silence)):
+                pass
+            return _identity(packets[0], port)
+
+    def _deliver(self, packets: list[Packet], now: int, opened: int) -> None:
+        for packet in packets:
+            if packet.board not in self._boards:
+                self._boards[packet.board] = self._board(packet.board, self.streams[0])
+            self._boards[packet.board].take(packet, now)
+        for board in self._boards.values():
+            board.release(now)
+            if len(self._boards) > 1:  # a lone board's silence ends ``run``
+                board.watch(now, opened, round(self.settings.silence * 1e9))
+
+    def _board(self, number: int, stream: Stream) -> Board:
+        return Board(
+            f"{self.name}: board {number}",
+            stream,
+            self.settings.phases,
+            round(self.settings.reorder * 1e9),
+            self.outlet,
+        )
+
+    def _listening(self, port: ListeningPort) -> Listening:
+        return Listening(port, self.settings, tuple(self._boards), self.outlet.account)
+
+    def _wait(self) -> float:
+        """Time in s until a board gives up a gap."""
+        deadlines = [b.deadline for b in self._boards.values() if b.deadline is not None]
+        return max(0.0, (min(deadlines) - self.outlet.now()) / 1e9) if deadlines else self.settings.silence
+
+
+def _identity(packet: Packet, port: ListeningPort) -> Identity:
+    notes = {"payload": f"{packet.phases} phases, {packet.samples} samples a packet"}
+    if port.latency is not None and port.latency > 1:
+        notes["latency timer"] = (
+            f"the adapter keeps bytes for {port.latency} ms, which blurs the clock model: "
+            "set its latency_timer to 1 (docs/drivers/power_board.md)"
+        )
+    return Identity(maker="power board", model=f"board {packet.board}", serial=str(packet.board), notes=notes)
+
+
+class Listening:
+    """From an open port to packets of wanted boards; what else comes is counted in ``account``.
+
+    ``boards`` may be empty: then the first one heard is the one wanted.
+    """
+
+    def __init__(
+        self, port: ListeningPort, settings: PowerBoardSettings, boards: tuple[int, ...], account: Account
+    ) -> None:
+        self._port = port
+        self._settings = settings
+        self._wanted = boards
+        self._account = account
+        self._decoder = wire.decoder(settings.mode)
+        self._heard = asyncio.get_running_loop().time()
+        self._bytes = 0
+        self._evidence = b""
+        self._others: set[int] = set()
+
+    async def packets(self, seconds: float) -> list[Packet]:
+        """Packets in order of arrival; after at most ``seconds``, then perhaps none.
+
+        Raises ``ConnectError`` when the port is gone or silent, ``ProtocolError`` when what comes is not
+        what was configured, ``WrongDeviceError`` when it is other boards, or a board with other phases.
+        """
+        loop = asyncio.get_running_loop()
+        end = self._heard + self._settings.silence
+        data = await self._port.read(max(0.0, min(seconds, end - loop.time())))
+        packets = self._decoder.feed(data)
+        for what, n in self._decoder.counts.items():
+            self._account.count(what, n)
+        self._decoder.counts.clear()
+        wanted = [p for p in packets if self._wants(p)]
+        if wanted:
+            self._heard, self._bytes, self._evidence = loop.time(), 0, b""
+            self._others.clear()
+        else:
+            self._bytes += len(data)
+            self._evidence = (self._evidence + data)[-EVIDENCE:]
+            if loop.time() >= end:
+                raise self._verdict()
+        return wanted
+
+    def _wants(self, packet: Packet) -> bool:
+        if not self._wanted:
+            self._wanted = (packet.board,)
+        if packet.board not in self._wanted:
+            self._others.add(packet.board)
+            self._account.count("other boards")
+            return False
+        if packet.phases != self._settings.phases:
+            raise WrongDeviceError(
+                f"{self._settings.port}: board {packet.board} measures {packet.phases} phases, "
+                f"but phases: {self._settings.phases} is configured"
+            )
+        return True
+
+    def _verdict(self) -> SourceError:
+        """Why nothing wanted was heard."""
+        s = self._settings
+        where, span = f"{s.port}: in {s.silence:g} s", f"at {s.baud} baud"
+        if self._others:
+            wanted, others = _numbers(self._wanted), _numbers(tuple(sorted(self._others)))
+            return WrongDeviceError(f"{where} only board {others} is heard, but not the wanted board {wanted}")
+        if self._bytes:
+            reason = wire.diagnose(self._evidence, s.mode)
+            return ProtocolError(f"{where} {self._bytes} bytes but no valid frame {span}: {reason}")
+        return ConnectError(
+            f"{where} not one byte {span}: is the board on and joined, and is this the receiver's port?"
+        )
+
+
+def _numbers(boards: tuple[int, ...]) -> str:
+    return ", ".join(str(b) for b in boards)

@@ -1,0 +1,254 @@
+"""A power board and its XBee receiver, behind a pseudo-terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation.faults import FaultKind
+from cellwatt_drivers.power_board import payload, wire, xbee
+from cellwatt_drivers.power_board.modem import JOINED, Modem
+from cellwatt_drivers.power_board.virtual_port import VirtualPort
+
+SENDER, NETWORK = 0x0013A20040401122, 0x1A2B
+TICK = 0.004
+SETTLE = 0.1
+"""Time in s from a port's opening to its first byte: clients throw away what waited in the port before."""
+LINGER = (0.05, 1.0)
+"""Shortest and longest time in s that a vanishing port waits for its last bytes to be read."""
+MOST_WAITING = 10_000
+"""Packets that wait for a reader who does not read; beyond it the oldest are lost."""
+
+
+class _Item(NamedTuple):
+    """Bytes for the serial line, when they may leave (s, monotonic), and how many whole samples they hold."""
+
+    due: float
+    data: bytes
+    samples: int
+
+
+class PowerBoardEmulator(Emulator):
+    """A board that measures ``supply.power``, ``.voltage`` and ``.current``, shared evenly by its phases.
+
+    The address is ``pty``. The board wakes up when somebody first opens the port, so every sample it makes
+    is one that could be read; a sample made while nobody has the port open counts as ``unheard``.
+
+    Options: ``mode`` (api, api_escaped, transparent), ``board`` (0–255), ``phases`` (1–3), ``rate`` (Hz),
+    ``batch`` (samples a radio packet), ``explicit`` (yes: frame type 0x91 in place of 0x90), ``link`` (path
+    of a symbolic link to the port, which stays the same when the port comes back).
+
+    Faults strike radio packets. ``loss``; ``half_frame``: cut off; ``garbage``: random bytes before it;
+    ``duplicate``: sent twice; ``reorder``: overtaken by the next one; ``delay``: it and all behind it wait;
+    ``stall``: nothing leaves for a while, then everything does; ``disconnect``: the port vanishes (needs
+    ``link``); ``clock_jump``: the board's clock is set on by ``seconds``. ``made``, ``sent`` (whole, to an
+    open port) and ``unheard`` count samples, the faults and ``packets`` count packets, ``heard`` bytes
+    that a client wrote.
+    """
+
+    title: ClassVar[str] = "Power board behind an XBee receiver"
+    faults: ClassVar[tuple[FaultKind, ...]] = (
+        "delay",
+        "reorder",
+        "duplicate",
+        "loss",
+        "garbage",
+        "half_frame",
+        "stall",
+        "disconnect",
+        "clock_jump",
+    )
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or "pty", epoch=epoch, seed=seed, options=options)
+        if self.address != "pty":
+            raise ValueError(f"a power board's emulator listens at pty, not at {address!r}")
+        self._set_options(dict(self.options))
+        self._modem = None if self._mode == "transparent" else Modem(escaped=self._mode == "api_escaped")
+        self._counts = Counter(made=0, sent=0, unheard=0, packets=0, heard=0)
+        self._began: float | None = None
+        self._woke = 0.0  # UTC of the first sample, s
+        self._clock = 0.0  # s that jumps have added to the board's clock
+        self._opened: float | None = None  # since when somebody has the port open
+        self._listened = False
+        self._leaving: float | None = None  # s that the port will be away once it has been read empty
+        self._left = 0.0  # when it began to leave
+        self._away = 0.0  # until when it is away
+        self._blocked = 0.0  # until when nothing leaves
+        self._line: deque[_Item] = deque()
+        self._overtaken: list[_Item] = []
+
+    def _set_options(self, options: dict[str, str]) -> None:
+        mode = options.pop("mode", "api")
+        known = {m: m for m in wire.MODES}
+        if mode not in known:
+            raise ValueError(f"mode {mode!r} is not one of {', '.join(wire.MODES)}")
+        self._mode = known[mode]
+        self._board = int(options.pop("board", "7"))
+        self._phases = int(options.pop("phases", "3"))
+        self._rate = float(options.pop("rate", "123"))
+        self._batch = int(options.pop("batch", "1"))
+        self._explicit = options.pop("explicit", "no") == "yes"
+        link = options.pop("link", "")
+        self._link = Path(link) if link else None
+        if options:
+            raise ValueError(f"unknown options {', '.join(options)}")
+        if not 0 < self._rate <= 1000:
+            raise ValueError(f"rate {self._rate:g} is not within 0 to 1000 Hz")
+        zeros = (0,) * (3 * self._phases * self._batch)
+        payload.build(payload.Packet(self._board, 0, 0, self._step, self._phases, zeros))
+
+    @property
+    def _step(self) -> int:
+        """µs between the samples of a packet; 0 where it holds one."""
+        return round(1e6 / self._rate) if self._batch > 1 else 0
+
+    def inject(self, fault: Fault) -> None:
+        """See ``Emulator.inject``."""
+        if fault.kind == "disconnect" and self._link is None:
+            raise ValueError("a port that vanishes needs the option link, else nobody finds it again")
+        super().inject(fault)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See the class."""
+        return {**self._counts, **self.injector.counts}
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        port = VirtualPort(self._link)
+        try:
+            ready(port.path)
+            while True:
+                self._tick(port, time.monotonic())
+                await asyncio.sleep(TICK)
+        finally:
+            port.unplug()
+
+    def _tick(self, port: VirtualPort, now: float) -> None:
+        self._plug(port, now)
+        self._listen(port, now)
+        if (fault := self.injector.once("stall")) is not None:
+            self._blocked = now + fault.seconds
+        if (fault := self.injector.once("clock_jump")) is not None:
+            self._clock += fault.seconds
+        self._measure(now)
+        self._send(port, now)
+
+    def _plug(self, port: VirtualPort, now: float) -> None:
+        """Let the port vanish, once what was sent has been read, and come back."""
+        if not port.plugged:
+            if now >= self._away:
+                port.plug()
+        elif self._leaving is None:
+            if (fault := self.injector.once("disconnect")) is not None:
+                self._leaving, self._left = fault.seconds, now
+        elif now - self._left >= (LINGER[1] if port.unread else LINGER[0]):
+            port.unplug()
+            self._away, self._leaving = now + self._leaving, None
+
+    def _listen(self, port: VirtualPort, now: float) -> None:
+        """Notice who opens the port and what they write."""
+        if not port.opened or self._leaving is not None:
+            self._opened, self._listened = None, False
+            return
+        self._opened = now if self._opened is None else self._opened
+        asked = port.read()
+        self._counts["heard"] += len(asked)
+        if self._modem is not None and (answer := self._modem.feed(asked)):
+            self._line.append(_Item(now, answer, 0))
+        if now < self._opened + SETTLE or self._listened:
+            return
+        self._listened = True
+        if self._modem is not None:
+            self._line.append(_Item(now, xbee.frame(JOINED, escaped=self._mode == "api_escaped"), 0))
+        if self._began is None:
+            self._began, self._woke = now, time.time()
+
+    def _measure(self, now: float) -> None:
+        """Make the packets whose last sample is due."""
+        if self._began is None:
+            return
+        while self._began + (self._counts["made"] + self._batch - 1) / self._rate <= now:
+            packet = self._packet(self._counts["made"])
+            self._counts["made"] += self._batch
+            self._counts["packets"] += 1
+            if self._listened:
+                frame = wire.wrap(
+                    payload.build(packet), self._mode, sender=SENDER, network=NETWORK, explicit=self._explicit
+                )
+                self._transmit(frame, now)
+            else:
+                self._counts["unheard"] += self._batch
+
+    def _packet(self, first: int) -> payload.Packet:
+        """The samples from number ``first`` on."""
+        times = (first + np.arange(self._batch)) / self._rate
+        microseconds = round((times[0] + self._clock) * 1e6)
+        raw = payload.raw(self._phase_values(self._woke - self.epoch + times))
+        return payload.Packet(
+            self._board,
+            first % payload.SEQUENCE_WRAP,
+            microseconds % payload.TIME_WRAP,
+            self._step,
+            self._phases,
+            raw,
+        )
+
+    def _phase_values(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, phases, 3) V, A, W at t (n,) s: an even share of the supply for each phase."""
+        signals = self.signals.at(t)
+        power = signals["supply.power"]
+        voltage = signals.get("supply.voltage", np.full_like(t, 230.0))
+        current = signals.get("supply.current", power / voltage)
+        share = np.stack([voltage, current / self._phases, power / self._phases], axis=1)
+        return np.repeat(share[:, None, :], self._phases, axis=1)
+
+    def _transmit(self, frame: bytes, now: float) -> None:
+        """Bring a packet over the radio, or what the faults leave of it."""
+        strikes, samples = self.injector.strikes, self._batch
+        if strikes("loss", now):
+            return
+        if strikes("half_frame", now):  # always into the CRC, so that no chance byte completes it
+            frame, samples = frame[: 1 + self.injector.below(len(frame) - 3)], 0
+        elif strikes("duplicate", now):
+            frame += frame
+        if strikes("garbage", now):
+            frame = self.injector.random_bytes(1, 40) + frame
+        delay = strikes("delay", now)
+        self._blocked = max(self._blocked, now + (delay.seconds if delay else 0.0))
+        item = _Item(self._blocked, frame, samples)
+        if strikes("reorder", now):
+            self._overtaken.append(item)
+            return
+        self._line.append(item)
+        self._line.extend(i._replace(due=item.due) for i in self._overtaken)
+        self._overtaken.clear()
+
+    def _send(self, port: VirtualPort, now: float) -> None:
+        """Write what is due as far as the line takes it; what nobody listens to is lost."""
+        while self._line and (self._line[0].due <= now or len(self._line) > MOST_WAITING):
+            item = self._line[0]
+            listening = self._opened is not None and len(self._line) <= MOST_WAITING
+            written = port.write(item.data) if listening else len(item.data)
+            if written < len(item.data):
+                self._line[0] = item._replace(data=item.data[written:])
+                return
+            self._counts["sent" if listening else "unheard"] += item.samples
+            self._line.popleft()

@@ -1,0 +1,126 @@
+"""The board's payload: one sample, or several that share a header, under a CRC. See docs/drivers/power_board.md.
+
+All fields are little-endian. Version 1 carries one sample, version 2 several at an even step:
+
+    1: version u8 · board u8 · sequence u16 · time u32 µs · phases × (U, I, P) · crc u16
+    2: version u8 · board u8 · sequence u16 · time u32 µs · samples u8 · phases u8 · step u16 µs
+       · samples × phases × (U, I, P) · crc u16
+
+with U u16 in 10 mV, I u16 in 1 mA, P i32 in 10 mW, and CRC-16/CCITT-FALSE over everything before it.
+"""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt import Quality
+
+MAX_PHASES = 3
+SHORTEST = 18
+LONGEST = 255
+TIME_WRAP = 1 << 32
+SEQUENCE_WRAP = 1 << 16
+
+_HEADER = struct.Struct("<BBHI")
+_BATCH = struct.Struct("<BBH")
+_CRC = struct.Struct("<H")
+_MEASURED = "HHi"
+_PER_SI = np.array([100.0, 1000.0, 100.0])
+_TOP = np.array([0xFFFF, 0xFFFF, 0x7FFF_FFFF])
+_SINGLE = {10 + 8 * n: (n, struct.Struct("<BBHI" + _MEASURED * n)) for n in range(1, MAX_PHASES + 1)}
+
+
+class Packet(NamedTuple):
+    """What one radio packet says.
+
+    ``sequence`` (u16) and ``time`` (u32 µs of the board's clock) are those of the first sample; ``step``
+    is µs from sample to sample, 0 where there is one. ``raw`` is sample by sample, phase by phase U, I, P
+    in device units, for ``measured``.
+    """
+
+    board: int
+    sequence: int
+    time: int
+    step: int
+    phases: int
+    raw: tuple[int, ...]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in the packet."""
+        return len(self.raw) // (3 * self.phases)
+
+
+@cache
+def _fields(n: int) -> struct.Struct:
+    return struct.Struct("<" + _MEASURED * n)
+
+
+def parse(data: bytes) -> Packet | None:
+    """The packet in ``data``, or ``None`` where the CRC, version or length is not that of a board's payload."""
+    if len(data) < SHORTEST or crc_hqx(data[:-2], 0xFFFF) != data[-2] | data[-1] << 8:
+        return None
+    version = data[0]
+    if version == 1:
+        form = _SINGLE.get(len(data))
+        if form is None:
+            return None
+        _, board, sequence, time, *raw = form[1].unpack_from(data)
+        return Packet(board, sequence, time, 0, form[0], tuple(raw))
+    return _parse_batch(data) if version == 2 else None
+
+
+def _parse_batch(data: bytes) -> Packet | None:
+    _, board, sequence, time = _HEADER.unpack_from(data)
+    samples, phases, step = _BATCH.unpack_from(data, _HEADER.size)
+    count = samples * phases
+    if not (samples and 1 <= phases <= MAX_PHASES and step and len(data) == 14 + 8 * count):
+        return None
+    return Packet(board, sequence, time, step, phases, _fields(count).unpack_from(data, 12))
+
+
+def build(packet: Packet) -> bytes:
+    """The payload of a packet: version 1 where it holds one sample without a step, else version 2.
+
+    Raises ``ValueError`` where a field is out of its range or the payload would pass 255 bytes.
+    """
+    count = len(packet.raw) // 3
+    version = 2 if packet.step else 1
+    if not 1 <= packet.phases <= MAX_PHASES or not packet.samples or (version == 1 and packet.samples > 1):
+        raise ValueError(
+            f"{packet.samples} samples of {packet.phases} phases at a step of {packet.step} µs: no such form"
+        )
+    try:
+        body = _HEADER.pack(version, packet.board, packet.sequence, packet.time)
+        if version == 2:
+            body += _BATCH.pack(packet.samples, packet.phases, packet.step)
+        body += _fields(count).pack(*packet.raw)
+    except struct.error as error:
+        raise ValueError(f"a field of the payload is out of range: {error}") from error
+    if len(body) + _CRC.size > LONGEST:
+        raise ValueError(f"{packet.samples} samples of {packet.phases} phases do not fit {LONGEST} bytes")
+    return body + _CRC.pack(crc_hqx(body, 0xFFFF))
+
+
+def raw(measured: NDArray[np.float64]) -> tuple[int, ...]:
+    """Device units of ``measured`` (samples, phases, 3) in V, A, W; what does not fit saturates."""
+    rounded = np.rint(measured * _PER_SI)
+    limited = np.clip(rounded, np.array([0, 0, -0x8000_0000]), _TOP)
+    return tuple(int(x) for x in limited.ravel())
+
+
+def measured(raw: Sequence[int], phases: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """SI values (samples, phases, 3) in V, A, W of ``Packet.raw``, and each sample's quality (samples,).
+
+    A field at the end of its range (655.35 V, 65.535 A, ±21.47 MW) marks its sample as clipped.
+    """
+    table = np.asarray(raw, dtype=np.float64).reshape(-1, phases, 3)
+    clipped = ((table >= _TOP) | (table <= -0x8000_0000)).any(axis=(1, 2))
+    return table / _PER_SI, np.where(clipped, Quality.CLIPPED, Quality.GOOD).astype(np.uint8)

@@ -1,0 +1,126 @@
+"""A serial port that is only listened to; the one place that does I/O for this driver."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import serial
+
+from cellwatt import ConnectError
+
+MOST_READ = 65536
+BY_ID = Path("/dev/serial/by-id")
+ADAPTERS = Path("/sys/bus/usb-serial/devices")
+
+
+class ListeningPort:
+    """An open port; made by ``listening_port``. It has no way to write.
+
+    ``latency`` is how long, in ms, the adapter keeps bytes before it hands them over, where it says so.
+    """
+
+    def __init__(self, device: serial.Serial) -> None:
+        self._path = str(device.port)
+        self._device = device
+        self.latency = _latency_timer(self._path)
+
+    def close(self) -> None:
+        """Let go of the port; blocks."""
+        self._device.close()
+
+    async def read(self, seconds: float) -> bytes:
+        """Bytes that came, after at most ``seconds``; empty when none did.
+
+        Raises ``ConnectError`` when the port is gone.
+        """
+        loop = asyncio.get_running_loop()
+        descriptor = self._device.fileno()
+        ready = asyncio.Event()
+        loop.add_reader(descriptor, ready.set)
+        try:
+            async with asyncio.timeout(seconds):
+                await ready.wait()
+        except TimeoutError:
+            pass  # bytes may have come together with the time-out: look before saying that none did
+        finally:
+            loop.remove_reader(descriptor)
+        try:
+            data = os.read(descriptor, MOST_READ)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise ConnectError(
+                f"{self._path}: the port is gone ({error.strerror}): is the adapter plugged in?"
+            ) from error
+        if not data and ready.is_set():
+            raise ConnectError(f"{self._path}: the port is gone (end of file): is the adapter plugged in?")
+        return data
+
+
+@contextlib.asynccontextmanager
+async def listening_port(path: str, baud: int) -> AsyncIterator[ListeningPort]:
+    """Open a port for this process alone and close it at the end; both block, so both happen in a thread.
+
+    Raises ``ConnectError`` that says why it cannot be opened.
+    """
+    opening = asyncio.ensure_future(asyncio.to_thread(_open, path, baud))
+    try:
+        port = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(_discard)
+        raise
+    try:
+        yield port
+    finally:
+        await asyncio.shield(asyncio.to_thread(port.close))
+
+
+def _discard(opening: asyncio.Future[ListeningPort]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
+
+
+def _open(path: str, baud: int) -> ListeningPort:
+    try:
+        return ListeningPort(serial.Serial(path, baud, timeout=0, exclusive=True))
+    except (OSError, ValueError) as error:
+        raise ConnectError(f"{path}: {_why(error, baud)}") from error
+
+
+def _why(error: OSError | ValueError, baud: int) -> str:
+    # pyserial keeps the number only for a failed open; a failed lock or set-up has it in the text.
+    number = getattr(error, "errno", None)
+    text = str(error)
+    if number == errno.ENOENT:
+        return f"no such port ({_present()})"
+    if number == errno.EACCES:
+        return "permission denied: the user that runs cellwatt must be in the port's group (dialout)"
+    if number == errno.EBUSY or "exclusively lock" in text:
+        return "in use by another program"
+    if number == errno.ENOTTY or "Inappropriate ioctl" in text:
+        return "is not a serial port"
+    if isinstance(error, ValueError):
+        return f"does not know {baud} baud"
+    return f"cannot be opened: {text}"
+
+
+def _present() -> str:
+    try:
+        names = sorted(p.name for p in BY_ID.iterdir())
+    except OSError:
+        names = []
+    return f"in {BY_ID}: {', '.join(names)}" if names else "no USB serial adapter is plugged in"
+
+
+def _latency_timer(path: str) -> int | None:
+    """Only the FTDI driver has one."""
+    name = Path(path).resolve().name
+    try:
+        return int((ADAPTERS / name / "latency_timer").read_text())
+    except (OSError, ValueError):
+        return None

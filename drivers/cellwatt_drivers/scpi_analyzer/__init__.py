@@ -1,0 +1,5 @@
+"""Power analyzers that speak SCPI: R&S HMC8015."""
+
+from cellwatt_drivers.scpi_analyzer.driver import ScpiAnalyzerDriver, ScpiAnalyzerSettings
+
+__all__ = ["ScpiAnalyzerDriver", "ScpiAnalyzerSettings"]

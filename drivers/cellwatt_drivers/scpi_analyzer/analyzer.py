@@ -1,0 +1,86 @@
+"""Questions to an analyzer in the words of its dialect."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt_drivers.scpi_analyzer.dialect import Dialect
+from cellwatt_drivers.scpi_analyzer.line import Answer, Line
+from cellwatt_drivers.scpi_analyzer.wire import Identification, parse_error, parse_identification
+
+_DEEPEST_QUEUE = 50
+
+
+class Analyzer:
+    """An analyzer at the end of a ``line``; waits ``timeout`` s for each answer. All methods raise ``SourceError``."""
+
+    def __init__(self, line: Line, dialect: Dialect, timeout: float) -> None:
+        self._line = line
+        self._dialect = dialect
+        self._timeout = timeout
+
+    async def identify(self) -> Identification:
+        """Who answers. Answers to earlier queries that come first are passed over.
+
+        Raises ``WrongDeviceError`` where something else than the dialect's model answers.
+        """
+        loop = asyncio.get_running_loop()
+        end = loop.time() + self._timeout
+        self._line.tell(self._dialect.identify)
+        heard = ""
+        while True:
+            try:
+                text, _ = await self._line.read(max(0.0, end - loop.time()))
+            except ProtocolError as error:
+                heard = heard or str(error)
+                continue
+            except ConnectError:
+                if not heard:
+                    raise
+                raise WrongDeviceError(
+                    f"{self._line.place} is not an {self._dialect.model}: it answers {heard[:80]!r}; "
+                    "check the address, or the speed of the serial port"
+                ) from None
+            if self._dialect.model in text.upper():
+                return parse_identification(text)
+            heard = heard or text
+
+    async def selected(self) -> tuple[str, ...]:
+        """Short spellings of the functions that ``read`` answers, in order."""
+        answer = await self._line.ask(self._dialect.selected, self._timeout)
+        return tuple(self._dialect.short(name) for name in answer.text.split(self._dialect.separator))
+
+    def select(self, functions: Sequence[str]) -> None:
+        """Choose and order what ``read`` answers."""
+        for command in self._dialect.select:
+            self._line.tell(command.format(functions=self._dialect.separator.join(functions)))
+
+    async def choose(self, functions: Sequence[str]) -> None:
+        """``select``, and make sure of it. Raises ``DeviceError`` with what the analyzer says against it."""
+        self.select(functions)
+        errors = await self.errors()
+        if errors:
+            code, text = errors[0]
+            raise DeviceError(f"{self._line.place} refuses the functions {', '.join(functions)}: {code} {text}")
+
+    def integrate(self) -> None:
+        """Start the integrator."""
+        for command in self._dialect.integrate:
+            self._line.tell(command)
+
+    async def errors(self) -> list[tuple[int, str]]:
+        """Take all entries off the error queue, oldest first."""
+        found: list[tuple[int, str]] = []
+        while len(found) < _DEEPEST_QUEUE:
+            answer = await self._line.ask(self._dialect.errors, self._timeout)
+            code, text = parse_error(answer.text)
+            if code == 0:
+                break
+            found.append((code, text))
+        return found
+
+    async def read(self) -> Answer:
+        """One line of measured values."""
+        return await self._line.ask(self._dialect.read, self._timeout)

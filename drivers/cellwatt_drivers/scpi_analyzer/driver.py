@@ -1,0 +1,240 @@
+"""Polls a power analyzer over SCPI."""
+
+from __future__ import annotations
+
+import time
+from contextlib import AbstractAsyncContextManager, suppress
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Quality, Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt.ticker import Beat, Ticker
+from cellwatt_drivers.scpi_analyzer.analyzer import Analyzer
+from cellwatt_drivers.scpi_analyzer.dialect import HMC8015
+from cellwatt_drivers.scpi_analyzer.line import Answer, LateError, Line, open_serial, open_tcp
+from cellwatt_drivers.scpi_analyzer.wire import PORT, Value, parse_values
+
+FunctionName = Literal["URMS", "IRMS", "P", "S", "Q", "LAMB", "PHI", "FU", "WH"]
+
+DIALECT = HMC8015
+
+
+class ScpiAnalyzerSettings(SourceSettings):
+    """An R&S HMC8015 on the network (``host``) or on a serial port (``serial``)."""
+
+    host: str | None = None
+    """Address of the analyzer."""
+    port: int = Field(PORT, ge=1, le=65535)
+    """TCP port of its SCPI socket."""
+    serial: str | None = None
+    """Serial port instead of ``host``, e.g. ``/dev/ttyACM0``."""
+    baud: int = Field(115200, gt=0)
+    """Speed of the serial port; a USB virtual port ignores it."""
+    functions: tuple[FunctionName, ...] = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
+    """What to read; WH counts only while the integrator runs."""
+    rate: Hertz = 10.0
+    """Polls a second; the HMC8015 makes 10 readings a second."""
+    timeout: Seconds = Field(1.0, gt=0)
+    """Wait this long for an answer, then open the connection anew."""
+    select: bool = True
+    """Choose ``functions`` at the analyzer; ``false`` takes them from the list that is set there already."""
+    integrate: bool = False
+    """Start the analyzer's integrator (it is not stopped afterwards)."""
+    error_check: Seconds = Field(10.0, gt=0)
+    """Read the analyzer's error queue this often."""
+
+    @field_validator("functions")
+    @classmethod
+    def _no_twins(cls, value: tuple[FunctionName, ...]) -> tuple[FunctionName, ...]:
+        if not value or len(set(value)) != len(value):
+            raise ValueError("name at least one function, each once")
+        return value
+
+    @model_validator(mode="after")
+    def _fits(self) -> ScpiAnalyzerSettings:
+        if (self.host is None) == (self.serial is None):
+            raise ValueError("write either 'host' or 'serial'")
+        if self.integrate and "WH" not in self.functions:
+            raise ValueError("'integrate' starts the energy integrator: add WH to functions")
+        return self
+
+
+class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
+    """One analyzer. After an answer that is late, cut or not understood the connection is opened anew, because
+    every later answer would be taken for that of the query before it.
+    """
+
+    Settings = ScpiAnalyzerSettings
+    title = "Power analyzers over SCPI (R&S HMC8015; TCP or serial)"
+    emulator = "cellwatt_drivers.scpi_analyzer.emulator:ScpiAnalyzerEmulator"
+    writes = (
+        "queries: *IDN?, SYST:ERR? (takes entries off the error queue), CHAN1:MEAS:FUNC?, CHAN1:MEAS:DATA?",
+        "unless select is false: CHAN1:MEAS:FORM ASC, CHAN1:MEAS:FUNC <functions> (what DATA? answers; the list found "
+        "before is written back when the connection is closed in order)",
+        "only where integrate is true: INT:MODE MAN, INT:STAT ON, INT:STAR (not stopped afterwards)",
+    )
+
+    def __init__(self, name: str, settings: ScpiAnalyzerSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        functions = [DIALECT.functions[f] for f in settings.functions]
+        self._scale = np.array([f.scale for f in functions])
+        self._stream = Stream("measured", tuple(f.channel for f in functions), settings.rate, "host")
+        self._period = round(1e9 / settings.rate)
+        self._deadline = 0
+        self._idle = 0
+        self._delivered = 0
+        self._last_text = ""
+        self._overloaded: set[str] = set()
+        self._before: tuple[str, ...] = ()
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One: ``measured``."""
+        return (self._stream,)
+
+    async def identify(self) -> Identity:
+        """What ``*IDN?`` says. Raises ``SourceError``."""
+        async with self._open() as line:
+            return await self._greet(self._analyzer(line))
+
+    async def run(self) -> None:
+        """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
+        while True:
+            delivered = self._delivered
+            try:
+                await self._converse()
+            except (ConnectError, ProtocolError) as error:
+                if isinstance(error, LateError | ProtocolError):
+                    self.outlet.account.count("timeouts" if isinstance(error, LateError) else "malformed")
+                if self._delivered == delivered:
+                    raise
+                self.outlet.account.count("reconnects")
+                self.outlet.event("reopened", f"{self.name}: {error}; the connection is opened anew")
+
+    def _open(self) -> AbstractAsyncContextManager[Line]:
+        s = self.settings
+        if s.serial is not None:
+            return open_serial(s.serial, s.baud, self.outlet.now)
+        assert s.host is not None
+        return open_tcp(s.host, s.port, s.timeout, self.outlet.now)
+
+    def _analyzer(self, line: Line) -> Analyzer:
+        return Analyzer(line, DIALECT, self.settings.timeout)
+
+    async def _greet(self, analyzer: Analyzer) -> Identity:
+        found = await analyzer.identify()
+        return Identity(DIALECT.maker, found.model, found.serial, found.firmware)
+
+    async def _converse(self) -> None:
+        """One connection, from the greeting on."""
+        async with self._open() as line:
+            analyzer = self._analyzer(line)
+            identity = await self._greet(analyzer)
+            self._report(await analyzer.errors(), "left from before")
+            try:
+                order = await self._set_up(analyzer)
+                self.outlet.connected(identity)
+                await self._poll(analyzer, order)
+            finally:
+                if self._before:
+                    with suppress(ConnectError):
+                        analyzer.select(self._before)
+
+    async def _set_up(self, analyzer: Analyzer) -> tuple[str, ...]:
+        """Make the analyzer answer the functions; gives all that it answers, in order."""
+        wanted = self.settings.functions
+        order = await analyzer.selected()
+        if self.settings.select and order != wanted:
+            self._before = order
+            await analyzer.choose(wanted)
+            order = await analyzer.selected()
+        if missing := [f for f in wanted if f not in order]:
+            raise DeviceError(
+                f"the analyzer's list {', '.join(order)} lacks {', '.join(missing)}: choose them there, "
+                "or set select: true"
+            )
+        if self.settings.integrate:
+            analyzer.integrate()
+            self._report(await analyzer.errors(), "at the start of the integrator")
+        return order
+
+    async def _poll(self, analyzer: Analyzer, order: tuple[str, ...]) -> None:
+        columns = [order.index(f) for f in self.settings.functions]
+        resumed = self._deadline != 0
+        check = time.monotonic() + self.settings.error_check
+        async with Ticker(self.settings.rate) as ticker:
+            async for tick in ticker:
+                self._account_lost(tick, resumed)
+                resumed, self._deadline = False, tick.deadline
+                await self._read(analyzer, columns, len(order))
+                if time.monotonic() >= check:
+                    check = time.monotonic() + self.settings.error_check
+                    self._report(await analyzer.errors(), "while measuring")
+                self._idle = time.monotonic_ns()
+
+    def _account_lost(self, tick: Beat, resumed: bool) -> None:
+        """Miss the polls between the last one and this one, by what held them up."""
+        if resumed:
+            self._miss(round((tick.deadline - self._deadline) / self._period) - 1, "disconnected")
+            return
+        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
+        slow = min(max(slow, 0), tick.merged)
+        self._miss(slow, "slow answers")
+        self._miss(tick.merged - slow, "merged tick")
+        if tick.merged > slow:
+            self.outlet.account.count("merged ticks", tick.merged - slow)
+
+    def _miss(self, polls: int, reason: str) -> None:
+        if polls > 0:
+            self.outlet.account.expect(polls)
+            self.outlet.account.miss(polls, reason)
+
+    async def _read(self, analyzer: Analyzer, columns: list[int], count: int) -> None:
+        try:
+            answer = await analyzer.read()
+            values = parse_values(answer.text, count, DIALECT.separator)
+        except LateError:
+            self._miss(1, "timeout")
+            raise
+        except ConnectError:
+            self._miss(1, "connection lost")
+            raise
+        except ProtocolError:
+            self._miss(1, "malformed")
+            raise
+        if answer.text == self._last_text:
+            self.outlet.account.count("repeats")
+        self._last_text = answer.text
+        self._delivered += 1
+        self.outlet.account.expect()
+        self.outlet.emit(self._reading([values[c] for c in columns], answer))
+
+    def _reading(self, values: list[Value], answer: Answer) -> Reading:
+        row = np.array([[v.number for v in values]]) * self._scale
+        overloaded = {f for f, v in zip(self.settings.functions, values, strict=True) if v.overload}
+        quality = Quality.GOOD
+        if overloaded:
+            quality = Quality.CLIPPED
+            self.outlet.account.count("overloads")
+        elif np.isnan(row).all():
+            quality = Quality.MISSING
+        if overloaded - self._overloaded:
+            names = ", ".join(f for f in self.settings.functions if f in overloaded)
+            self.outlet.event("overload", f"{self.name}: {names} overloaded: the range is too small", functions=names)
+        self._overloaded = overloaded
+        return Reading(
+            self._stream, row, answer.arrival, asked=answer.asked, quality=np.array([quality], dtype=np.uint8)
+        )
+
+    def _report(self, errors: list[tuple[int, str]], when: str) -> None:
+        for code, text in errors:
+            self.outlet.account.count("instrument errors")
+            self.outlet.event(
+                "instrument_error", f"{self.name}: the analyzer's error queue, {when}: {code} {text}", code=float(code)
+            )

@@ -1,0 +1,197 @@
+"""The instrument behind the emulator: a command tree, an error queue, a measurement every 100 ms, an integrator."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.emulation import Signals
+
+UPDATE = 0.1
+"""s between two measurements; asking more often gives the same one again."""
+NOT_A_NUMBER = 9.91e37
+OVERFLOW = 9.9e37
+FREQUENCY = 50.0
+AFTER_RESET = ("URMS", "IRMS", "P", "FPLL", "URAN", "IRAN", "S", "Q", "LAMB", "PHI")
+
+_FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
+_SAMPLES = 20  # of the signals within one update
+_MOST_SAMPLES = 2000  # when catching up after nobody asked for long
+_QUEUE = 16
+
+NO_HEADER = (-113, "Undefined header")
+NO_PARAMETER = (-109, "Missing parameter")
+BAD_PARAMETER = (-224, "Illegal parameter value")
+OVERRUN = (-350, "Queue overflow")
+
+
+@dataclass(frozen=True, slots=True)
+class _Electric:
+    """Means over one update: V, A, W."""
+
+    voltage: float
+    current: float
+    power: float
+
+
+class EmulatedAnalyzer:
+    """Executes lines of SCPI. ``overload`` names the functions whose input is too large for the range."""
+
+    def __init__(self, signals: Signals, identification: str) -> None:
+        self.identification = identification
+        self.functions: tuple[str, ...] = AFTER_RESET
+        self.overload: set[str] = set()
+        self.measurements = 0
+        self.errors: deque[tuple[int, str]] = deque()
+        self.running = False
+        self._signals = signals
+        self._update = -1
+        self._electric = _Electric(0.0, 0.0, 0.0)
+        self._energy = 0.0  # Wh
+        self._seconds = 0.0
+        self._tree = [(_pattern(notation), action) for notation, action in self._commands().items()]
+
+    def execute(self, line: str, t: float) -> str | None:
+        """The answer to one line at t s, ``None`` where nothing in it asks."""
+        self._advance(t)
+        answers: list[str] = []
+        path = ""
+        for unit in line.strip().split(";"):
+            header, _, parameter = unit.strip().partition(" ")
+            if not header:
+                continue
+            if not header.startswith("*"):
+                header = header[1:] if header.startswith(":") else path + header
+                path = header[: header.rfind(":") + 1]
+            answer = self._run(header.upper(), parameter.strip())
+            if answer is not None:
+                answers.append(answer)
+        return ";".join(answers) if answers else None
+
+    def _run(self, header: str, parameter: str) -> str | None:
+        for pattern, action in self._tree:
+            if pattern.fullmatch(header):
+                return action(parameter)
+        return self._fail(NO_HEADER)
+
+    def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
+        return {
+            "*IDN?": lambda _: self.identification,
+            "*OPC?": lambda _: "1",
+            "*CLS": lambda _: self.errors.clear(),
+            "*RST": lambda _: self._reset(),
+            "SYSTem:ERRor?": lambda _: self._next_error(),
+            "SYSTem:ERRor:NEXT?": lambda _: self._next_error(),
+            "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
+            "CHANnel1:MEASurement:FUNCtions": self._select,
+            "CHANnel1:MEASurement:FUNCtions?": lambda _: ",".join(self.functions),
+            "CHANnel1:MEASurement:FUNCtions:COUNt?": lambda _: str(len(self.functions)),
+            "CHANnel1:MEASurement:DATA?": lambda _: self._measured(),
+            "INTegrator:MODE": lambda p: self._one_of(p, {"MAN", "MANUAL"}),
+            "INTegrator:STATe": lambda p: self._one_of(p, {"ON", "OFF", "1", "0"}),
+            "INTegrator:STARt": lambda _: self._integrate(True),
+            "INTegrator:STOP": lambda _: self._integrate(False),
+            "INTegrator:RESet": lambda _: self._clear_energy(),
+        }
+
+    def _fail(self, error: tuple[int, str]) -> None:
+        if len(self.errors) < _QUEUE:
+            self.errors.append(error)
+        else:
+            self.errors[-1] = OVERRUN
+
+    def _next_error(self) -> str:
+        code, text = self.errors.popleft() if self.errors else (0, "No error")
+        return f'{code},"{text}"'
+
+    def _one_of(self, parameter: str, known: set[str]) -> None:
+        if parameter.upper() not in known:
+            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+
+    def _select(self, parameter: str) -> None:
+        names = tuple(name.strip().upper().replace("LAMBDA", "LAMB") for name in parameter.split(","))
+        if parameter and set(names) <= _FUNCTIONS:
+            self.functions = names
+        else:
+            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+
+    def _integrate(self, running: bool) -> None:
+        self.running = running
+
+    def _clear_energy(self) -> None:
+        self._energy = self._seconds = 0.0
+
+    def _reset(self) -> None:
+        self.functions = AFTER_RESET
+        self.running = False
+        self._clear_energy()
+
+    def _advance(self, t: float) -> None:
+        """Bring the measurement and the integrator up to the last update before t."""
+        update = math.floor(t / UPDATE)
+        if update <= self._update:
+            return
+        passed = 1 if self._update < 0 else update - self._update
+        self._update = update
+        self.measurements += 1
+        self._electric = self._mean(update, 1)
+        if self.running:
+            self._energy += self._mean(update, passed).power * passed * UPDATE / 3600.0
+            self._seconds += passed * UPDATE
+
+    def _mean(self, update: int, updates: int) -> _Electric:
+        """Root mean squares and mean power over the ``updates`` that end with this one."""
+        n = min(_SAMPLES * updates, _MOST_SAMPLES)
+        t = (update - updates + (np.arange(n) + 0.5) / n * updates) * UPDATE
+        values = self._signals.at(t)
+        zero = np.zeros(n)
+        voltage, current = values.get("supply.voltage", zero), values.get("supply.current", zero)
+        power = values.get("supply.power", zero)
+        return _Electric(
+            math.sqrt(float(np.mean(voltage**2))), math.sqrt(float(np.mean(current**2))), float(np.mean(power))
+        )
+
+    def _measured(self) -> str:
+        values = _functions(self._electric) | {"WH": self._energy, "TIME": self._seconds}
+        return ",".join(self._number(name, values[name]) for name in self.functions)
+
+    def _number(self, name: str, value: float) -> str:
+        if name in self.overload:
+            value = OVERFLOW
+        return f"{value:.6E}" if name == "WH" else f"{value:.4E}"
+
+
+def _functions(electric: _Electric) -> dict[str, float]:
+    u, i, p = electric.voltage, electric.current, electric.power
+    apparent = u * i
+    factor = p / apparent if apparent else NOT_A_NUMBER
+    reactive = math.sqrt(max(apparent**2 - p**2, 0.0))
+    phase = math.degrees(math.atan2(reactive, p)) if apparent else NOT_A_NUMBER
+    frequency = FREQUENCY if u else NOT_A_NUMBER
+    return {
+        "URMS": u, "IRMS": i, "P": p, "S": apparent, "Q": reactive, "LAMB": factor, "PHI": phase,
+        "FPLL": frequency, "FU": frequency, "FI": frequency, "URAN": 300.0, "IRAN": 10.0,
+    }  # fmt: skip
+
+
+def _pattern(notation: str) -> re.Pattern[str]:
+    """``CHANnel1:DATA?`` as a pattern: each word in its short or its full form, a final 1 may be left out."""
+    body, query = (notation[:-1], r"\?") if notation.endswith("?") else (notation, "")
+    return re.compile(":".join(_word(w) for w in body.split(":")) + query)
+
+
+def _word(word: str) -> str:
+    found = re.fullmatch(r"(\*?[A-Z]+)([a-z]*)(1?)", word)
+    assert found is not None
+    short, rest, number = found.groups()
+    return re.escape(short) + (f"(?:{rest.upper()})?" if rest else "") + ("1?" if number else "")
+
+
+def known_functions(names: Sequence[str]) -> set[str]:
+    """The names among ``names`` that the analyzer measures."""
+    return set(names) & _FUNCTIONS

@@ -1,0 +1,146 @@
+"""Lines to and from an analyzer over TCP or a serial port; one query at a time."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import serial
+
+from cellwatt.errors import ConnectError, ProtocolError
+from cellwatt_drivers.scpi_analyzer.wire import LONGEST, decode_line
+
+_MOST_LINES = 16
+
+
+class LateError(ConnectError):
+    """No answer in time. A late one would be taken for the next query's: the connection must be opened anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One line with the cell's times (ns) at which its query left and it came back."""
+
+    text: str
+    asked: int
+    arrival: int
+
+
+class Line(asyncio.Protocol):
+    """The text side of an open connection; ``write`` is set by whoever opened it.
+
+    ``now`` gives the cell's time, ns. Over-long lines and lines nobody reads are a ``ProtocolError`` of the
+    next read, so nothing grows without bound.
+    """
+
+    def __init__(self, place: str, now: Callable[[], int]) -> None:
+        self.place = place
+        self.write: Callable[[bytes], object] = lambda _: None
+        self._now = now
+        self._partial = bytearray()
+        self._lines: deque[tuple[bytes, int]] = deque()
+        self._broken: ConnectError | ProtocolError | None = None
+        self._news = asyncio.Event()
+
+    @property
+    def unread(self) -> bool:
+        """Whether something has come that nobody asked for."""
+        return bool(self._lines or self._partial)
+
+    def tell(self, command: str) -> None:
+        """Send a command that has no answer. Raises ``ConnectError``."""
+        try:
+            self.write(command.encode("ascii") + b"\n")
+        except OSError as error:
+            raise ConnectError(f"{self.place}: {error.strerror or error}") from error
+
+    async def ask(self, query: str, timeout: float) -> Answer:
+        """The answer to a query.
+
+        Raises ``LateError``, ``ConnectError`` where the connection is gone, and ``ProtocolError`` where the answer
+        is not text or something unasked came before the query: answers would be shifted from then on.
+        """
+        if self.unread:
+            raise ProtocolError(f"{self.place} sent what nobody had asked for")
+        asked = self._now()
+        self.tell(query)
+        text, arrival = await self.read(timeout)
+        return Answer(text, asked, arrival)
+
+    async def read(self, timeout: float) -> tuple[str, int]:
+        """The next line and when it came. Raises as ``ask``."""
+        try:
+            async with asyncio.timeout(timeout):
+                while not self._lines:
+                    if self._broken:
+                        raise self._broken
+                    self._news.clear()
+                    await self._news.wait()
+        except TimeoutError as error:
+            raise LateError(f"{self.place} gave no answer within {timeout:g} s") from error
+        data, arrival = self._lines.popleft()
+        return decode_line(data), arrival
+
+    def data_received(self, data: bytes) -> None:
+        """Called by the loop."""
+        arrival = self._now()
+        *lines, rest = (bytes(self._partial) + data).split(b"\n")
+        self._lines.extend((line, arrival) for line in lines)
+        self._partial[:] = rest
+        if len(self._partial) > LONGEST or len(self._lines) > _MOST_LINES:
+            self._broken = ProtocolError(f"{self.place} floods the line with what nobody asked for")
+            self._partial.clear()
+            self._lines.clear()
+        self._news.set()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Called by the loop."""
+        why = getattr(exc, "strerror", None) or exc or "closed by the analyzer"
+        self._broken = self._broken or ConnectError(f"{self.place}: the connection is gone ({why})")
+        self._news.set()
+
+
+@asynccontextmanager
+async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int]) -> AsyncIterator[Line]:
+    """A line over a raw TCP socket. Raises ``ConnectError`` that says what to check."""
+    line = Line(f"{host}:{port}", now)
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(timeout):
+            transport, _ = await loop.create_connection(lambda: line, host, port)
+    except TimeoutError as error:
+        raise ConnectError(
+            f"nobody answers at TCP {line.place} within {timeout:g} s; check the address, the cable, and that the "
+            "analyzer's LAN interface is selected"
+        ) from error
+    except OSError as error:
+        raise ConnectError(f"TCP {line.place} cannot be opened: {error.strerror or error}") from error
+    line.write = transport.write
+    try:
+        yield line
+    finally:
+        transport.close()
+
+
+@asynccontextmanager
+async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIterator[Line]:
+    """A line over a serial port, for this process alone. Raises ``ConnectError``."""
+    line = Line(path, now)
+    try:
+        device = await asyncio.to_thread(serial.Serial, path, baud, timeout=0, write_timeout=0, exclusive=True)
+    except (OSError, ValueError) as error:
+        raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
+    try:
+        device.reset_input_buffer()
+        transport, _ = await asyncio.get_running_loop().connect_read_pipe(lambda: line, device)
+    except BaseException:
+        device.close()
+        raise
+    line.write = device.write
+    try:
+        yield line
+    finally:
+        transport.close()

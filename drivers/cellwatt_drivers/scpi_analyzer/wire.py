@@ -1,0 +1,87 @@
+"""Lines of text from an analyzer and what they mean. Pure functions; see ``dialect`` for the commands."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from cellwatt.errors import ProtocolError
+
+PORT = 5025
+LONGEST = 4096
+"""Bytes of the longest line taken; measured values of every function fit in a tenth of it."""
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_UNAVAILABLE = re.compile(r"NAN|-+", re.IGNORECASE)
+_INFINITE = re.compile(r"[-+]?INF(?:INITY)?", re.IGNORECASE)
+_NOT_A_NUMBER = 9.91e37  # SCPI 1999, 7.2.1.5
+_LARGEST = 9.9e36
+_ERROR = re.compile(r"([-+]?\d+)\s*,\s*\"?([^\"]*)\"?")
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One value of an answer: NaN where the analyzer has none, and then whether the input was overloaded."""
+
+    number: float
+    overload: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """The fields of an answer to ``*IDN?``; those left out are empty."""
+
+    maker: str
+    model: str
+    serial: str
+    firmware: str
+
+
+def parse_value(text: str) -> Value:
+    """A number, or one of the marks for "none" (NAN, dashes, 9.91E37) and "overload" (9.9E37, INF).
+
+    Raises ``ProtocolError`` for any other text.
+    """
+    token = text.strip()
+    if _INFINITE.fullmatch(token):
+        return Value(math.nan, overload=True)
+    if _UNAVAILABLE.fullmatch(token):
+        return Value(math.nan)
+    if not _NUMBER.fullmatch(token):
+        raise ProtocolError(f"{token[:40]!r} is not a measured value")
+    number = float(token)
+    if abs(number) < _LARGEST:
+        return Value(number)
+    return Value(math.nan, overload=not math.isclose(abs(number), _NOT_A_NUMBER, rel_tol=1e-3))
+
+
+def parse_values(line: str, count: int, separator: str = ",") -> tuple[Value, ...]:
+    """The values of one answer. Raises ``ProtocolError`` where there are not ``count`` of them."""
+    tokens = line.split(separator)
+    if len(tokens) != count:
+        raise ProtocolError(f"{len(tokens)} values in {line[:60]!r}; expected {count}")
+    return tuple(parse_value(token) for token in tokens)
+
+
+def parse_error(line: str) -> tuple[int, str]:
+    """Code and text of one entry of the error queue; code 0 where it is empty. Raises ``ProtocolError``."""
+    found = _ERROR.fullmatch(line.strip())
+    if not found:
+        raise ProtocolError(f"{line[:60]!r} is not an entry of the error queue")
+    return int(found[1]), found[2].strip()
+
+
+def parse_identification(line: str) -> Identification:
+    """Maker, model, serial number, … and firmware: the first three and the last of the fields."""
+    fields = [field.strip() for field in line.split(",")]
+    maker, model, serial = (*fields, "", "", "")[:3]
+    return Identification(maker, model, serial, fields[-1] if len(fields) > 3 else "")
+
+
+def decode_line(data: bytes) -> str:
+    """One line without its end, LF or CR LF. Raises ``ProtocolError`` where it is not printable ASCII."""
+    text = data.rstrip(b"\r\n").decode("ascii", "replace")
+    if not text.isprintable() or "\ufffd" in text:
+        raise ProtocolError(f"{data[:40]!r} is not a line of text")
+    return text

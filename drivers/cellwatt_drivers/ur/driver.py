@@ -1,0 +1,149 @@
+"""Reads a Universal Robots controller over RTDE."""
+
+from __future__ import annotations
+
+from contextlib import AbstractAsyncContextManager
+from importlib.util import find_spec
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from cellwatt.account import Account
+from cellwatt.channel import Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConfigError
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.ur import library, native, wire
+from cellwatt_drivers.ur.continuity import Policy
+from cellwatt_drivers.ur.fields import cycle_rate, decimation
+from cellwatt_drivers.ur.intake import Intake
+from cellwatt_drivers.ur.recipe import Selection
+from cellwatt_drivers.ur.wire import ControllerVersion
+
+PORT = 30004
+FASTEST = 500.0
+
+DEFAULT_CHANNELS = (
+    "actual_q",
+    "actual_qd",
+    "actual_current",
+    "target_q",
+    "target_qd",
+    "target_moment",
+    "joint_temperatures",
+    "actual_robot_voltage",
+    "actual_robot_current",
+    "actual_main_voltage",
+    "speed_scaling",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+    "bus.power",
+)
+
+
+class UrSettings(SourceSettings):
+    """A Universal Robots arm: CB3, e-Series or newer, over RTDE (switch it on under Security → Services)."""
+
+    host: str
+    """Address or name of the controller."""
+    port: int = Field(PORT, ge=1, le=65535)
+    """TCP port of RTDE."""
+    rate: Hertz = FASTEST
+    """Packages a second: up to 500 Hz, on CB3 up to 125 Hz (more is cut to that)."""
+    channels: tuple[str, ...] = DEFAULT_CHANNELS
+    """RTDE fields (``actual_q``) or single channels (``joint_1.position``, ``bus.power``)."""
+    client: Literal["native", "ur_rtde"] = "native"
+    """``native`` keeps every package; ``ur_rtde`` reads the newest state through the ur-rtde library."""
+    gaps: Policy = "auto"
+    """How lost packages are counted: ``auto`` on the grid the controller is seen to keep, ``requested`` on the
+    one asked for, ``off`` not at all."""
+    timeout: Seconds = Field(2.0, gt=0)
+    """Silence after which the connection is given up and made anew."""
+
+    @field_validator("rate")
+    @classmethod
+    def _within_reach(cls, rate: float) -> float:
+        if not 1 <= rate <= FASTEST:
+            raise ValueError(f"{rate:g} Hz is out of reach: a controller sends 1 Hz to {FASTEST:g} Hz")
+        return rate
+
+    @field_validator("channels")
+    @classmethod
+    def _known(cls, channels: tuple[str, ...]) -> tuple[str, ...]:
+        wire.ask_outputs(FASTEST, Selection.of(channels).names)
+        return channels
+
+    @model_validator(mode="after")
+    def _library_can(self) -> UrSettings:
+        if self.client == "ur_rtde":
+            missing = library.unreadable(Selection.of(self.channels))
+            if missing:
+                raise ValueError(f"client ur_rtde cannot read {', '.join(missing)}; use client native")
+            if self.port != PORT:
+                raise ValueError(f"client ur_rtde always uses port {PORT}; use client native")
+        return self
+
+
+class UrDriver(Driver[UrSettings]):
+    """One robot's RTDE output as one stream on the controller's clock."""
+
+    Settings = UrSettings
+    title = "Universal Robots arm over RTDE (CB3, e-Series and newer)"
+    emulator = "cellwatt_drivers.ur.emulator:UrEmulator"
+    writes = (
+        "V: asks to speak protocol version 2",
+        "v: asks for the controller's version, at the start and once a second",
+        "O: asks for output fields at a rate",
+        "S: asks to start sending",
+        "P: asks to stop sending, when leaving",
+    )
+
+    def __init__(self, name: str, settings: UrSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        if settings.client == "ur_rtde" and find_spec("rtde_receive") is None:
+            raise ConfigError(
+                f"source {name}: client ur_rtde needs the package ur-rtde: pip install 'cellwatt[ur-rtde]' "
+                "(Python 3.11 or 3.12), or use client native"
+            )
+        self._selection = Selection.of(settings.channels)
+        self._stream = Stream("rtde", self._selection.channels, settings.rate, "device")
+        self._intake = Intake(outlet, self._stream, settings.gaps)
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """The one stream, ``rtde``."""
+        return (self._stream,)
+
+    async def run(self) -> None:
+        """See ``Driver.run``."""
+        s = self.settings
+        async with self._connect(self.outlet.account) as (session, version):
+            rate = self._open(version)
+            if s.client == "native":
+                await native.stream(session, version, self._selection, rate, self._intake, s.timeout)
+                return
+        await library.stream(s.host, rate, self._selection, self._intake, s.timeout)
+
+    async def identify(self) -> Identity:
+        """See ``Driver.identify``."""
+        async with self._connect(Account()) as (_, version):
+            return _identity(version)
+
+    def _connect(self, account: Account) -> AbstractAsyncContextManager[tuple[native.Session, ControllerVersion]]:
+        s = self.settings
+        return native.connect(s.host, s.port, s.timeout, self.outlet.now, account)
+
+    def _open(self, version: ControllerVersion) -> float:
+        """Tell the intake who is there; returns the rate in Hz that such a controller gives."""
+        loop, wanted = cycle_rate(version), self.settings.rate
+        rate = loop / decimation(loop, wanted)
+        if abs(rate / wanted - 1) > 1e-6:
+            self.outlet.event("rate", f"{wanted:g} Hz is wanted; PolyScope {version} sends {rate:g} Hz", rate=rate)
+        self._intake.opened(_identity(version), loop, rate)
+        return rate
+
+
+def _identity(version: ControllerVersion) -> Identity:
+    model = {3: "CB3", 5: "e-Series"}.get(version.major, "UR controller")
+    return Identity("Universal Robots", model, firmware=f"PolyScope {version}", notes={"protocol": "RTDE 2"})

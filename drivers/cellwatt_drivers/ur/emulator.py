@@ -1,0 +1,352 @@
+"""An emulated Universal Robots controller: the RTDE server of PolyScope."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import NoReturn
+
+import numpy as np
+
+from cellwatt.emulation import Emulator, Fault, RecordedSignals, Signals
+from cellwatt.emulation.signals import Float
+from cellwatt.ticker import Ticker
+from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.fields import cycle_rate, decimation
+from cellwatt_drivers.ur.listener import Listener, Place
+from cellwatt_drivers.ur.timeline import Cycles, Encoder, Rows, Timeline
+from cellwatt_drivers.ur.wire import ControllerVersion
+
+DEFAULT_ADDRESS = "127.0.0.1:30004"
+AHEAD = 0.05
+"""Seconds of packages made at once; a disturbance of the world makes them anew."""
+UNREAD = 10.0
+"""Seconds of packages a client may leave unread before the controller closes, as a real one does."""
+AT_END = ("pause", "hold", "close")
+
+
+class UrEmulator(Emulator):
+    """RTDE version 2 over TCP for several clients, e-Series or CB3.
+
+    Serves channels (``joint_1.position``) or RTDE columns (``actual_q_0``) of its signals; a recording is sent
+    row by row at its own times with its own timestamps, whatever rate a client asks for, from the first
+    client's start on. All fields not in the signals have plausible constants. Inputs can be set up and written,
+    without effect. Protocol version 1 is refused.
+
+    Options: ``polyscope`` (``5.12.0``; 3.x is a CB3 with 125 Hz) · ``at_end`` of a recording: ``pause`` sends no
+    more, ``hold`` repeats the last row, ``close`` closes the connection · ``start`` of a recording: ``client``
+    with the first client, ``epoch`` at the epoch.
+
+    Faults: ``loss`` a package is never sent · ``delay`` a package and all behind it wait, as on a stalled
+    network · ``stall`` the same once · ``disconnect`` all connections end, none is taken for so long ·
+    ``half_frame`` half a package, then the end · ``garbage`` bytes that are not RTDE, then silence until the
+    client leaves · ``clock_jump`` the timestamps shift. Disturbances, beside those of the signals: ``reboot=S``
+    (gone for S seconds, timestamps start from 0) and ``message=TEXT`` (a text message to all clients).
+
+    Counts: ``made`` is what listeners should have got since their start, also while their connection was gone;
+    ``sent`` what was written to a connection.
+    """
+
+    title = "Universal Robots controller (RTDE)"
+    faults = ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump")
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or DEFAULT_ADDRESS, epoch=epoch, seed=seed, options=options)
+        unknown = set(self.options) - {"polyscope", "at_end", "start"}
+        if unknown:
+            raise ValueError(f"{self.title} has the options polyscope, at_end, start, not {', '.join(unknown)}")
+        self.version = _version(self.options.get("polyscope", "5.12.0"))
+        self._at_end = self.options.get("at_end", "pause")
+        self._start = self.options.get("start", "client")
+        if self._at_end not in AT_END or self._start not in ("client", "epoch"):
+            raise ValueError(f"at_end is one of {', '.join(AT_END)}; start is client or epoch")
+        self._host, self._port = _split(self.address)
+        self._recording = signals if isinstance(signals, RecordedSignals) else None
+        self.signals = _World(signals, self)
+        self.clients: set[Listener] = set()
+        self._places: list[Place] = []
+        self._timeline: Timeline | None = None
+        self._began = 0.0  # monotonic time of the timeline's start
+        self._shift = 0.0  # of the timestamps, s
+        self._down_until = 0.0
+        self._wake = asyncio.Event()
+        self._tally: Counter[str] = Counter(made=0, sent=0)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See ``Emulator`` and the class."""
+        self.advance()
+        return {**self._tally, **self.injector.counts}
+
+    def inject(self, fault: Fault) -> None:
+        """See ``Emulator``."""
+        super().inject(fault)
+        self._wake.set()
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator``."""
+        server = await asyncio.get_running_loop().create_server(lambda: Listener(self), self._host, self._port)
+        try:
+            host, port = server.sockets[0].getsockname()[:2]
+            if self._recording is None:
+                await self._cycle(lambda: ready(f"{host}:{port}"))
+            if self._start == "epoch":
+                self._begin(time.time() - self.epoch)
+            ready(f"{host}:{port}")
+            while True:
+                self.advance()
+                await self._pause()
+        finally:
+            server.close()
+            for client in list(self.clients):
+                client.abort()
+
+    async def _cycle(self, ready: Callable[[], None]) -> NoReturn:
+        """Run the controller's own loop."""
+        rate = cycle_rate(self.version)
+        async with Ticker(rate) as ticker:
+            async for beat in ticker:
+                if self._timeline is None:
+                    late = (time.monotonic_ns() - beat.deadline) / 1e9
+                    self._began = beat.deadline / 1e9
+                    self._timeline = Cycles(self.signals, rate, time.time() - late - self.epoch)
+                    ready()
+                self.advance()
+        raise AssertionError("a ticker has no end")
+
+    def _begin(self, elapsed: float) -> None:
+        """Start the recording, elapsed s ago."""
+        assert self._recording is not None
+        self._timeline = Rows(self._recording, self._at_end == "hold")
+        self._began = time.monotonic() - elapsed
+
+    async def _pause(self) -> None:
+        """Sleep until the next row, or the end of a client's hold, or a change."""
+        self._wake.clear()
+        deadlines = [c.held_until for c in self.clients if c.held_until]
+        if self._timeline is not None:
+            places = [p for p in self._places if not p.lost and not self._ended(p)]
+            deadlines += [self._began + self._timeline.when(p.next) for p in places]
+        delay = min(deadlines) - time.monotonic() if deadlines else None
+        if delay is None or delay > 0:
+            waiting = asyncio.get_running_loop().call_later(delay, self._wake.set) if delay is not None else None
+            await self._wake.wait()
+            if waiting is not None:
+                waiting.cancel()
+        else:
+            await asyncio.sleep(0)
+
+    def _ended(self, place: Place) -> bool:
+        end = self._timeline.end if self._timeline else None
+        return end is not None and place.next >= end
+
+    def start(self, client: Listener) -> None:
+        """A client wants its packages from now on; it takes the place that one before it lost."""
+        if self._timeline is None:
+            self._begin(0.0)
+        assert self._timeline is not None
+        self.advance()
+        stride = decimation(self._timeline.rate, client.rate) if self._timeline.rate else 1
+        first = not self._places
+        place = next((p for p in self._places if p.lost), None)
+        if place is None:
+            place = Place(0, stride, client)
+            self._places.append(place)
+        if place.client is not None:
+            place.client.place = None
+        place.client, place.stride = client, stride
+        place.forget()
+        due = self._timeline.due(time.monotonic() - self._began)
+        # A recording that begins with its first client is sent to it from row 0.
+        start = 0 if self._recording is not None and first and due <= 1 else max(due, place.next)
+        place.next = -(-start // stride) * stride
+        client.place = place
+        self._wake.set()
+
+    def stop(self, client: Listener) -> None:
+        """A client wants no more packages."""
+        self.advance()
+        if client.place is not None:
+            self._places.remove(client.place)
+            client.place = None
+
+    def lost(self, client: Listener) -> None:
+        """A connection is gone; what its listener misses from now on is counted."""
+        self.advance()
+        self.clients.discard(client)
+        place, client.place = client.place, None
+        if place is not None:
+            place.client = None
+
+    @property
+    def down(self) -> bool:
+        """Whether connections are refused now."""
+        return time.monotonic() < self._down_until
+
+    def reboot(self, seconds: float) -> None:
+        """Go away for a time; all timestamps start from 0 then, and nobody's losses are counted."""
+        self.advance()
+        self._tally["reboot"] += 1
+        self._leave_all(seconds)
+        for place in self._places:
+            if place.client is not None:
+                place.client.place = None
+        self._places.clear()
+        if self._timeline is not None:
+            elapsed = time.monotonic() - self._began + seconds
+            at = np.array([self._timeline.due(elapsed)])
+            self._shift = -float(self._timeline.stamps(at)[0])
+
+    def tell(self, text: str) -> None:
+        """A text message to all clients."""
+        for client in self.clients:
+            client.put(wire.text_message(wire.TextMessage(text, "emulator", 2)))
+            self._tally["message"] += 1
+
+    def remake(self) -> None:
+        """The world changed: packages made ahead are no longer true."""
+        for place in self._places:
+            place.forget()
+
+    def _leave_all(self, seconds: float) -> None:
+        self._down_until = time.monotonic() + seconds
+        for client in list(self.clients):
+            client.end()
+
+    def advance(self) -> None:
+        """Let happen what is due: holds end, one-shot faults strike, packages are made and sent."""
+        now = time.monotonic()
+        for client in list(self.clients):
+            self._tally["sent"] += client.release(now)
+        if self._timeline is None:
+            return
+        if any(p.client is not None for p in self._places):
+            self._strike_once(now)
+        due = self._timeline.due(now - self._began)
+        if self._timeline.end is not None:
+            due = min(due, self._timeline.end)
+        for place in self._places:
+            self._serve(place, due, now)
+
+    def _strike_once(self, now: float) -> None:
+        if fault := self.injector.once("clock_jump"):
+            self._shift += fault.seconds
+            self.remake()
+        if fault := self.injector.once("stall"):
+            for client in self.clients:
+                client.hold(now + fault.seconds)
+        if fault := self.injector.once("disconnect"):
+            self._leave_all(fault.seconds)
+
+    def _serve(self, place: Place, due: int, now: float) -> None:
+        """Make and send what is due in one place, all in one write."""
+        ready: list[bytes] = []
+        client = place.client
+        while place.next < due and client is not None and client.listening:
+            number = place.next
+            place.next += place.stride
+            self._tally["made"] += 1
+            if self.injector.strikes("loss", now):
+                continue
+            package = self._package(place, number, client.encoder)
+            if fault := self.injector.strikes("delay", now):
+                self._send(client, ready)
+                client.hold(now + fault.seconds)
+            if self.injector.strikes("half_frame", now):
+                self._send(client, ready)
+                client.put(package[: len(package) // 2])
+                client.end()
+            elif self.injector.strikes("garbage", now):
+                self._send(client, ready)
+                client.put(self._garbage(package))
+                client.listening = False
+            else:
+                ready.append(package)
+        unheard = max(0, -(-(due - place.next) // place.stride))
+        self._tally["made"] += unheard
+        place.next += unheard * place.stride
+        if client is not None:
+            self._send(client, ready)
+            if self._ended(place) and self._at_end == "close":
+                client.end()
+
+    def _send(self, client: Listener, packages: list[bytes]) -> None:
+        self._tally["sent"] += client.put(b"".join(packages), len(packages))
+        packages.clear()
+        if client.unread > UNREAD * client.rate * client.encoder.size:
+            self._tally["unread"] += 1
+            client.abort()
+
+    def _package(self, place: Place, number: int, encoder: Encoder) -> bytes:
+        """One package, from those made ahead."""
+        assert self._timeline is not None
+        at = (number - place.first) // place.stride * encoder.size
+        if number < place.first or at >= len(place.made):
+            count = max(1, math.ceil(AHEAD * (self._timeline.rate or 125.0) / place.stride))
+            numbers = number + place.stride * np.arange(count)
+            if self._timeline.end is not None:
+                numbers = numbers[numbers < self._timeline.end]
+            stamps = self._timeline.stamps(numbers)
+            if self._shift:
+                stamps = stamps + self._shift
+            place.first, at = number, 0
+            place.made = encoder.encode(stamps, self._timeline.columns(numbers))
+        return place.made[at : at + encoder.size]
+
+    def _garbage(self, package: bytes) -> bytes:
+        """Bytes that no client may take for RTDE: a strange kind, a size too short, too long, or another recipe."""
+        forms = (
+            b"\x00\x40\x7f" + self.injector.random_bytes(1, 60),
+            b"\x00\x02U" + self.injector.random_bytes(1, 60),
+            (len(package) + 8).to_bytes(2, "big") + package[2:] + bytes(8),
+            package[:3] + b"\xff" + package[4:],
+        )
+        return forms[self.injector.below(len(forms))]
+
+
+class _World:
+    """The signals, and what can happen to the controller itself."""
+
+    def __init__(self, signals: Signals, emulator: UrEmulator) -> None:
+        self._signals = signals
+        self._emulator = emulator
+
+    def at(self, t: Float) -> Mapping[str, Float]:
+        """See ``Signals``."""
+        return self._signals.at(t)
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """Reboot, message, or a change of the signals."""
+        if "reboot" in change:
+            self._emulator.reboot(float(change["reboot"]))
+        elif "message" in change:
+            self._emulator.tell(str(change["message"]))
+        else:
+            self._signals.disturb(change)
+            self._emulator.remake()
+
+
+def _version(text: str) -> ControllerVersion:
+    if not re.fullmatch(r"([3-9]|1\d)(\.\d{1,9}){1,3}", text):
+        raise ValueError(f"polyscope is a version like 5.12.0, not {text!r}")
+    major, minor, bugfix, build = (*map(int, text.split(".")), 0, 0)[:4]
+    return ControllerVersion(major, minor, bugfix, build)
+
+
+def _split(address: str) -> tuple[str, int]:
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 0xFFFF:
+        raise ValueError(f"the address is HOST:PORT, like {DEFAULT_ADDRESS}, not {address!r}")
+    return host, int(port)

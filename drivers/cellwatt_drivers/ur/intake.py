@@ -1,0 +1,203 @@
+"""From decoded packages to the daemon: losses, time base, states of the robot."""
+
+from __future__ import annotations
+
+import time as clock
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Stream
+from cellwatt.driver import Identity, Outlet
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.ur.continuity import Grid, Policy, TimeBase
+from cellwatt_drivers.ur.fields import ROBOT_MODES, RUNTIME_STATES, SAFETY_MODES
+from cellwatt_drivers.ur.recipe import Float
+from cellwatt_drivers.ur.wire import TextMessage
+
+LATEST = 9e9
+"""A controller time beyond this many seconds is garbage (and would not fit 64 bits of ns)."""
+QUIET = 0.25
+"""Seconds without a package, at the least, after which a stream is said to have stopped."""
+
+_STATES = {
+    "robot.mode": ("robot mode", ROBOT_MODES),
+    "robot.safety_mode": ("safety mode", SAFETY_MODES),
+    "robot.runtime_state": ("program", RUNTIME_STATES),
+}
+_LEVELS = ("exception", "error", "warning", "info")
+
+
+class Intake:
+    """Takes the packages of one robot in order, over all connections to it, and keeps its account.
+
+    ``expect`` follows the controller's timestamps: one for each step of its grid, or for each package where
+    there is no grid. A package with the timestamp of the one before is dropped.
+    """
+
+    def __init__(self, outlet: Outlet, stream: Stream, gaps: Policy) -> None:
+        self._outlet = outlet
+        self._stream = stream
+        self._rate = stream.rate
+        self._cycle = 0  # of the controller's loop, ns
+        self._grid = Grid(gaps)
+        self._base = TimeBase()
+        self._last: int | None = None  # controller time of the last package taken, ns
+        self._reason = "gap"
+        self._identity: Identity | None = None
+        self._heard = 0.0  # monotonic, s
+        self._quiet = False
+        watched = [(i, *_STATES[n]) for i, n in enumerate(stream.names) if n in _STATES]
+        self._watched = watched
+        self._columns = np.array([i for i, _, _ in watched], dtype=np.intp)
+        self._states: Float | None = None
+
+    def opened(self, identity: Identity, loop: float, rate: float) -> None:
+        """A connection to a controller that runs at ``loop`` Hz and was asked for ``rate`` Hz stands.
+
+        Its first package makes it known to the daemon.
+        """
+        self._identity = identity
+        self._cycle = round(1e9 / loop)
+        self._rate = rate
+        self._grid.ask(1e9 / rate)
+        self._reason = "outage"
+        self._heard = clock.monotonic()
+        self._quiet = False
+
+    def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
+        """The next packages: controller time (n,) s and values (n, channels).
+
+        ``not_before``: the first of them was made after a question sent then (cell's time, ns), give or take
+        a cycle of the controller. Raises ``ProtocolError`` where a time cannot be one.
+        """
+        if not (time.min() >= 0 and time.max() < LATEST):
+            raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
+        arrival = self._outlet.now()
+        device = np.rint(time * 1e9).astype(np.int64)
+        self._speak()
+        if not_before is not None:
+            self._bracket(int(device[0]), not_before - self._cycle)
+        # The first package of a time base has no step; 1 stands for any time before it.
+        steps = np.empty_like(device)
+        steps[0] = 1 if self._last is None else device[0] - self._last
+        np.subtract(device[1:], device[:-1], out=steps[1:])
+        if steps.min() > 0 and self._base.arrived(int(device[-1]), arrival):
+            self._emit(device, values, steps, arrival)
+        else:
+            self._untangle(device, values, steps, arrival)
+
+    def message(self, message: TextMessage) -> None:
+        """The controller says something."""
+        level = _LEVELS[message.level] if message.level < len(_LEVELS) else str(message.level)
+        text = f"controller {level} from {message.source or 'itself'}: {message.text}"
+        self._outlet.event("message", text, level=level, source=message.source)
+
+    def watch(self, timeout: float) -> bool:
+        """Report a stream that stopped; true when nothing has come for timeout s."""
+        silence = clock.monotonic() - self._heard
+        if not self._quiet and silence > max(QUIET, 10 / self._rate):
+            self._quiet = True
+            self._outlet.event("stream stopped", f"no package for {silence:.2f} s, still connected", seconds=silence)
+        return silence > timeout
+
+    def _speak(self) -> None:
+        """Say what the arrival of a package tells."""
+        if self._identity is not None:
+            self._outlet.connected(self._identity)
+            self._identity = None
+        now = clock.monotonic()
+        if self._quiet:
+            self._quiet = False
+            silence = now - self._heard
+            self._outlet.event("stream resumed", f"packages again after {silence:.2f} s", seconds=silence)
+        self._heard = now
+
+    def _bracket(self, device: int, not_before: int) -> None:
+        restarted = self._last is not None and device < self._last
+        if restarted or not self._base.made_after(device, not_before):
+            self._reset(device)
+            self._base.made_after(device, not_before)
+        self._outlet.bracket(self._stream, device, not_before)
+
+    def _untangle(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
+        """Take a block in which time stands still, goes back, or jumps ahead of what has arrived."""
+        fresh = steps != 0
+        repeated = len(steps) - int(np.count_nonzero(fresh))
+        self._outlet.account.expect(repeated)
+        self._outlet.account.drop(repeated, "repeated timestamp")
+        device, values, steps = device[fresh], values[fresh], steps[fresh]
+        if not len(device):
+            return
+        cuts = steps < 0
+        if not cuts.any():
+            if self._base.arrived(int(device[-1]), arrival):
+                self._emit(device, values, steps, arrival)
+                return
+            cuts[int(steps.argmax())] = True
+        edges = sorted({0, *np.flatnonzero(cuts).tolist(), len(device)})
+        for start, end in pairwise(edges):
+            if cuts[start]:
+                self._reset(int(device[start]))
+            self._base.arrived(int(device[end - 1]), arrival)
+            self._emit(device[start:end], values[start:end], steps[start:end], arrival)
+
+    def _reset(self, device: int) -> None:
+        """The controller's time has a new base: what was lost between the two nobody can know."""
+        before = "" if self._last is None else f" from {self._last / 1e9:.3f} s"
+        reason = f"controller time jumped{before} to {device / 1e9:.3f} s: it restarted or its clock was set"
+        self._base.forget()
+        self._last = None
+        self._reason = "gap"
+        self._outlet.clock_reset(self._stream, reason)
+        self._outlet.event("clock reset", reason)
+
+    def _emit(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
+        account = self._outlet.account
+        steps = steps[1:] if self._last is None else steps
+        missing = self._count(steps) if len(steps) else 0
+        account.expect(len(device) + missing)
+        self._last = int(device[-1])
+        self._outlet.emit(Reading(self._stream, values, arrival, device))
+        if len(self._columns):
+            self._compare(values)
+
+    def _count(self, steps: NDArray[np.int64]) -> int:
+        """Losses before and between the packages; the first step after a reconnection is an outage's."""
+        before = self._grid.step
+        missing = 0
+        if self._reason != "gap":
+            missing = self._grid.missing(steps[:1])
+            self._outlet.account.miss(missing, self._reason)
+            self._reason, steps = "gap", steps[1:]
+        if len(steps):
+            lost = self._grid.missing(steps)
+            self._outlet.account.miss(lost, "gap")
+            missing += lost
+        if self._grid.step != before:
+            self._tell_grid()
+        return missing
+
+    def _tell_grid(self) -> None:
+        """Say when packages do not come on the grid that was asked for."""
+        step = self._grid.step
+        if step is None:
+            self._outlet.event("uneven timestamps", "packages keep no grid any more: losses cannot be counted")
+        elif abs(step * self._rate / 1e9 - 1) > 0.02:
+            text = f"asked for {self._rate:g} Hz, packages are made at {1e9 / step:g} Hz"
+            self._outlet.event("rate", text, rate=1e9 / step)
+
+    def _compare(self, values: Float) -> None:
+        """Report changes of the robot's states."""
+        states = values[:, self._columns]
+        before = states[0] if self._states is None else self._states
+        self._states = states[-1]
+        if (states == before).all():
+            return
+        rows = np.vstack((before, states))
+        for row, column in np.argwhere(np.diff(rows, axis=0) != 0):
+            _, kind, names = self._watched[column]
+            old, new = (names.get(int(v), str(int(v))) for v in rows[row : row + 2, column])
+            self._outlet.event(kind, f"{kind}: {old} → {new}", before=old, after=new)

@@ -1,0 +1,258 @@
+"""The asyncio client: one connection to a controller."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import NoReturn
+
+from cellwatt.account import Account
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.fields import FIELDS
+from cellwatt_drivers.ur.intake import Intake
+from cellwatt_drivers.ur.recipe import Decoder, Selection
+from cellwatt_drivers.ur.wire import ControllerVersion, Kind
+
+BUFFER = 1 << 18
+"""Bytes taken from the socket at most in one pass of the loop."""
+SOCKET_BUFFER = 1 << 20
+"""Asked of the kernel (which may give less, see net.core.rmem_max) for times when the loop is late."""
+BRACKET_EVERY = 1.0
+"""Seconds between questions for the version, which bound the clock from below."""
+TICK = 0.1
+"""Seconds between looks at a stream's silence."""
+
+
+class Session(asyncio.BufferedProtocol):
+    """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
+
+    With ``decoder`` and ``intake`` set, data packages go to the intake as they arrive, those of one pass of
+    the loop together. ``closed`` is done once the connection is gone, with the error if there is one.
+    """
+
+    def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
+        self.where = where
+        self.decoder: Decoder | None = None
+        self.intake: Intake | None = None
+        self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._now = now
+        self._account = account
+        self._view = memoryview(bytearray(BUFFER))
+        self._filled = 0
+        self._transport: asyncio.Transport | None = None
+        self._asked: tuple[Kind, int] | None = None  # the outstanding question and when it left
+        self._answer: asyncio.Future[bytes] | None = None
+        self._not_before: int | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Tell everyone who waits."""
+        self._fail(ConnectError(f"{self.where}: the connection broke: {exc or 'closed by the controller'}"))
+
+    def eof_received(self) -> None:
+        """The controller closed; what is left of an unfinished frame is lost."""
+        if self._filled:
+            self._account.count("half frame")
+        self._fail(ConnectError(f"{self.where}: the controller closed the connection"))
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """The room behind what is not used yet; never empty, as no frame is as long as the buffer."""
+        return self._view[self._filled :]
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Take all whole frames, keep the rest."""
+        self._filled += nbytes
+        used = 0
+        package = self.decoder.package if self.decoder else None
+        try:
+            for item, end in wire.scan(self._view[: self._filled], wire.FROM_CONTROLLER, package):
+                if isinstance(item, wire.Run):
+                    self._packages(item)
+                else:
+                    self._frame(item)
+                used = end
+        except ProtocolError as error:
+            self._account.count("protocol error")
+            self._fail(ProtocolError(f"{self.where}: {error}"))
+            self.abort()
+            return
+        rest = self._filled - used
+        if rest and used:
+            self._view[:rest] = self._view[used : self._filled]
+        self._filled = rest
+
+    def _packages(self, run: wire.Run) -> None:
+        assert self.decoder is not None and self.intake is not None
+        not_before, self._not_before = self._not_before, None
+        controller_time, values = self.decoder.decode(run.data, run.count)
+        self.intake.take(controller_time, values, not_before)
+
+    def _frame(self, frame: wire.Frame) -> None:
+        if frame.kind == Kind.TEXT_MESSAGE:
+            if self.intake is not None:
+                self.intake.message(wire.parse_text(frame.payload))
+            return
+        if self._asked is None or frame.kind != self._asked[0]:
+            raise ProtocolError(f"answer {frame.kind.name} to a question that was not asked")
+        self._not_before = self._asked[1]
+        self._asked = None
+        if self._answer is not None and not self._answer.done():
+            self._answer.set_result(frame.payload)
+        self._answer = None
+
+    def put(self, question: bytes) -> bool:
+        """Send a question whose answer only bounds the clock; not while another one is outstanding."""
+        if self._asked is not None or self._transport is None or self.closed.done():
+            return False
+        self._asked = Kind(question[2]), self._now()
+        self._transport.write(question)
+        return True
+
+    async def ask(self, question: bytes) -> bytes:
+        """Send a question and wait for its answer's payload. Raises ``SourceError``."""
+        if self.closed.done():
+            self.closed.result()
+        answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        if not self.put(question):
+            raise ConnectError(f"{self.where}: not connected")
+        self._answer = answer
+        return await answer
+
+    def _fail(self, error: SourceError) -> None:
+        for waiting in (self._answer, self.closed):
+            if waiting is not None and not waiting.done():
+                waiting.set_exception(error)
+                waiting.exception()  # seen: somebody may have given up waiting
+        self._answer = None
+
+    def abort(self) -> None:
+        """Drop the connection at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def leave(self) -> None:
+        """Ask the controller to stop sending."""
+        if self._transport is not None and not self.closed.done():
+            self._transport.write(wire.PAUSE)
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self._transport is not None:
+            self._transport.close()
+
+
+@asynccontextmanager
+async def connect(
+    host: str, port: int, timeout: float, now: Callable[[], int], account: Account
+) -> AsyncIterator[tuple[Session, ControllerVersion]]:
+    """A connection that speaks protocol version 2, and who is there.
+
+    Raises ``ConnectError`` where nobody answers within timeout s, ``WrongDeviceError`` where somebody else
+    does, ``DeviceError`` where the controller is too old.
+    """
+    where = f"{host}:{port}"
+    session = Session(where, now, account)
+    loop = asyncio.get_running_loop()
+    try:
+        async with asyncio.timeout(timeout):
+            raw = await _socket(host, port)
+            await loop.create_connection(lambda: session, sock=raw)
+    except TimeoutError as error:
+        raise ConnectError(
+            f"{where}: no answer within {timeout:g} s; is the address right and the robot on?"
+        ) from error
+    except OSError as error:
+        raise ConnectError(f"{where}: {error.strerror or error}; is the robot on and RTDE enabled?") from error
+    try:
+        yield session, await _greet(session, timeout)
+    except asyncio.CancelledError:
+        session.leave()
+        raise
+    finally:
+        session.close()
+
+
+async def _socket(host: str, port: int) -> socket.socket:
+    """A connected socket with a large receive buffer (set before connecting, or the window stays small)."""
+    loop = asyncio.get_running_loop()
+    found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    for i, (family, kind, protocol, _, address) in enumerate(found):
+        raw = socket.socket(family, kind, protocol)
+        try:
+            raw.setblocking(False)
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER)
+            raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            await loop.sock_connect(raw, address)
+            return raw
+        except OSError:
+            raw.close()
+            if i == len(found) - 1:
+                raise
+        except BaseException:
+            raw.close()
+            raise
+    raise OSError(f"no address for {host}")
+
+
+async def _greet(session: Session, timeout: float) -> ControllerVersion:
+    try:
+        async with asyncio.timeout(timeout):
+            accepted = wire.parse_accept(await session.ask(wire.ASK_PROTOCOL))
+    except ProtocolError as error:
+        raise WrongDeviceError(f"{error}; the port belongs to something that is not RTDE") from error
+    except TimeoutError as error:
+        raise ConnectError(f"{session.where}: connected, but RTDE does not answer within {timeout:g} s") from error
+    if not accepted:
+        raise DeviceError(f"{session.where}: the controller refuses RTDE protocol version 2; update PolyScope")
+    return wire.parse_controller(await within(session, wire.ASK_CONTROLLER, timeout))
+
+
+async def within(session: Session, question: bytes, timeout: float) -> bytes:
+    """The answer's payload. Raises ``ConnectError`` where it takes longer than timeout s."""
+    try:
+        async with asyncio.timeout(timeout):
+            return await session.ask(question)
+    except TimeoutError as error:
+        kind = Kind(question[2]).name.lower().replace("_", " ")
+        raise ConnectError(f"{session.where}: no answer to {kind} within {timeout:g} s") from error
+
+
+async def stream(
+    session: Session, version: ControllerVersion, selection: Selection, rate: float, intake: Intake, timeout: float
+) -> NoReturn:
+    """Set the recipe up, start it, and feed the intake until the connection is gone (``SourceError``)."""
+    question = wire.ask_outputs(rate, selection.names)
+    recipe, types = wire.parse_recipe(await within(session, question, timeout))
+    unknown = [n for n, t in zip(selection.names, types, strict=False) if t == wire.NOT_FOUND]
+    if unknown:
+        wanted = ", ".join(f"{n} (needs {FIELDS[n].needs})" for n in unknown)
+        raise DeviceError(f"{session.where}: PolyScope {version} does not have {wanted}; take it out of channels")
+    try:
+        session.decoder = Decoder(selection, recipe, types)
+    except ProtocolError as error:
+        raise ProtocolError(f"{session.where}: {error}") from error
+    session.intake = intake
+    if not wire.parse_accept(await within(session, wire.START, timeout)):
+        raise DeviceError(f"{session.where}: the controller refuses to start sending")
+    await _attend(session, intake, timeout)
+
+
+async def _attend(session: Session, intake: Intake, timeout: float) -> NoReturn:
+    """Bracket the clock every second and watch for silence."""
+    due = time.monotonic()
+    while True:
+        await asyncio.wait({session.closed}, timeout=TICK)
+        if session.closed.done():
+            session.closed.result()
+        if intake.watch(timeout):
+            raise ConnectError(f"{session.where}: connected, but no data for {timeout:g} s")
+        if time.monotonic() >= due and session.put(wire.ASK_CONTROLLER):
+            due = time.monotonic() + BRACKET_EVERY

@@ -1,0 +1,166 @@
+"""From what the user wants to what is asked of the controller, and from its data packages to columns."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.channel import Channel
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.ur.fields import FIELDS, Field
+from cellwatt_drivers.ur.wire import ELEMENTS, Package
+
+Float = NDArray[np.float64]
+
+BUS_POWER = Channel("bus.power", "W")
+"""Voltage × current of the arm's 48 V bus, multiplied packet by packet."""
+_VOLTAGE, _CURRENT = FIELDS["actual_robot_voltage"], FIELDS["actual_robot_current"]
+
+_OFFERED = {c.name: (f, i) for f in FIELDS.values() for i, c in enumerate(f.channels)}
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What to ask for and what to deliver of it.
+
+    ``fields`` in the order of the recipe (the timestamp comes before them), ``picks`` the elements of each
+    that become channels, ``power`` whether ``bus.power`` comes last.
+    """
+
+    fields: tuple[Field, ...]
+    picks: tuple[tuple[int, ...], ...]
+    power: bool
+
+    @classmethod
+    def of(cls, wanted: Sequence[str]) -> Selection:
+        """Selection of RTDE fields and single channels by name. Raises ``ValueError`` that says which is wrong."""
+        chosen: dict[str, list[int]] = {}
+        power = False
+        for name in wanted:
+            if name == BUS_POWER.name:
+                twice, power = power, True
+            else:
+                field, elements = _lookup(name)
+                already = chosen.setdefault(field.name, [])
+                twice = not set(already).isdisjoint(elements)
+                already.extend(elements)
+            if twice:
+                raise ValueError(f"{name} is chosen twice")
+        if power:
+            chosen.setdefault(_VOLTAGE.name, [])
+            chosen.setdefault(_CURRENT.name, [])
+        if not chosen:
+            raise ValueError("no channel is chosen")
+        return cls(tuple(FIELDS[n] for n in chosen), tuple(tuple(e) for e in chosen.values()), power)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The fields to ask the controller for, timestamp first."""
+        return ("timestamp", *(f.name for f in self.fields))
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What is delivered, in column order."""
+        picked = tuple(f.channels[i] for f, elements in zip(self.fields, self.picks, strict=True) for i in elements)
+        return (*picked, BUS_POWER) if self.power else picked
+
+
+def _lookup(name: str) -> tuple[Field, Sequence[int]]:
+    """The field that gives a field's or channel's name, and which of its elements are meant."""
+    if name in _OFFERED:
+        field, element = _OFFERED[name]
+        return field, (element,)
+    known = FIELDS.get(name)
+    if known is not None and known.channels:
+        return known, range(known.width)
+    if name == "timestamp":
+        raise ValueError("timestamp is always read: it is the time of the samples, not a channel")
+    if known is not None:
+        raise ValueError(f"{name} is not offered: its unit is not certain or has no name here")
+    near = difflib.get_close_matches(name, [*_OFFERED, *FIELDS, BUS_POWER.name], n=1)
+    raise ValueError(f"no RTDE field or channel {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+
+
+@dataclass(frozen=True, slots=True)
+class _Copy:
+    """Elements ``source`` of a segment go to columns ``target``."""
+
+    segment: str
+    source: slice | list[int]
+    target: slice
+
+
+class Decoder:
+    """Turns runs of data packages into columns: many packages at once, neighbouring fields of a type as one block.
+
+    ``types`` are what the controller answered for ``selection.names``. Raises ``ProtocolError`` where they are
+    not as many, or not as wide, as what was asked for.
+    """
+
+    def __init__(self, selection: Selection, recipe: int, types: Sequence[str]) -> None:
+        self.columns = len(selection.channels)
+        expected = [FIELDS[n].width for n in selection.names]
+        if [ELEMENTS[t][1] if t in ELEMENTS else 0 for t in types] != expected or types[0] != "DOUBLE":
+            raise ProtocolError(f"the controller declares {', '.join(types)} for {', '.join(selection.names)}")
+        places = self._lay_out(types)
+        self.package = Package(recipe, self._dtype.itemsize)
+        self._copies: list[_Copy] = []
+        self._scales: list[tuple[slice, float]] = []
+        at = 0
+        for field, picks, (segment, start) in zip(selection.fields, selection.picks, places[1:], strict=True):
+            target = slice(at, at + len(picks))
+            at = target.stop
+            self._copy([start + i for i in picks], segment, target)
+            if field.scale != 1.0 and picks:
+                self._scales.append((target, field.scale))
+        self._factors: tuple[tuple[str, int], ...] = ()
+        if selection.power:
+            self._factors = tuple(places[selection.names.index(f.name)] for f in (_VOLTAGE, _CURRENT))
+
+    def _lay_out(self, types: Sequence[str]) -> list[tuple[str, int]]:
+        """Make the numpy type of a package; returns segment and first element of each field."""
+        segments: list[tuple[str, int]] = []
+        places = []
+        for name in types:
+            code, width = ELEMENTS[name]
+            if not segments or segments[-1][0] != code:
+                segments.append((code, 0))
+            before = segments[-1][1]
+            places.append((f"s{len(segments) - 1}", before))
+            segments[-1] = (code, before + width)
+        body = [(f"s{i}", code, (width,)) for i, (code, width) in enumerate(segments)]
+        self._dtype = np.dtype([("header", "u1", (4,)), *body])
+        return places
+
+    def _copy(self, source: list[int], segment: str, target: slice) -> None:
+        """Note what to copy; what stands side by side in package and columns goes in one."""
+        if not source:
+            return
+        if source != list(range(source[0], source[0] + len(source))):
+            self._copies.append(_Copy(segment, source, target))
+            return
+        whole = slice(source[0], source[-1] + 1)
+        last = self._copies[-1] if self._copies else None
+        if last and last.segment == segment and isinstance(last.source, slice) and last.source.stop == whole.start:
+            whole = slice(last.source.start, whole.stop)
+            target = slice(last.target.start, target.stop)
+            self._copies.pop()
+        self._copies.append(_Copy(segment, whole, target))
+
+    def decode(self, data: memoryview, count: int) -> tuple[Float, Float]:
+        """Controller time (count,) s and values (count, channels) in SI units, both copies."""
+        packages = np.frombuffer(data, self._dtype, count)
+        time = packages["s0"][:, 0].astype(np.float64)
+        values = np.empty((count, self.columns))
+        for copy in self._copies:
+            values[:, copy.target] = packages[copy.segment][:, copy.source]
+        for target, scale in self._scales:
+            values[:, target] *= scale
+        if self._factors:
+            (first, i), (second, j) = self._factors
+            np.multiply(packages[first][:, i], packages[second][:, j], out=values[:, -1])
+        return time, values

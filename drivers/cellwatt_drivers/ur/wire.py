@@ -1,0 +1,302 @@
+"""RTDE protocol version 2, bytes ⇄ messages: pure functions, no I/O, no clock.
+
+A frame is ``u16 size`` (with these three bytes), ``u8 kind``, payload; everything is big endian. Source: the RTDE
+guide of Universal Robots. Every function that reads bytes raises ``ProtocolError`` and nothing else.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from cellwatt.errors import ProtocolError
+
+PROTOCOL = 2
+"""The protocol version spoken here; a fresh connection starts at 1."""
+NAMES_LIMIT = 2048
+"""Longest list of field names a controller takes, bytes."""
+
+
+class Kind(IntEnum):
+    """Frame kinds; a reply has the kind of its request."""
+
+    PROTOCOL_VERSION = ord("V")
+    CONTROLLER_VERSION = ord("v")
+    TEXT_MESSAGE = ord("M")
+    DATA_PACKAGE = ord("U")
+    SETUP_OUTPUTS = ord("O")
+    SETUP_INPUTS = ord("I")
+    START = ord("S")
+    PAUSE = ord("P")
+
+
+Limits = Mapping[int, tuple[int, int]]
+"""Smallest and largest size of each kind of frame in one direction."""
+
+_TEXT = (6, 3 + 1 + 255 + 1 + 255 + 1)
+_TYPES = (4, 3 + 1 + 16384)
+FROM_CONTROLLER: Limits = {
+    Kind.PROTOCOL_VERSION: (4, 4),
+    Kind.CONTROLLER_VERSION: (19, 19),
+    Kind.TEXT_MESSAGE: _TEXT,
+    Kind.DATA_PACKAGE: (4, 0xFFFF),
+    Kind.SETUP_OUTPUTS: _TYPES,
+    Kind.SETUP_INPUTS: _TYPES,
+    Kind.START: (4, 4),
+    Kind.PAUSE: (4, 4),
+}
+FROM_CLIENT: Limits = {
+    Kind.PROTOCOL_VERSION: (5, 5),
+    Kind.CONTROLLER_VERSION: (3, 3),
+    Kind.TEXT_MESSAGE: _TEXT,
+    Kind.DATA_PACKAGE: (4, 0xFFFF),
+    Kind.SETUP_OUTPUTS: (11, 11 + NAMES_LIMIT),
+    Kind.SETUP_INPUTS: (3, 3 + NAMES_LIMIT),
+    Kind.START: (3, 3),
+    Kind.PAUSE: (3, 3),
+}
+
+ELEMENTS: Mapping[str, tuple[str, int]] = {
+    "BOOL": ("u1", 1),
+    "UINT8": ("u1", 1),
+    "UINT32": (">u4", 1),
+    "UINT64": (">u8", 1),
+    "INT32": (">i4", 1),
+    "DOUBLE": (">f8", 1),
+    "VECTOR3D": (">f8", 3),
+    "VECTOR6D": (">f8", 6),
+    "VECTOR6INT32": (">i4", 6),
+    "VECTOR6UINT32": (">u4", 6),
+}
+"""RTDE type → numpy type of one element and number of elements; packages have no padding."""
+NOT_FOUND = "NOT_FOUND"
+"""Stands in place of a type for a field that the controller does not know."""
+IN_USE = "IN_USE"
+"""Stands in place of a type for an input that another client writes."""
+
+_HEADER = struct.Struct(">HB")
+_RATE = struct.Struct(">d")
+_VERSION = struct.Struct(">4I")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame that is not a run of data packages; ``payload`` without the header."""
+
+    kind: Kind
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Package:
+    """How the data packages of a recipe look: recipe id and whole size in bytes."""
+
+    id: int
+    size: int
+
+    @property
+    def header(self) -> int:
+        """The first four bytes of each package as a number."""
+        return self.size << 16 | Kind.DATA_PACKAGE << 8 | self.id
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """``count`` neighbouring data packages; ``data`` is a view of them, valid until the buffer is reused."""
+
+    data: memoryview
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerVersion:
+    """PolyScope's version."""
+
+    major: int
+    minor: int
+    bugfix: int
+    build: int
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.bugfix}.{self.build}"
+
+
+@dataclass(frozen=True, slots=True)
+class TextMessage:
+    """What the controller has to say; ``level`` 0 exception, 1 error, 2 warning, 3 info."""
+
+    text: str
+    source: str
+    level: int
+
+
+def scan(data: memoryview, limits: Limits, package: Package | None = None) -> Iterator[tuple[Frame | Run, int]]:
+    """Cut the start of a byte stream into frames: each with the number of bytes used up to its end.
+
+    Data packages of the agreed ``package`` come as runs as long as possible. An unfinished frame at the end
+    is left over. Raises ``ProtocolError``, after all frames before it, as soon as a header shows a kind that
+    there is not, a size that its kind cannot have, or a data package that is not of the agreed recipe.
+    """
+    start, end = 0, len(data)
+    while end - start >= _HEADER.size:
+        size, kind = _HEADER.unpack_from(data, start)
+        shortest, longest = limits.get(kind, (1, 0))
+        if not shortest <= size <= longest:
+            raise ProtocolError(f"no RTDE frame: kind {kind:#04x} with size {size}")
+        if kind == Kind.DATA_PACKAGE and package is not None:
+            if size != package.size:
+                raise ProtocolError(f"data package of {size} bytes, the recipe has {package.size}")
+            count = _neighbours(data[start:], package)
+            if not count:
+                return
+            size *= count
+            yield Run(data[start : start + size], count), start + size
+        elif start + size > end:
+            return
+        else:
+            yield Frame(Kind(kind), bytes(data[start + _HEADER.size : start + size])), start + size
+        start += size
+
+
+def _neighbours(data: memoryview, package: Package) -> int:
+    """How many whole packages of the recipe stand one after the other at the start of data."""
+    if len(data) >= 4 and data[3] != package.id:
+        raise ProtocolError(f"data package of recipe {data[3]}, the agreed one is {package.id}")
+    count = len(data) // package.size
+    if count > 1:
+        headers = np.ndarray((count,), ">u4", data, strides=(package.size,))
+        strange = headers != package.header
+        if strange.any():
+            count = int(strange.argmax())
+    return count
+
+
+def frame(kind: Kind, payload: bytes = b"") -> bytes:
+    """One frame. Raises ``ValueError`` where the payload is too long for it."""
+    size = _HEADER.size + len(payload)
+    if size > 0xFFFF:
+        raise ValueError(f"an RTDE frame holds at most {0xFFFF - _HEADER.size} bytes, not {len(payload)}")
+    return _HEADER.pack(size, kind) + payload
+
+
+ASK_PROTOCOL = frame(Kind.PROTOCOL_VERSION, struct.pack(">H", PROTOCOL))
+ASK_CONTROLLER = frame(Kind.CONTROLLER_VERSION)
+START = frame(Kind.START)
+PAUSE = frame(Kind.PAUSE)
+
+
+def ask_outputs(rate: float, names: Sequence[str]) -> bytes:
+    """Ask for a recipe of output fields at rate Hz. Raises ``ValueError`` where the list is too long."""
+    return frame(Kind.SETUP_OUTPUTS, _RATE.pack(rate) + _names(names))
+
+
+def ask_inputs(names: Sequence[str]) -> bytes:
+    """Ask for a recipe of input fields (the emulator's clients do; the driver never does)."""
+    return frame(Kind.SETUP_INPUTS, _names(names))
+
+
+def _names(names: Sequence[str]) -> bytes:
+    text = ",".join(names).encode("ascii")
+    if len(text) > NAMES_LIMIT:
+        raise ValueError(f"the names of the fields take {len(text)} bytes; a controller takes {NAMES_LIMIT}")
+    return text
+
+
+def recipe_reply(kind: Kind, recipe: int, types: Sequence[str]) -> bytes:
+    """Answer to a recipe of outputs or inputs: its id and the type of each field."""
+    return frame(kind, bytes([recipe]) + ",".join(types).encode("ascii"))
+
+
+def accept_reply(kind: Kind, accepted: bool) -> bytes:
+    """Answer to protocol version, start and pause."""
+    return frame(kind, bytes([accepted]))
+
+
+def controller_reply(version: ControllerVersion) -> bytes:
+    """Answer to the question for the controller's version."""
+    packed = _VERSION.pack(version.major, version.minor, version.bugfix, version.build)
+    return frame(Kind.CONTROLLER_VERSION, packed)
+
+
+def text_message(message: TextMessage) -> bytes:
+    """A message from the controller. Raises ``ValueError`` where text or source is longer than 255 bytes."""
+    parts = [message.text.encode(), message.source.encode()]
+    if max(map(len, parts)) > 255:
+        raise ValueError("text and source of a message hold at most 255 bytes each")
+    return frame(Kind.TEXT_MESSAGE, b"".join(bytes([len(p)]) + p for p in parts) + bytes([message.level]))
+
+
+def parse_accept(payload: bytes) -> bool:
+    """Whether the controller accepted."""
+    if len(payload) != 1 or payload[0] > 1:
+        raise ProtocolError(f"an acceptance is one byte, 0 or 1, not {payload[:8].hex(' ')}")
+    return payload[0] == 1
+
+
+def parse_protocol(payload: bytes) -> int:
+    """The protocol version that a client asks for."""
+    if len(payload) != 2:
+        raise ProtocolError(f"a protocol version has two bytes, not {len(payload)}")
+    return int.from_bytes(payload, "big")
+
+
+def parse_controller(payload: bytes) -> ControllerVersion:
+    """The controller's version."""
+    if len(payload) != _VERSION.size:
+        raise ProtocolError(f"a controller version has {_VERSION.size} bytes, not {len(payload)}")
+    return ControllerVersion(*_VERSION.unpack(payload))
+
+
+def parse_recipe(payload: bytes) -> tuple[int, tuple[str, ...]]:
+    """Id and types from the answer to a recipe; a type may be ``NOT_FOUND`` or ``IN_USE``."""
+    if len(payload) < 1:
+        raise ProtocolError("the answer to a recipe is empty")
+    types = _listed(payload[1:])
+    for name in types:
+        if name not in ELEMENTS and name not in (NOT_FOUND, IN_USE):
+            raise ProtocolError(f"no RTDE type: {name[:40]!r}")
+    return payload[0], types
+
+
+def parse_ask_outputs(payload: bytes) -> tuple[float, tuple[str, ...]]:
+    """Rate in Hz and names of a recipe that a client asks for."""
+    if len(payload) < _RATE.size:
+        raise ProtocolError(f"a recipe of outputs starts with {_RATE.size} bytes of rate, not {len(payload)}")
+    (rate,) = _RATE.unpack_from(payload)
+    if not 0 < rate < float("inf"):
+        raise ProtocolError(f"no rate: {rate}")
+    return rate, _listed(payload[_RATE.size :])
+
+
+def parse_ask_inputs(payload: bytes) -> tuple[str, ...]:
+    """Names of the inputs that a client wants to write."""
+    return _listed(payload)
+
+
+def parse_text(payload: bytes) -> TextMessage:
+    """A message from the controller; bytes that are not UTF-8 are replaced."""
+    texts: list[str] = []
+    rest = payload
+    for _ in range(2):
+        if not rest or len(rest) < 1 + rest[0]:
+            raise ProtocolError("a text message is shorter than it says")
+        texts.append(rest[1 : 1 + rest[0]].decode("utf-8", "replace"))
+        rest = rest[1 + rest[0] :]
+    if len(rest) != 1:
+        raise ProtocolError(f"a text message ends with one byte of level, not {len(rest)}")
+    return TextMessage(texts[0], texts[1], rest[0])
+
+
+def _listed(text: bytes) -> tuple[str, ...]:
+    """Comma-separated names; clients end the list with a comma or without."""
+    try:
+        names = text.decode("ascii").split(",")
+    except UnicodeDecodeError as error:
+        raise ProtocolError(f"a list of names is not ASCII: {text[:40]!r}") from error
+    if names[-1] == "":
+        names.pop()
+    return tuple(names)

@@ -1,0 +1,280 @@
+"""Polls a Yaskawa controller over the High-Speed Ethernet Server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from typing import Annotated, ClassVar, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError
+from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
+from cellwatt.ticker import Beat, Ticker
+from cellwatt_drivers.yaskawa import payload, polls, wire
+from cellwatt_drivers.yaskawa.greeting import greet
+from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, open_link
+from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
+from cellwatt_drivers.yaskawa.polls import Poll
+from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, status_row
+
+T = TypeVar("T")
+Float = NDArray[np.float64]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Read = Literal["position", "torque", "cartesian", "status", "alarm"]
+
+_STATUS = wire.Request(wire.STATUS)
+_ALARM = wire.Request(wire.ALARM)
+
+
+class YaskawaSettings(SourceSettings):
+    """A DX200, YRC1000 or FS100 controller and the robot behind it."""
+
+    device_parts: ClassVar[tuple[str, ...]] = ("control_group",)
+
+    host: str
+    """Address of the controller."""
+    port: int = Field(wire.PORT, ge=1, le=65535)
+    """UDP port of the robot division."""
+    read: tuple[Read, ...] = ("position", "torque", "status", "alarm")
+    """What to ask for; ``alarm`` is read while the status shows one."""
+    rate: Hertz = 50.0
+    """Polls of position, of torque and of the Cartesian position, each."""
+    status_rate: Hertz = 2.0
+    """Polls of the status; rounded so that ``rate`` is a whole multiple of it."""
+    control_group: int = Field(1, ge=1, le=8)
+    """Robot of the controller: 1 is R1."""
+    axes: int = Field(6, ge=1, le=8)
+    """Joints to read, in the controller's order (S L U R B T E …)."""
+    pulses_per_degree: tuple[Finite, ...] = ()
+    """Encoder pulses per degree of each joint, negative where the joint turns the other way; for ``position``."""
+    coupling: tuple[tuple[Finite, ...], ...] | None = None
+    """Joint angles from motor angles: a matrix, row by row, where wrist axes move each other."""
+    zero: tuple[Radians, ...] | None = None
+    """Angle of each joint at pulse 0, added last."""
+    rated_torque: tuple[Finite, ...] | None = None
+    """Nm at each joint at 100 %; without it torque comes as a share of the rated one (``torque_ratio``)."""
+    torque_count: Fraction = 0.01
+    """What one count of the torque answer is, as a share of the rated torque."""
+    timeout: Seconds = Field(0.05, gt=0)
+    """Wait this long for an answer; FS100 wants 200 ms."""
+    retries: int = Field(2, ge=0, le=10)
+    """Ask again at most this often, as long as the poll's own period lasts."""
+    silence: Seconds = Field(2.0, gt=0)
+    """No good answer for this long: the source is down and is opened again."""
+
+    @field_validator("read")
+    @classmethod
+    def _no_twins(cls, value: tuple[Read, ...]) -> tuple[Read, ...]:
+        if not value or len(set(value)) != len(value):
+            raise ValueError("name at least one of position, torque, cartesian, status, alarm, each once")
+        return value
+
+    @field_validator("pulses_per_degree", "rated_torque")
+    @classmethod
+    def _not_zero(cls, value: tuple[Finite, ...] | None) -> tuple[Finite, ...] | None:
+        if value is not None and 0.0 in value:
+            raise ValueError("no value may be zero")
+        return value
+
+    @model_validator(mode="after")
+    def _fits(self) -> YaskawaSettings:
+        if "alarm" in self.read and "status" not in self.read:
+            raise ValueError("'alarm' is read when the status shows one: add 'status' to read")
+        if "position" in self.read and len(self.pulses_per_degree) != self.axes:
+            raise ValueError(f"pulses_per_degree needs one value for each of the {self.axes} axes to read position")
+        for name in ("zero", "rated_torque", "coupling"):
+            value = getattr(self, name)
+            if value is not None and len(value) != self.axes:
+                raise ValueError(f"{name} has {len(value)} entries for {self.axes} axes")
+        if self.coupling is not None and any(len(row) != self.axes for row in self.coupling):
+            raise ValueError(f"coupling must be {self.axes} rows of {self.axes} values")
+        if self.status_rate > self.rate and not {"position", "torque", "cartesian"}.isdisjoint(self.read):
+            raise ValueError(f"status_rate {self.status_rate:g} Hz is above rate {self.rate:g} Hz")
+        return self
+
+
+class YaskawaDriver(Driver[YaskawaSettings]):
+    """One controller; several run side by side on one loop.
+
+    A slot falls due ``rate`` times a second and keeps its deadline. In it position, torque and Cartesian
+    position are asked one after the other, never two at once; each is a stream of its own, stamped between its
+    own request and answer. Every poll due is delivered, or missed with its reason.
+    """
+
+    Settings = YaskawaSettings
+    title = "Yaskawa robots over the High-Speed Ethernet Server (DX200, YRC1000, FS100)"
+    emulator = "cellwatt_drivers.yaskawa.emulator:YaskawaEmulator"
+    writes = (
+        "read requests only (service 0x01, no data) to UDP port 10040: status 0x72, axis names 0x74, position 0x75, "
+        "torque 0x77, alarm 0x70, system information 0x89",
+    )
+
+    def __init__(self, name: str, settings: YaskawaSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        self._polls = _polls(settings)
+        self._rate = settings.rate if self._polls else settings.status_rate
+        self._every = max(1, round(self._rate / settings.status_rate))
+        self._state = _state_stream(settings.read, self._rate / self._every)
+        self._period = round(1e9 / self._rate)
+        self._alarms = AlarmWatch(name, outlet)
+        self._slot = 0
+        self._deadline = 0
+        self._idle = 0
+        self._heard = 0
+        self._failure: NoAnswerError | None = None
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """``position``, ``torque``, ``cartesian`` and ``state``, as far as they are read."""
+        return tuple(p.stream for p in self._polls) + ((self._state,) if self._state else ())
+
+    async def identify(self) -> Identity:
+        """System information and axis names. Raises ``SourceError``."""
+        async with self._open() as link:
+            return await self._greet(link)
+
+    async def run(self) -> None:
+        """See ``Driver.run``."""
+        async with self._open() as link:
+            self.outlet.connected(await self._greet(link))
+            self._heard = time.monotonic_ns()
+            resumed = self._deadline != 0
+            async with Ticker(self._rate) as ticker:
+                async for tick in ticker:
+                    self._account_lost(tick, resumed)
+                    await self._serve_slot(link, tick.deadline)
+                    self._check_silence(link)
+                    resumed = False
+
+    def _open(self) -> AbstractAsyncContextManager[Link]:
+        return open_link(self.settings.host, self.settings.port, self.settings.timeout, self.outlet)
+
+    async def _greet(self, link: Link) -> Identity:
+        reads = {p.stream.name: p.request for p in self._polls}
+        if self._state:
+            reads["status"] = _STATUS
+        return await greet(link, self.settings.control_group, self.settings.axes, reads)
+
+    def _account_lost(self, tick: Beat, resumed: bool) -> None:
+        """Miss the slots between the last one served and this one, by what held them up."""
+        if resumed:
+            self._miss_slots(round((tick.deadline - self._deadline) / self._period) - 1, "disconnected")
+            return
+        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
+        slow = min(max(slow, 0), tick.merged)
+        self._miss_slots(slow, "slow answers")
+        self._miss_slots(tick.merged - slow, "merged tick")
+        if tick.merged > slow:
+            self.outlet.account.count("merged ticks", tick.merged - slow)
+
+    def _miss_slots(self, slots: int, reason: str) -> None:
+        if slots <= 0:
+            return
+        due = slots * len(self._polls)
+        if self._state:
+            due += (self._slot + slots) // self._every - self._slot // self._every
+        self._slot += slots
+        self.outlet.account.expect(due)
+        self.outlet.account.miss(due, reason)
+
+    async def _serve_slot(self, link: Link, deadline: int) -> None:
+        until = deadline + self._period
+        self._deadline = deadline
+        self._slot += 1
+        for poll in self._polls:
+            await self._serve(link, poll, until)
+        if self._state and self._slot % self._every == 0:
+            await self._serve_state(link, self._state, until)
+        self._idle = time.monotonic_ns()
+
+    async def _serve(self, link: Link, poll: Poll, until: int) -> None:
+        try:
+            exchange, values = await self._ask(link, poll.request, poll.values, until)
+        except NoAnswerError as failure:
+            self._miss(failure)
+        else:
+            self._emit(poll.stream, exchange, values)
+
+    async def _serve_state(self, link: Link, stream: Stream, until: int) -> None:
+        try:
+            exchange, status = await self._ask(link, _STATUS, payload.decode_status, until)
+        except NoAnswerError as failure:
+            self._miss(failure)
+            return
+        values = status_row(status)
+        if "alarm" in self.settings.read:
+            values = np.append(values, await self._alarm_code(link, status, until))
+        self._emit(stream, exchange, values)
+
+    async def _alarm_code(self, link: Link, status: payload.Status, until: int) -> float:
+        """Code of the latest alarm, 0 without one, NaN where it could not be read; reports what is new."""
+        alarm = payload.Alarm(0)
+        if status.alarming:
+            try:
+                _, alarm = await self._ask(link, _ALARM, payload.decode_alarm, until)
+            except NoAnswerError as failure:
+                self._note(failure)
+                return float("nan")
+        self._alarms.see(alarm)
+        return float(alarm.code)
+
+    async def _ask(
+        self, link: Link, request: wire.Request, decode: Callable[[bytes], T], until: int
+    ) -> tuple[Exchange, T]:
+        exchange = await link.ask(request, self.settings.retries, until)
+        try:
+            found = decode(exchange.answer.data)
+        except ProtocolError as error:
+            link.count_malformed()
+            raise NoAnswerError("malformed", str(error)) from error
+        self._heard = time.monotonic_ns()
+        return exchange, found
+
+    def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
+        self.outlet.account.expect()
+        self.outlet.emit(Reading(stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked))
+
+    def _miss(self, failure: NoAnswerError) -> None:
+        self.outlet.account.expect()
+        self.outlet.account.miss(1, failure.reason)
+        self._note(failure)
+
+    def _note(self, failure: NoAnswerError) -> None:
+        if failure.reason == "device error" and str(failure) != str(self._failure):
+            self.outlet.event("device_error", f"{self.name}: the controller refuses a read: {failure}")
+        self._failure = failure
+
+    def _check_silence(self, link: Link) -> None:
+        silence = (time.monotonic_ns() - self._heard) * 1e-9
+        if silence > self.settings.silence and self._failure is not None:
+            kind = DeviceError if self._failure.reason == "device error" else ConnectError
+            raise kind(f"no good answer from {link.place} for {silence:.1f} s; the last: {self._failure}")
+
+
+def _polls(settings: YaskawaSettings) -> tuple[Poll, ...]:
+    """The polls of each slot in the order of ``read``."""
+    n, group, rate = settings.axes, settings.control_group, settings.rate
+    found = []
+    for name in settings.read:
+        if name == "position":
+            motors = MotorAngles.of(settings.pulses_per_degree, settings.coupling, settings.zero)
+            found.append(polls.position(group, rate, motors))
+        elif name == "torque":
+            found.append(polls.torque(group, rate, n, settings.rated_torque, settings.torque_count))
+        elif name == "cartesian":
+            found.append(polls.cartesian(group, rate))
+    return tuple(found)
+
+
+def _state_stream(read: tuple[Read, ...], rate: float) -> Stream | None:
+    if "status" not in read:
+        return None
+    channels = STATUS_CHANNELS + ((ALARM_CODE,) if "alarm" in read else ())
+    return Stream("state", channels, rate, "host")

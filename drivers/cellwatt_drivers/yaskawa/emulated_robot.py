@@ -1,0 +1,84 @@
+"""The robot behind an emulated controller: signals as the controller's counts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.emulation import Signals
+from cellwatt_drivers.yaskawa import payload
+
+PULSES_PER_DEGREE = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
+"""As published for an MH24 on DX200."""
+RATED_TORQUE = (200.0, 200.0, 120.0, 40.0, 40.0, 20.0)
+"""Nm at the joint at 100 %."""
+
+_CYCLE = 0.004  # s; an answer holds what the controller knew at its last cycle
+_BLOCK = 25  # cycles computed at once
+_POSE = ("x", "y", "z", "rx", "ry", "rz")
+_POSE_COUNTS = np.array([1 / payload.METRES] * 3 + [1 / math.radians(payload.DEGREES)] * 3)
+
+Counts = NDArray[np.int32]
+
+
+class EmulatedRobot:
+    """Gives pulses, torque counts (whole per cent of the rated torque) and the tool's pose at a time.
+
+    ``answer_axes`` (6 to 8) is the number of axes in an answer; joints that the signals lack are 0.
+    """
+
+    def __init__(
+        self, signals: Signals, pulses_per_degree: Sequence[float], rated_torque: Sequence[float], answer_axes: int
+    ) -> None:
+        if answer_axes not in (6, 7, 8):
+            raise ValueError(f"answer_axes must be 6, 7 or 8, not {answer_axes}")
+        if not 0 < len(pulses_per_degree) == len(rated_torque) <= answer_axes:
+            raise ValueError(f"pulses_per_degree and rated_torque need the same number of values, up to {answer_axes}")
+        self.axes = len(pulses_per_degree)
+        self._signals = signals
+        self._pulses = np.degrees(1.0) * np.asarray(pulses_per_degree)
+        self._counts = 100.0 / np.asarray(rated_torque)
+        self._answer_axes = answer_axes
+        self._block = -1
+        self._tables: tuple[Counts, Counts, Counts] | None = None
+
+    def pulses(self, t: float) -> tuple[int, ...]:
+        """Encoder pulses of all axes of an answer at t s."""
+        return self._row(0, t)
+
+    def torques(self, t: float) -> tuple[int, ...]:
+        """Torque counts of all axes of an answer at t s."""
+        return self._row(1, t)
+
+    def pose(self, t: float) -> tuple[int, ...]:
+        """Tool pose in µm and 1e-4 degrees at t s; zero unless the signals have ``tool.x`` … ``tool.rz``."""
+        return self._row(2, t)
+
+    def _row(self, table: int, t: float) -> tuple[int, ...]:
+        cycle = math.floor(t / _CYCLE)
+        block, row = divmod(cycle, _BLOCK)
+        if self._tables is None or block != self._block:
+            self._block, self._tables = block, self._compute(block)
+        counts: list[int] = self._tables[table][row].tolist()
+        return tuple(counts)
+
+    def _compute(self, block: int) -> tuple[Counts, Counts, Counts]:
+        t = np.arange(block * _BLOCK, (block + 1) * _BLOCK, dtype=np.float64) * _CYCLE
+        values = self._signals.at(t)
+
+        def table(names: Sequence[str], scale: NDArray[np.float64]) -> Counts:
+            counts = np.zeros((len(t), self._answer_axes), np.int32)
+            for column, name in enumerate(names):
+                if name in values:
+                    counts[:, column] = np.rint(values[name] * scale[column]).astype(np.int32)
+            return counts
+
+        joints = [f"joint_{joint}" for joint in range(1, self.axes + 1)]
+        return (
+            table([f"{joint}.position" for joint in joints], self._pulses),
+            table([f"{joint}.torque" for joint in joints], self._counts),
+            table([f"tool.{axis}" for axis in _POSE], _POSE_COUNTS),
+        )

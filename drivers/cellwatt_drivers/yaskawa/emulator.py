@@ -1,0 +1,247 @@
+"""A Yaskawa controller's High-Speed Ethernet Server: robot division, read services."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import ClassVar, TypeAlias
+
+from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.yaskawa import payload, wire
+from cellwatt_drivers.yaskawa.emulated_robot import PULSES_PER_DEGREE, RATED_TORQUE, EmulatedRobot
+
+ANSWER_MS = {"FS100": 20.0, "DX200": 8.0, "YRC1000": 8.0}
+"""From request to answer, of which ± 1 ms is jitter."""
+
+_JITTER_MS = 1.0
+_POSITION_ERROR = 0x76
+_GENERAL_ERROR = 0x1F
+_BUSY, _NOT_REMOTE, _NO_COMMAND, _NO_INSTANCE, _NO_ATTRIBUTE = 0xE444, 0x2100, 0xA000, 0xA001, 0xA002
+_AXIS_NAMES = ("S", "L", "U", "R", "B", "T", "E", "8")
+_UNDOCUMENTED_BIT = b"\x00\x00\x01\x00"
+
+Address: TypeAlias = tuple[str, int]
+
+
+class YaskawaEmulator(Emulator):
+    """One controller with one robot (R1) over UDP; listens on 127.0.0.1:10040 unless told otherwise.
+
+    Options: ``model`` (DX200, YRC1000 or FS100: how long an answer takes), ``answer_ms`` (instead of the
+    model's), ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes``
+    (6, 7 or 8: positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``status_noise``
+    (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``).
+
+    Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder``
+    (held until the next one has left), ``duplicate``, ``garbage`` (random bytes ahead of it). At the next
+    request, ``stall`` stops reading for ``seconds``, then answers all that waited, and ``disconnect`` closes
+    the port for ``seconds``. ``made`` counts the requests understood, ``sent`` whole answers on the wire.
+    """
+
+    title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
+    faults: ClassVar[tuple[FaultKind, ...]] = (
+        "delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or f"127.0.0.1:{wire.PORT}", epoch=epoch, seed=seed, options=options)
+        left = dict(self.options)
+        model = left.pop("model", "YRC1000")
+        if model not in ANSWER_MS:
+            raise ValueError(f"model must be one of {', '.join(ANSWER_MS)}, not {model!r}")
+        self._answer_ms = float(left.pop("answer_ms", ANSWER_MS[model]))
+        self._jitter_ms = min(_JITTER_MS, self._answer_ms / 2)
+        self._busy = float(left.pop("busy", 0.0))
+        self._noisy = left.pop("status_noise", "0") == "1"
+        self.alarm = _alarm(left.pop("alarm", ""))
+        self.robot = EmulatedRobot(
+            signals,
+            _numbers(left.pop("pulses_per_degree", ""), PULSES_PER_DEGREE),
+            _numbers(left.pop("rated_torque", ""), RATED_TORQUE),
+            int(left.pop("answer_axes", 8)),
+        )
+        if left:
+            raise ValueError(f"unknown options: {', '.join(left)}")
+        self.system = payload.System("EMULATED", model, "0")
+        self.asked: Counter[wire.Request] = Counter()
+        self._random = random.Random(seed)
+        self._counts = Counter(made=0, sent=0)
+        self._held: list[tuple[bytes, Address]] = []
+        self._socket: socket.socket | None = None
+        self._serving = False
+        self._reads = self._tables()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See ``Emulator.counts``; also ``busy`` answers and ``malformed`` requests."""
+        return {**self._counts, **self.injector.counts}
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        host, _, port = self.address.rpartition(":")
+        self._serving = True
+        bound = self._open((host, int(port)))
+        ready(f"{bound[0]}:{bound[1]}")
+        try:
+            await asyncio.get_running_loop().create_future()
+        finally:
+            self._serving = False
+            self._close()
+
+    def _reopen(self, address: Address) -> None:
+        if self._serving:
+            self._open(address)
+
+    def _open(self, address: Address) -> Address:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(address)
+        self._listen(self._socket)
+        host, port = self._socket.getsockname()
+        return host, port
+
+    def _close(self) -> None:
+        if self._socket is not None:
+            asyncio.get_running_loop().remove_reader(self._socket)
+            self._socket.close()
+            self._socket = None
+
+    def _listen(self, opened: socket.socket) -> None:
+        if self._socket is opened:
+            asyncio.get_running_loop().add_reader(opened, self._readable, opened)
+
+    def _readable(self, opened: socket.socket) -> None:
+        try:
+            datagram, peer = opened.recvfrom(2048)
+        except OSError:  # no datagram after all, or word that an earlier answer found nobody
+            return
+        loop = asyncio.get_running_loop()
+        if outage := self.injector.once("disconnect"):
+            address = opened.getsockname()
+            self._close()
+            loop.call_later(outage.seconds, self._reopen, address)
+            return
+        if stall := self.injector.once("stall"):
+            loop.remove_reader(opened)
+            loop.call_later(stall.seconds, self._listen, opened)
+            loop.call_later(stall.seconds, self._take, datagram, peer)
+            return
+        self._take(datagram, peer)
+
+    def _take(self, datagram: bytes, peer: Address) -> None:
+        try:
+            request, number = wire.decode_request(datagram)
+        except ProtocolError:
+            self._counts["malformed"] += 1
+            return
+        self._counts["made"] += 1
+        self.asked[request] += 1
+        if self._random.random() < self._busy:
+            self._counts["busy"] += 1
+            answer = _refusal(request, number, _BUSY)
+        else:
+            answer = self._answer(request, number)
+        self._dispatch(wire.encode_answer(answer), peer)
+
+    def _dispatch(self, frame: bytes, peer: Address) -> None:
+        now = time.monotonic()
+        strikes = self.injector.strikes
+        after = (self._answer_ms + self._random.uniform(-1, 1) * self._jitter_ms) * 1e-3
+        if strikes("loss", now):
+            return
+        if strikes("half_frame", now):
+            self._later(after, [frame[: 1 + self.injector.below(len(frame) - 1)]], peer, whole=0)
+            return
+        if strikes("reorder", now):
+            self._held.append((frame, peer))
+            return
+        if late := strikes("delay", now):
+            after += late.seconds
+        frames = [frame, frame] if strikes("duplicate", now) else [frame]
+        whole = len(frames)
+        if strikes("garbage", now):
+            frames.insert(0, self.injector.random_bytes(1, 64))
+        self._later(after, frames, peer, whole)
+
+    def _later(self, seconds: float, frames: list[bytes], peer: Address, whole: int) -> None:
+        asyncio.get_running_loop().call_later(seconds, self._send, frames, peer, whole)
+
+    def _send(self, frames: list[bytes], peer: Address, whole: int) -> None:
+        if self._socket is None:
+            return
+        held, self._held = self._held, []
+        for frame, to in [*((f, peer) for f in frames), *held]:
+            self._socket.sendto(frame, to)
+        self._counts["sent"] += whole + len(held)
+
+    def _answer(self, request: wire.Request, number: int) -> wire.Answer:
+        if request.service not in (wire.GET_ALL, wire.GET_ONE):
+            return _refusal(request, number, _NOT_REMOTE)
+        read = self._reads.get(request.command)
+        if read is None:
+            return _refusal(request, number, _NO_COMMAND)
+        data = read(request.instance)
+        if data is None:
+            return _refusal(request, number, _NO_INSTANCE)
+        if request.service == wire.GET_ONE:
+            data = data[4 * (request.attribute - 1) : 4 * request.attribute] if request.attribute else b""
+            if not data:
+                return _refusal(request, number, _NO_ATTRIBUTE)
+        return wire.Answer(number, request.service | wire.ANSWER, 0, 0, data)
+
+    def _tables(self) -> Mapping[int, Callable[[int], bytes | None]]:
+        return {
+            wire.STATUS: lambda i: self._status() if i == 1 else None,
+            wire.AXIS_NAMES: lambda i: _names(self.robot.axes) if i == 1 else None,
+            wire.POSITION: self._position,
+            _POSITION_ERROR: lambda i: payload.encode_axes((0,) * 8) if i == 1 else None,
+            wire.TORQUE: lambda i: payload.encode_axes(self.robot.torques(self._now())) if i == 1 else None,
+            wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
+            wire.SYSTEM: lambda i: payload.encode_system(self.system) if i == 11 else None,
+        }
+
+    def _status(self) -> bytes:
+        mode = payload.Mode.AUTOMATIC | payload.Mode.RUNNING | payload.Mode.PLAY | payload.Mode.REMOTE
+        state = payload.State.SERVO_ON | (payload.State.ALARM if self.alarm.code else payload.State(0))
+        data = payload.encode_status(payload.Status(mode, state))
+        return bytes(a | b for a, b in zip(data, _UNDOCUMENTED_BIT * 2, strict=True)) if self._noisy else data
+
+    def _position(self, instance: int) -> bytes | None:
+        if instance == 1:
+            return payload.encode_position(payload.Position(payload.PULSE, self.robot.pulses(self._now())))
+        if instance == 101:
+            return payload.encode_position(payload.Position(payload.BASE, self.robot.pose(self._now())))
+        return None
+
+    def _now(self) -> float:
+        return time.time() - self.epoch
+
+
+def _refusal(request: wire.Request, number: int, added: int) -> wire.Answer:
+    return wire.Answer(number, request.service | wire.ANSWER, _GENERAL_ERROR, added)
+
+
+def _names(axes: int) -> bytes:
+    return payload.encode_axis_names(_AXIS_NAMES[:axes])
+
+
+def _numbers(text: str, default: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(float(x) for x in text.split(",")) if text else default
+
+
+def _alarm(text: str) -> payload.Alarm:
+    code, _, name = text.partition(":")
+    return payload.Alarm(int(code), time="2024/01/01 00:00", name=name) if text else payload.Alarm(0)

@@ -1,0 +1,64 @@
+"""Who is at the other end, and does it give what the settings ask for?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+from cellwatt.driver import Identity
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt_drivers.yaskawa import payload, wire
+from cellwatt_drivers.yaskawa.link import Link, NoAnswerError
+
+T = TypeVar("T")
+
+_SYSTEM = wire.Request(wire.SYSTEM, 11)
+_RETRIES = 3
+_HINT = "check the address, the cable, and that the controller's Ethernet server is set up"
+
+
+async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Request]) -> Identity:
+    """System information, axis names of the control group, and one try of each of ``reads`` (by name).
+
+    Raises ``ConnectError`` where nobody answers, ``WrongDeviceError`` where the answers are not this protocol or
+    the robot has fewer axes than configured, ``DeviceError`` where the controller refuses one of the reads.
+    """
+    system = await _optional(link, _SYSTEM, payload.decode_system) or payload.System("", "", "")
+    names = await _optional(link, wire.Request(wire.AXIS_NAMES, group), payload.decode_axis_names) or ()
+    if names and len(names) < axes:
+        raise WrongDeviceError(
+            f"robot R{group} at {link.place} has {len(names)} axes ({' '.join(names)}), the settings say {axes}"
+        )
+    for name, request in reads.items():
+        try:
+            await link.ask(request, _RETRIES)
+        except NoAnswerError as failure:
+            raise _refusal(link, name, failure) from failure
+    notes = {"axes": " ".join(names), "parameters": system.parameters}
+    return Identity(
+        "Yaskawa", system.model or "unknown", firmware=system.software, notes={k: v for k, v in notes.items() if v}
+    )
+
+
+async def _optional(link: Link, request: wire.Request, decode: Callable[[bytes], T]) -> T | None:
+    """What not every controller gives; raises where nobody is there at all."""
+    try:
+        return decode((await link.ask(request, _RETRIES)).answer.data)
+    except ProtocolError:
+        link.count_malformed()
+    except NoAnswerError as failure:
+        if failure.reason not in {"device error", "busy"}:
+            raise _silent(link, failure) from failure
+    return None
+
+
+def _refusal(link: Link, name: str, failure: NoAnswerError) -> Exception:
+    if failure.reason != "device error":
+        return _silent(link, failure)
+    return DeviceError(f"{link.place} refuses to give {name}: {failure}; take it out of 'read' or check control_group")
+
+
+def _silent(link: Link, failure: NoAnswerError) -> Exception:
+    if link.malformed:
+        return WrongDeviceError(f"{link.place} answers, but not with High-Speed Ethernet Server frames; {_HINT}")
+    return ConnectError(f"nobody answers at UDP {link.place} ({failure}); {_HINT}")

@@ -1,0 +1,194 @@
+"""One UDP conversation with a controller: one request in flight, answers matched by their number."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+from cellwatt.driver import Outlet
+from cellwatt.errors import ConnectError, ProtocolError
+from cellwatt_drivers.yaskawa import wire
+
+_NUMBERS = 256
+_QUARANTINE = 10.0
+"""s for which the number of a request that got no answer is not used again, so that its late answer cannot
+be taken for another's."""
+
+_BUSY_PAUSE = 0.005
+"""s before a busy controller is asked again."""
+
+Reason = Literal["timeout", "refused", "unreachable", "busy", "malformed", "device error"]
+"""Why a poll gave nothing, as counted in the account."""
+
+
+class NoAnswerError(Exception):
+    """A request got no usable answer; ``reason`` as counted."""
+
+    def __init__(self, reason: Reason, text: str) -> None:
+        super().__init__(text)
+        self.reason: Reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """An answer with the cell's times (ns) at which its request left and it came back."""
+
+    answer: wire.Answer
+    asked: int
+    arrival: int
+
+
+@asynccontextmanager
+async def open_link(host: str, port: int, timeout: float, outlet: Outlet) -> AsyncIterator[Link]:
+    """A link to the controller at ``host``; raises ``ConnectError`` where the name or the network is unknown."""
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+    except OSError as error:
+        raise ConnectError(
+            f"the name {host!r} is not known: {error.strerror or error}; write the IP address"
+        ) from error
+    family, kind, protocol, _, address = found[0]
+    with socket.socket(family, kind, protocol) as connection:
+        connection.setblocking(False)
+        try:
+            connection.connect(address)
+        except OSError as error:
+            raise ConnectError(f"{host}:{port} cannot be reached: {error.strerror or error}") from error
+        link = Link(connection, f"{host}:{port}", timeout, outlet)
+        loop.add_reader(connection, link.readable)
+        try:
+            yield link
+        finally:
+            loop.remove_reader(connection)
+
+
+class Link:
+    """Asks over a connected, non-blocking UDP ``connection``; counts in the outlet's account what is not an answer.
+
+    ``timeout`` in s for each answer. ``malformed`` counts datagrams that are not the protocol.
+    """
+
+    def __init__(self, connection: socket.socket, place: str, timeout: float, outlet: Outlet) -> None:
+        self.place = place
+        self.malformed = 0
+        self._connection = connection
+        self._timeout = timeout
+        self._outlet = outlet
+        self._loop = asyncio.get_running_loop()
+        self._number = -1
+        self._service = 0
+        self._waiting: asyncio.Future[tuple[wire.Answer, int]] | None = None
+        self._unanswered: dict[int, float] = {}
+        self._answered: set[int] = set()
+
+    async def ask(self, request: wire.Request, retries: int, until: int | None = None) -> Exchange:
+        """The good answer to a request.
+
+        Asks again after a time-out or where the controller is busy, at most ``retries`` times and not once the
+        monotonic clock (ns) has passed ``until``. Raises ``NoAnswerError`` with the last reason.
+        """
+        for left in range(retries, -1, -1):
+            try:
+                return await self._ask_once(request)
+            except NoAnswerError as failure:
+                if left == 0 or failure.reason not in {"timeout", "busy"}:
+                    raise
+                if failure.reason == "busy":
+                    await asyncio.sleep(_BUSY_PAUSE)
+                if until is not None and time.monotonic_ns() >= until:
+                    raise
+                self._outlet.account.count("retries")
+        raise AssertionError("unreachable")
+
+    async def _ask_once(self, request: wire.Request) -> Exchange:
+        number = self._next_number()
+        self._service = request.service | wire.ANSWER
+        waiting = self._waiting = self._loop.create_future()
+        timer = self._loop.call_later(self._timeout, self._expire)
+        asked = self._outlet.now()
+        try:
+            self._send(wire.encode_request(request, number))
+            answer, arrival = await waiting
+        except BaseException:
+            self._unanswered[number] = self._loop.time()
+            raise
+        finally:
+            timer.cancel()
+            self._waiting = None
+        self._answered.add(number)
+        if answer.status:
+            self._outlet.account.count("busy answers" if answer.busy else "device errors")
+            raise NoAnswerError("busy" if answer.busy else "device error", answer.text)
+        return Exchange(answer, asked, arrival)
+
+    def readable(self) -> None:
+        """Take one datagram; called by the loop."""
+        try:
+            datagram = self._connection.recv(2048)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._fail_socket(error)
+            return
+        arrival = self._outlet.now()
+        try:
+            answer = wire.decode_answer(datagram)
+        except ProtocolError:
+            self.count_malformed()
+            return
+        waiting = self._waiting
+        if waiting is None or waiting.done() or answer.number != self._number:
+            self._discard(answer)
+        elif answer.service != self._service:
+            self.count_malformed()
+        else:
+            waiting.set_result((answer, arrival))
+
+    def _send(self, datagram: bytes) -> None:
+        try:
+            self._connection.send(datagram)
+        except OSError as error:
+            self._fail_socket(error)
+
+    def _next_number(self) -> int:
+        now = self._loop.time()
+        for _ in range(_NUMBERS):
+            self._number = (self._number + 1) % _NUMBERS
+            if now - self._unanswered.get(self._number, -_QUARANTINE) >= _QUARANTINE:
+                break
+        self._unanswered.pop(self._number, None)
+        self._answered.discard(self._number)
+        return self._number
+
+    def _discard(self, answer: wire.Answer) -> None:
+        if self._unanswered.pop(answer.number, None) is not None:
+            self._answered.add(answer.number)
+            self._outlet.account.count("late answers")
+        elif answer.number in self._answered or answer.number == self._number:
+            self._outlet.account.count("duplicates")
+        else:
+            self._outlet.account.count("unasked answers")
+
+    def count_malformed(self) -> None:
+        """Somebody sent what is not the protocol, or not the answer asked for."""
+        self.malformed += 1
+        self._outlet.account.count("malformed")
+
+    def _expire(self) -> None:
+        self._outlet.account.count("timeouts")
+        self._fail(NoAnswerError("timeout", f"no answer within {self._timeout * 1e3:g} ms"))
+
+    def _fail_socket(self, error: OSError) -> None:
+        reason: Reason = "refused" if isinstance(error, ConnectionRefusedError) else "unreachable"
+        self._outlet.account.count(reason)
+        self._fail(NoAnswerError(reason, error.strerror or str(error)))
+
+    def _fail(self, failure: NoAnswerError) -> None:
+        if self._waiting is not None and not self._waiting.done():
+            self._waiting.set_exception(failure)

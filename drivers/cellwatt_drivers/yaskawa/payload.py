@@ -1,0 +1,197 @@
+"""What the data part of each answer holds; all integers are signed 32 bit unless said otherwise."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntFlag
+
+from cellwatt.errors import ProtocolError
+
+PULSE = 0
+BASE = 16
+"""Data types of a position: encoder pulses, or Cartesian in the base frame."""
+
+METRES = 1e-6
+"""Per count of X, Y, Z."""
+DEGREES = 1e-4
+"""Per count of Rx, Ry, Rz."""
+
+_POSITION_HEAD = struct.Struct("<5i")
+_AXES = {4 * n: struct.Struct(f"<{n}i") for n in (6, 7, 8)}
+_STATUS = struct.Struct("<2I")
+_ALARM = struct.Struct("<3I16s32s")
+_SYSTEM = struct.Struct("<24s16s8s")
+_NAME_SIZE = 4
+_AXIS_SLOTS = 8
+
+
+class Mode(IntFlag):
+    """First word of the status; bits not listed are ignored."""
+
+    STEP = 1
+    ONE_CYCLE = 2
+    AUTOMATIC = 4
+    RUNNING = 8
+    SPEED_LIMITED = 16
+    TEACH = 32
+    PLAY = 64
+    REMOTE = 128
+
+
+class State(IntFlag):
+    """Second word of the status; bits not listed are ignored."""
+
+    HOLD_PENDANT = 2
+    HOLD_EXTERNAL = 4
+    HOLD_COMMAND = 8
+    ALARM = 16
+    ERROR = 32
+    SERVO_ON = 64
+
+
+_MODE_BITS = 0xFF
+_STATE_BITS = 0x7E
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Answer to 0x72."""
+
+    mode: Mode
+    state: State
+
+    @property
+    def hold(self) -> bool:
+        """Held by pendant, externally or by command."""
+        return bool(self.state & (State.HOLD_PENDANT | State.HOLD_EXTERNAL | State.HOLD_COMMAND))
+
+    @property
+    def alarming(self) -> bool:
+        """An alarm or an error is active."""
+        return bool(self.state & (State.ALARM | State.ERROR))
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Answer to 0x75: ``axes`` in pulses, or µm and 1e-4 degrees, by ``kind``; 6 to 8 of them."""
+
+    kind: int
+    axes: tuple[int, ...]
+    figure: int = 0
+    tool: int = 0
+    user_frame: int = 0
+    extended: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """Answer to 0x70; all zero where there is none. ``time`` is the controller's, as text."""
+
+    code: int
+    data: int = 0
+    kind: int = 0
+    time: str = ""
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """Answer to 0x89."""
+
+    software: str
+    model: str
+    parameters: str
+
+
+def decode_status(data: bytes) -> Status:
+    """Raises ``ProtocolError`` unless there are two words."""
+    mode, state = _STATUS.unpack(_sized(data, _STATUS, "status"))
+    return Status(Mode(mode & _MODE_BITS), State(state & _STATE_BITS))
+
+
+def encode_status(status: Status) -> bytes:
+    """The 8 bytes of a status."""
+    return _STATUS.pack(status.mode, status.state)
+
+
+def decode_position(data: bytes, kind: int) -> Position:
+    """A position of 6, 7 or 8 axes (44, 48 or 52 bytes).
+
+    Raises ``ProtocolError`` for another length, and where the data are not of the asked ``kind``.
+    """
+    axes = _AXES.get(len(data) - _POSITION_HEAD.size)
+    if axes is None:
+        raise ProtocolError(f"a position of {len(data)} bytes; expected 44, 48 or 52")
+    found, figure, tool, user_frame, extended = _POSITION_HEAD.unpack_from(data)
+    if found != kind:
+        raise ProtocolError(f"a position of data type {found}; asked for {kind}")
+    return Position(found, axes.unpack_from(data, _POSITION_HEAD.size), figure, tool, user_frame, extended)
+
+
+def encode_position(position: Position) -> bytes:
+    """The bytes of a position; their number follows from that of the axes."""
+    head = _POSITION_HEAD.pack(position.kind, position.figure, position.tool, position.user_frame, position.extended)
+    return head + encode_axes(position.axes)
+
+
+def decode_axes(data: bytes) -> tuple[int, ...]:
+    """Torque counts, or any other table of 6, 7 or 8 axes. Raises ``ProtocolError`` for another length."""
+    axes = _AXES.get(len(data))
+    if axes is None:
+        raise ProtocolError(f"a torque of {len(data)} bytes; expected 24, 28 or 32")
+    return axes.unpack(data)
+
+
+def encode_axes(axes: tuple[int, ...]) -> bytes:
+    """Four bytes an axis."""
+    return _AXES[4 * len(axes)].pack(*axes)
+
+
+def decode_axis_names(data: bytes) -> tuple[str, ...]:
+    """Names of the axes there are, e.g. ``S L U R B T``. Raises ``ProtocolError`` unless there are 32 bytes."""
+    if len(data) != _NAME_SIZE * _AXIS_SLOTS:
+        raise ProtocolError(f"axis names of {len(data)} bytes; expected {_NAME_SIZE * _AXIS_SLOTS}")
+    names = (_text(data[i : i + _NAME_SIZE]) for i in range(0, len(data), _NAME_SIZE))
+    return tuple(name for name in names if name)
+
+
+def encode_axis_names(names: tuple[str, ...]) -> bytes:
+    """32 bytes; absent axes are zero."""
+    return b"".join(n.encode("ascii").ljust(_NAME_SIZE, b"\0") for n in names).ljust(_NAME_SIZE * _AXIS_SLOTS, b"\0")
+
+
+def decode_alarm(data: bytes) -> Alarm:
+    """An alarm; its name is in the pendant's Shift-JIS, unreadable bytes become U+FFFD.
+
+    Raises ``ProtocolError`` unless there are 60 bytes.
+    """
+    code, sub, kind, time, name = _ALARM.unpack(_sized(data, _ALARM, "alarm"))
+    return Alarm(code, sub, kind, _text(time), _text(name, "shift_jis"))
+
+
+def encode_alarm(alarm: Alarm) -> bytes:
+    """The 60 bytes of an alarm."""
+    name = alarm.name.encode("shift_jis", "replace")
+    return _ALARM.pack(alarm.code, alarm.data, alarm.kind, alarm.time.encode("ascii", "replace"), name)
+
+
+def decode_system(data: bytes) -> System:
+    """Raises ``ProtocolError`` unless there are 48 bytes."""
+    software, model, parameters = _SYSTEM.unpack(_sized(data, _SYSTEM, "system information"))
+    return System(_text(software), _text(model), _text(parameters))
+
+
+def encode_system(system: System) -> bytes:
+    """The 48 bytes of a system information."""
+    return _SYSTEM.pack(system.software.encode(), system.model.encode(), system.parameters.encode())
+
+
+def _sized(data: bytes, layout: struct.Struct, what: str) -> bytes:
+    if len(data) != layout.size:
+        raise ProtocolError(f"{what} of {len(data)} bytes; expected {layout.size}")
+    return data
+
+
+def _text(data: bytes, encoding: str = "ascii") -> str:
+    return data.split(b"\0", 1)[0].decode(encoding, "replace").strip()

@@ -1,0 +1,81 @@
+"""What is asked for in each slot: the request, the stream it feeds and what its data become."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.channel import Channel, Stream
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.yaskawa import payload, wire
+from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
+
+Float = NDArray[np.float64]
+
+_CARTESIAN_INSTANCE = 100
+_POSE_UNITS = np.array([payload.METRES] * 3 + [math.radians(payload.DEGREES)] * 3)
+# Angles wrap at 180 degrees: a value between two samples would be wrong there, so they are held.
+_POSE_CHANNELS = tuple(Channel(f"tool.{axis}", "m") for axis in "xyz") + tuple(
+    Channel(f"tool.r{axis}", "rad", align="hold") for axis in "xyz"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Poll:
+    """One request and its stream; ``values`` (channels,) raises ``ProtocolError`` where the data are not right."""
+
+    stream: Stream
+    request: wire.Request
+    values: Callable[[bytes], Float]
+
+
+def position(group: int, rate: float, motors: MotorAngles) -> Poll:
+    """Joint angles, rad."""
+    axes = len(motors.pulse)
+
+    def values(data: bytes) -> Float:
+        return motors.angles(_first(axes, payload.decode_position(data, payload.PULSE).axes))
+
+    return Poll(_joints("position", rate, axes, "position", "rad"), wire.Request(wire.POSITION, group), values)
+
+
+def torque(group: int, rate: float, axes: int, rated: Sequence[float] | None, count: float) -> Poll:
+    """Joint torques: Nm where the ``rated`` ones (axes,) are known, else as a share of the rated one.
+
+    ``count`` is the share of the rated torque that one count of the answer stands for.
+    """
+    per_count = np.array(rated or [1.0] * axes, dtype=np.float64) * count
+    quantity, unit = ("torque", "Nm") if rated else ("torque_ratio", "1")
+
+    def values(data: bytes) -> Float:
+        torques: Float = np.array(_first(axes, payload.decode_axes(data)), dtype=np.float64) * per_count
+        return torques
+
+    return Poll(_joints("torque", rate, axes, quantity, unit), wire.Request(wire.TORQUE, group), values)
+
+
+def cartesian(group: int, rate: float) -> Poll:
+    """Pose of the tool in the robot's base frame: m and rad."""
+
+    def values(data: bytes) -> Float:
+        axes = payload.decode_position(data, payload.BASE).axes[:6]
+        pose: Float = np.array(axes, dtype=np.float64) * _POSE_UNITS
+        return pose
+
+    stream = Stream("cartesian", _POSE_CHANNELS, rate, "host")
+    return Poll(stream, wire.Request(wire.POSITION, _CARTESIAN_INSTANCE + group), values)
+
+
+def _joints(name: str, rate: float, axes: int, quantity: str, unit: str) -> Stream:
+    channels = tuple(Channel(f"joint_{joint}.{quantity}", unit) for joint in range(1, axes + 1))
+    return Stream(name, channels, rate, "host")
+
+
+def _first(n: int, axes: tuple[int, ...]) -> tuple[int, ...]:
+    if len(axes) < n:
+        raise ProtocolError(f"the controller gives {len(axes)} axes, the settings say {n}")
+    return axes[:n]

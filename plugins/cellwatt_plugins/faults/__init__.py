@@ -1,0 +1,5 @@
+"""Says which joint or encoder is faulty, from supply power and encoders against healthy cycles (seed 002)."""
+
+from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
+
+__all__ = ["FaultsSettings", "FaultsStage"]

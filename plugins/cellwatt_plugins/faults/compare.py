@@ -1,0 +1,195 @@
+"""One interval against its healthy reference, point by point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.criteria import Codes, Tolerance, outside, ternary
+from cellwatt_plugins.faults.reference import LEAD, TAIL, Pattern, ReferenceInterval
+from cellwatt_plugins.faults.trace import Trace
+
+Float = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+BASE = (-0.1, 0.0)
+"""Power just before the onset, s, whose median deviation is the base level: a joint at rest shows no fault."""
+SPREADS = 3.0
+"""A healthy spread beyond the tolerance widens it to so many standard deviations."""
+SHIFT = 0.15
+"""An onset that encoder noise or a jolt has put too early or late is put right by up to so many s …"""
+FITS = 0.25
+"""… where positions then agree to this share of the position tolerance."""
+SPEED_SHARE, SPEED_FLOOR = 0.05, 0.02
+ACCELERATION_SHARE, ACCELERATION_FLOOR = 0.15, 0.3
+"""The motion follows the reference while it agrees to these shares of the peaks plus floors (rad/s, rad/s²)."""
+STEP_SIDE = 4
+STEP_SHARE = 0.7
+STEP_CALM = 0.5
+"""A step of the base level: the median of so many frames on each side differs, most of it between neighbours, while
+the reference changes by less than ``STEP_CALM`` of it."""
+HALF = 2
+"""Frames to each side over which speed and acceleration are taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """n frames from just before the onset on.
+
+    ``t`` (n,) s from the onset; ``position`` (n, joints) rad and ``power`` (n,) W: how far outside of what
+    the reference and a jitter of the onset explain, NaN where missing; ``limit`` (n,) W: epsilon_p;
+    ``reference`` (n,) W; ``follows`` (n,): the motion is that of the reference, so that power may be judged.
+    """
+
+    t: Float
+    position: Float
+    power: Float
+    limit: Float
+    reference: Float
+    follows: Bools
+
+    @property
+    def power_codes(self) -> Codes:
+        """Equation (20) on power at each frame of the interval; 0 before the onset and where power is missing."""
+        return np.where(self.t >= 0, ternary(np.nan_to_num(self.power), self.limit), 0).astype(np.int8)
+
+    def position_codes(self, limit: float) -> Codes:
+        """Equation (20) on each joint's position (n, joints); 0 before the onset."""
+        return np.where((self.t >= 0)[:, None], ternary(np.nan_to_num(self.position), limit), 0).astype(np.int8)
+
+    @property
+    def power_known(self) -> float:
+        """Share of the interval's frames with a measured power."""
+        inside = self.t >= 0
+        return float(np.mean(~np.isnan(self.power[inside]))) if inside.any() else 0.0
+
+
+def compare(reference: ReferenceInterval, onset: int, trace: Trace, tolerance: Tolerance, reach: float) -> Comparison:
+    """Frames of ``trace`` against ``reference``, aligned at ``onset`` (ns); ``reach`` s is the jitter allowed."""
+    longest = reference.duration + TAIL
+    wide = trace.between(onset - round((LEAD + SHIFT) * 1e9), onset + round((longest + SHIFT) * 1e9))
+    onset += round(_shift(reference, (wide.time - onset) * 1e-9, wide.position, tolerance, reach) * 1e9)
+    near = wide.between(onset - round(LEAD * 1e9), onset + round(longest * 1e9))
+    t = (near.time - onset) * 1e-9
+    expected = reference.power.at(t)
+    limit = np.maximum(tolerance.watts(expected), SPREADS * reference.power.spread_at(t))
+    low, high = reference.power.envelope(t, reach)
+    residual = near.power - expected
+    level = steps(residual - base_level(t, residual), limit, high - low) + base_level(t, residual)
+    position = near.position - np.asarray(reference.pose)
+    for joint, pattern in reference.position.items():
+        position[:, joint - 1] = outside(near.position[:, joint - 1], *pattern.envelope(t, reach))
+    return Comparison(
+        t=t,
+        position=position,
+        power=outside(near.power - level, low, high),
+        limit=limit,
+        reference=expected,
+        follows=_follows(reference, t, near.position, position, tolerance, reach),
+    )
+
+
+def _shift(reference: ReferenceInterval, t: Float, position: Float, tolerance: Tolerance, reach: float) -> float:
+    """How much later than found the onset is, s, where that makes the moving joints follow their paths."""
+    before = (t >= -LEAD) & (t < BASE[0] / 2)
+    since = t >= -SHIFT
+    if not before.any():
+        return 0.0
+    moved = {}
+    for joint, pattern in reference.position.items():
+        offset = np.median(position[before, joint - 1] - pattern.at(t[before]))
+        moved[joint] = position[since, joint - 1] - offset
+
+    def misfit(shift: float) -> float:
+        errors = [np.abs(way - reference.position[joint].at(t[since] - shift)) for joint, way in moved.items()]
+        return float(np.mean(errors))
+
+    enough = FITS * tolerance.position
+    if not misfit(0.0) > enough:
+        return 0.0
+    step = max(reach / 2, reference.power.step)
+    shifts = step * np.arange(-int(SHIFT / step), int(SHIFT / step) + 1)
+    best = min(shifts.tolist(), key=misfit)
+    return best if misfit(best) <= enough else 0.0
+
+
+def base_level(t: Float, residual: Float) -> float:
+    """The median of a power residual (n,) W just before the onset; 0 where it is not known."""
+    around = residual[(t >= BASE[0]) & (t <= BASE[1])]
+    known = around[~np.isnan(around)]
+    return float(np.median(known)) if len(known) else 0.0
+
+
+def steps(residual: Float, limit: Float, swing: Float) -> Float:
+    """Steps of a power residual (n,) W that no motion has made, added up, (n,) W.
+
+    Something was switched or hooked on between two frames, while the reference (``swing`` (n,) W: how much it
+    changes thereabouts) is calm; the motion is judged by how power changes from there on.
+    """
+    level = np.zeros(len(residual))
+    k = STEP_SIDE
+    while k < len(residual) - STEP_SIDE:
+        jump = float(residual[k + 1] - residual[k - 1])
+        if abs(jump) > STEP_SHARE * limit[k] and swing[k] < STEP_CALM * abs(jump):
+            rise = float(np.median(residual[k + 1 : k + 1 + STEP_SIDE]) - np.median(residual[k - STEP_SIDE : k]))
+            if abs(rise) > limit[k] and STEP_SHARE < jump / rise < 1 / STEP_SHARE:
+                level[k + 1 :] += rise
+                k += STEP_SIDE
+        k += 1
+    return level
+
+
+def _follows(
+    reference: ReferenceInterval, t: Float, measured: Float, error: Float, tolerance: Tolerance, reach: float
+) -> Bools:
+    """Whether the moving joints have followed the reference so far; not yet known for the last frames."""
+    follows = np.zeros(len(t), dtype=bool)
+    if len(t) <= 2 * HALF:
+        return follows
+    inner = slice(HALF, -HALF)
+    half = (t[2 * HALF :] - t[: -2 * HALF]) / 2
+    same = np.ones(len(half), dtype=bool)
+    for joint, pattern in reference.position.items():
+        q = measured[:, joint - 1]
+        speed = (q[2 * HALF :] - q[: -2 * HALF]) / (2 * half)
+        acceleration = (q[2 * HALF :] - 2 * q[inner] + q[: -2 * HALF]) / half**2
+        speeds, accelerations = _motion(pattern, t[inner], half, reach)
+        same &= _near(speed, speeds, SPEED_SHARE, SPEED_FLOOR)
+        same &= _near(acceleration, accelerations, ACCELERATION_SHARE, ACCELERATION_FLOOR)
+        same &= np.abs(error[inner, joint - 1]) <= tolerance.position
+    follows[inner] = np.logical_and.accumulate(same | (t[inner] < 0))
+    return follows
+
+
+def _near(value: Float, around: Float, share: float, floor: float) -> Bools:
+    """Whether values (n,) lie in the band of ``around`` (shifts, n), widened by a share of its peak and a floor."""
+    low, high = around.min(axis=0), around.max(axis=0)
+    return np.asarray(np.abs(outside(value, low, high)) <= share * float(np.abs(around).max()) + floor)
+
+
+def _motion(pattern: Pattern, t: Float, half: Float, reach: float) -> tuple[Float, Float]:
+    """Speed and acceleration (shifts, n) of a position pattern within ``reach`` s around each time."""
+    speeds, accelerations = [], []
+    for shift in np.linspace(-reach, reach, 5):
+        before, here, after = (pattern.at(t + shift + h) for h in (-half, 0.0, half))
+        speeds.append((after - before) / (2 * half))
+        accelerations.append((after - 2 * here + before) / half**2)
+    return np.stack(speeds), np.stack(accelerations)
+
+
+def power_agrees(
+    reference: ReferenceInterval, trace: Trace, start: int, end: int, tolerance: Tolerance, frames: int
+) -> bool:
+    """Whether the power of an interval that the encoders did not show is found between ``start`` and ``end`` (ns)."""
+    window = trace.between(start - round(LEAD * 1e9), end)
+    for onset in window.time[(window.time >= start) & (window.time + round(reference.duration * 1e9) <= end)].tolist():
+        t = (window.time - onset) * 1e-9
+        inside = (t >= 0) & (t <= reference.duration)
+        expected = reference.power.at(t)
+        residual = window.power - expected
+        codes = ternary((residual - base_level(t, residual))[inside], tolerance.watts(expected[inside]))
+        if not np.isnan(residual[inside]).any() and np.count_nonzero(codes) < frames:
+            return True
+    return False

@@ -1,0 +1,78 @@
+"""When a cycle deviates, and what the deviation says: equations (16) and (20) of seed 002 and the rules under (16)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Codes = NDArray[np.int8]
+
+Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_fault"]
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far healthy cycles may lie from the reference: ``position`` rad, ``power`` relative, but ``floor`` W at least."""
+
+    position: float = math.radians(1.0)
+    power: float = 0.10
+    floor: float = 5.0
+
+    def watts(self, reference: Float) -> Float:
+        """epsilon_p of equation (16), W, for reference powers (n,) W ("±10 % over the reference", section V.D)."""
+        return np.maximum(self.power * np.abs(reference), self.floor)
+
+
+def fault_free(position_residual: Float, power_residual: Float, position_limit: Float, power_limit: Float) -> bool:
+    """Equation (16): |q_r - q_m| < eps_q and |P_r - P_m| < eps_p at every point."""
+    return bool(
+        np.all(np.abs(position_residual) < position_limit) and np.all(np.abs(power_residual) < power_limit)
+    )
+
+
+def verdict(*, position_outside: bool, power_outside: bool) -> Verdict:
+    """The rules under equation (16) for one joint.
+
+    Position outside with power inside: the encoder. Both outside: the joint and possibly its encoder too.
+    Power outside alone: the joint, whose position loop still holds the path.
+    """
+    if position_outside:
+        return "joint_and_encoder_fault" if power_outside else "encoder_fault"
+    return "joint_fault" if power_outside else "healthy"
+
+
+def ternary(residual: Float, limit: Float | float) -> Codes:
+    """Equation (20): 0 where |r| <= eps, 1 where r > eps, -1 where r < -eps (the print lacks that minus)."""
+    return np.where(residual > limit, 1, np.where(residual < -np.asarray(limit), -1, 0)).astype(np.int8)
+
+
+def outside(value: Float, low: Float, high: Float) -> Float:
+    """Signed distance of values to the band low … high; 0 within."""
+    return value - np.clip(value, low, high)
+
+
+def sustained(codes: Codes, frames: int) -> int:
+    """The code that holds for ``frames`` neighbours in a row first, 0 if none does: one frame alone proves nothing."""
+    run = 0
+    previous = 0
+    for code in codes.tolist():
+        run = run + 1 if code and code == previous else 1
+        previous = code
+        if code and run >= frames:
+            return int(code)
+    return 0
+
+
+def longest(codes: Codes) -> int:
+    """Length of the longest run of one nonzero code."""
+    best = run = previous = 0
+    for code in codes.tolist():
+        run = 0 if not code else run + 1 if code == previous else 1
+        previous = code
+        best = max(best, run)
+    return best

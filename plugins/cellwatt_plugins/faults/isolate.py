@@ -1,0 +1,77 @@
+"""Which joint explains the ternary codes of a task's intervals.
+
+The network of seed 002 (section V.D) is trained on the table of intervals in which each joint is active; its
+largest output names the joint. Here the same comparison is made directly: the share of intervals on which the
+codes and a joint's column agree, among those where either of the two is not zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Codes = NDArray[np.int8]
+
+SHAPE_WEIGHT = 0.2
+"""How much the likeness of residual and motion adds to the agreement, which is 1 at most."""
+TIE = 0.05
+"""Joints whose score is this close to the best are named as alternatives."""
+
+
+@dataclass(frozen=True, slots=True)
+class Suspect:
+    """A joint (1-based) that explains deviating intervals, its score, and joints that explain them as well."""
+
+    joint: int
+    score: float
+    alternatives: tuple[int, ...]
+
+
+def agreement(codes: Codes, expected: Codes, *, signed: bool = False) -> Float:
+    """Per joint 0 … 1: how well codes (k,) of k intervals agree with its column of ``expected`` (k, joints).
+
+    ``expected`` is nonzero where a fault of that joint shows: 1 where it moves, or with ``signed`` the code
+    that a fault table gives.
+    """
+    hit = (codes[:, None] != 0) & (expected != 0)
+    if signed:
+        hit &= codes[:, None] == expected
+    either = (codes[:, None] != 0) | (expected != 0)
+    return np.asarray(hit.sum(axis=0) / np.maximum(either.sum(axis=0), 1), dtype=np.float64)
+
+
+def likeness(residual: Float, speed: Float, way: Float) -> float:
+    """0 … 1: correlation of a power residual (n,) with a joint's speed or way (n,) in one interval."""
+    if len(residual) < 4 or np.ptp(residual) == 0:
+        return 0.0
+    best = 0.0
+    for motion in (np.abs(speed), way):
+        if np.ptp(motion) > 0:
+            best = max(best, abs(float(np.corrcoef(residual, motion)[0, 1])))
+    return best
+
+
+def suspects(codes: Codes, moving: Codes, shape: Float) -> Sequence[Suspect]:
+    """Fewest joints that explain all nonzero codes, best first.
+
+    ``codes`` (k,), ``moving`` (k, joints) 1 where a joint moves, ``shape`` (joints,) 0 … 1. Codes of intervals
+    in which nothing moves are explained by no joint and left out.
+    """
+    found: list[Suspect] = []
+    while (codes[:, None] * moving).any():
+        hits = (codes[:, None] * moving != 0).any(axis=0)
+        scores = np.where(hits, agreement(codes, moving) + SHAPE_WEIGHT * shape, -1.0)
+        best = int(np.argmax(scores))
+        mine = (codes != 0) & (moving[:, best] != 0)
+        others = [
+            j + 1
+            for j in np.flatnonzero(scores >= scores[best] - TIE).tolist()
+            if j != best and np.array_equal((codes != 0) & (moving[:, j] != 0), mine)
+        ]
+        found.append(Suspect(best + 1, float(scores[best]), tuple(others)))
+        codes, moving = codes[~mine], moving[~mine]
+    return found

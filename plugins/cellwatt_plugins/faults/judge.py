@@ -1,0 +1,275 @@
+"""What each interval says about the arm: power as it runs, encoders once the next interval shows that the task goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.results import Interval
+from cellwatt_plugins.faults.compare import Comparison, compare, power_agrees
+from cellwatt_plugins.faults.criteria import Tolerance, Verdict, longest, outside, sustained, verdict
+from cellwatt_plugins.faults.follow import Follower, Match, Place
+from cellwatt_plugins.faults.isolate import likeness
+from cellwatt_plugins.faults.reference import Reference, ReferenceInterval
+from cellwatt_plugins.faults.trace import Trace
+
+Float = NDArray[np.float64]
+
+POWER_KNOWN = 0.8
+"""An interval is judged when at least this share of its power was measured."""
+SAME_DURATION = 0.03
+"""Beyond this relative difference of duration, a path that fits when stretched is a run at another speed."""
+WAY = (-0.05, 1.5)
+"""A faulty joint or encoder covers between these shares of the reference's way; anything else is another motion."""
+TOGETHER = 0.1
+"""Joints of an interrupted motion have covered the same share of their ways, up to this."""
+
+Course = Literal["follows", "other_speed", "interrupted", "deviates", "other_motion"]
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """Tolerances, ``frames`` in a row that count, and the jitter ``reach`` of onsets, s."""
+
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    frames: int = 5
+    reach: float = 0.04
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one interval says.
+
+    ``place`` is ``None`` where the interval is not in the reference. ``code`` is equation (20) on power for
+    motion that follows the reference, ``None`` where power could not be judged. ``verdicts`` holds joints
+    whose encoder deviates; ``clean`` those whose encoder was judged and agrees. ``since`` and ``time`` in ns.
+    """
+
+    interval: Interval
+    place: Place | None
+    course: Course
+    since: int
+    time: int
+    code: int | None = None
+    shape: Mapping[int, float] = field(default_factory=dict)
+    verdicts: Mapping[int, Verdict] = field(default_factory=dict)
+    clean: tuple[int, ...] = ()
+    evidence: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class _Doubt:
+    """Joints whose encoder deviated in an interval; settled by the interval that follows."""
+
+    interval: Interval
+    place: Place
+    joints: tuple[int, ...]
+    power_outside: bool
+    interrupted: bool
+    evidence: Mapping[str, float]
+
+
+class Judge:
+    """Follows the intervals of one arm; ``running`` and ``closed`` give findings as they become known."""
+
+    def __init__(self, reference: Reference, rules: Rules) -> None:
+        self.follower = Follower(reference)
+        self.rules = rules
+        self._doubt: _Doubt | None = None
+        self._last_end = 0
+
+    def running(self, interval: Interval, trace: Trace, now: int) -> Finding | None:
+        """A deviation of power in an interval that still runs, seen at ``now`` (ns)."""
+        so_far = replace(interval, end=now)
+        match = self.follower.best(so_far, trace)
+        if match is None or match.foreign or match.displaced or not interval.complete:
+            return None
+        reference = self.follower[match.place]
+        comparison = self._compare(reference, interval, trace.between(0, now))
+        finding = self._power(reference, match, so_far, comparison, "follows", now)
+        return finding if finding.code else None
+
+    def closed(self, interval: Interval, trace: Trace) -> list[Finding]:
+        """What a moving interval says at its end, and what it settles about the one before."""
+        if not interval.complete:
+            self.lost()
+            return []
+        match = self.follower.best(interval, trace)
+        if match is None:
+            return self._unknown(interval)
+        reference = self.follower[match.place]
+        comparison = self._compare(reference, interval, trace)
+        doubtful = self._doubtful(reference, comparison)
+        course = _course(reference, interval, trace, doubtful, self.rules)
+        if course == "other_motion" and not self._resumes(interval):
+            return self._unknown(interval)
+        found = self._settle(interval, match, trace)
+        if course == "other_motion" or self._resumes(interval):
+            self._doubt = None
+            return found
+        power = self._power(reference, match, interval, comparison, course, interval.end)
+        if course in ("deviates", "interrupted"):
+            outside_power = longest(comparison.power_codes) >= self.rules.frames
+            known = comparison.power_known >= POWER_KNOWN
+            self._doubt = (
+                _Doubt(interval, match.place, doubtful, outside_power, course == "interrupted", power.evidence)
+                if known
+                else None
+            )
+        else:
+            self._doubt = None
+        self.follower.last, self._last_end = match.place, interval.end
+        return [*found, power]
+
+    def lost(self) -> None:
+        """Frames are missing: forget the sequence."""
+        self.follower.last = None
+        self._doubt = None
+
+    def _unknown(self, interval: Interval) -> list[Finding]:
+        self.lost()
+        return [Finding(interval, None, "other_motion", interval.start, interval.end)]
+
+    def _compare(self, reference: ReferenceInterval, interval: Interval, trace: Trace) -> Comparison:
+        return compare(reference, interval.start, trace, self.rules.tolerance, self.rules.reach)
+
+    def _doubtful(self, reference: ReferenceInterval, comparison: Comparison) -> tuple[int, ...]:
+        """Moving joints whose position is outside for some frames in a row, equation (16)."""
+        codes = comparison.position_codes(self.rules.tolerance.position)
+        return tuple(j for j in reference.moving if longest(codes[:, j - 1]) >= self.rules.frames)
+
+    def _power(
+        self, reference: ReferenceInterval, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int
+    ) -> Finding:
+        """Equation (20) on power where the motion follows the reference from the same pose."""
+        usable = comparison.follows & (comparison.t >= 0)
+        codes = np.where(usable, comparison.power_codes, 0).astype(np.int8)
+        judged = course == "follows" and not match.foreign and not match.displaced
+        judged = judged and comparison.power_known >= POWER_KNOWN
+        code = sustained(codes, self.rules.frames) if judged else None
+        marked = np.flatnonzero(codes == code) if code else np.empty(0, np.int64)
+        worst = int(np.nanargmax(np.abs(np.where(usable, comparison.power, 0.0)))) if len(comparison.t) else 0
+        since = interval.start + round(comparison.t[marked[0]] * 1e9) if len(marked) else interval.start
+        return Finding(
+            interval=interval,
+            place=match.place,
+            course=course,
+            since=since,
+            time=now,
+            code=code,
+            shape=_shape(reference, comparison, usable) if code else {},
+            clean=reference.moving if course == "follows" else (),
+            evidence=_evidence(comparison, worst),
+        )
+
+    def _resumes(self, interval: Interval) -> bool:
+        """Whether this interval takes up a motion that was interrupted: a pause, not a fault."""
+        doubt = self._doubt
+        if doubt is None or not doubt.interrupted or interval.moving != doubt.interval.moving:
+            return False
+        reference = self.follower[doubt.place]
+        goal = np.asarray(reference.pose) + np.asarray(reference.displacement)
+        ways = np.asarray(reference.displacement) * np.asarray(interval.displacement)
+        reached = np.asarray(interval.pose) + np.asarray(interval.displacement)
+        joints = np.asarray(reference.moving) - 1
+        beyond = (reached - goal)[joints] * np.sign(np.asarray(reference.displacement)[joints])
+        return bool(np.all(ways[joints] > 0) and np.all(beyond <= self.rules.tolerance.position))
+
+    def _settle(self, interval: Interval, match: Match, trace: Trace) -> list[Finding]:
+        """The task went on: joints whose encoder deviated before, or showed no motion at all, are faulty."""
+        doubt = self._doubt
+        if match.skipped == 0 and doubt is not None and not self._resumes(interval) and not match.foreign:
+            joints = self._still_off(doubt, interval, match)
+            found = verdict(position_outside=True, power_outside=doubt.power_outside)
+            return self._encoders(doubt.interval, doubt.place, joints, found, doubt.evidence, interval.end)
+        if match.skipped == 1 and self.follower.last is not None:
+            place = self.follower.after(self.follower.last)
+            reference, now = self.follower[place], self.follower[match.place]
+            still = [j for j in reference.moving if abs(interval.pose[j - 1] - now.pose[j - 1]) > self.rules.tolerance.position]
+            if still:
+                rules = self.rules
+                agrees = power_agrees(
+                    reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames
+                )
+                found = verdict(position_outside=True, power_outside=not agrees)
+                off = max(abs(interval.pose[j - 1] - now.pose[j - 1]) for j in still)
+                evidence = {"position_residual_rad": off}
+                return self._encoders(interval, place, tuple(still), found, evidence, interval.end)
+        return []
+
+    def _still_off(self, doubt: _Doubt, interval: Interval, match: Match) -> tuple[int, ...]:
+        """Of an interrupted motion, the joints that the next interval finds short of their goal; else all in doubt."""
+        if not doubt.interrupted:
+            return doubt.joints
+        pose = self.follower[match.place].pose
+        return tuple(j for j in doubt.joints if abs(interval.pose[j - 1] - pose[j - 1]) > self.rules.tolerance.position)
+
+    def _encoders(
+        self, interval: Interval, place: Place, joints: tuple[int, ...], found: Verdict, evidence: Mapping[str, float], now: int
+    ) -> list[Finding]:
+        if not joints:
+            return []
+        verdicts = dict.fromkeys(joints, found)
+        return [Finding(interval, place, "deviates", interval.start, now, verdicts=verdicts, evidence=evidence)]
+
+
+def _course(
+    reference: ReferenceInterval, interval: Interval, trace: Trace, doubtful: tuple[int, ...], rules: Rules
+) -> Course:
+    """How the motion of a closed interval compares with the reference."""
+    if not doubtful:
+        return "follows"
+    duration = (interval.end - interval.start) * 1e-9
+    ways = {j: interval.displacement[j - 1] / reference.displacement[j - 1] for j in reference.moving if reference.displacement[j - 1]}
+    shares = np.asarray(list(ways.values()))
+    if abs(duration / reference.duration - 1) > SAME_DURATION and _stretched(reference, interval, trace, rules):
+        return "other_speed"
+    ended_early = duration < reference.duration - rules.reach
+    if ended_early and np.ptp(shares) <= TOGETHER and shares.max(initial=0.0) < 1:
+        return "interrupted"
+    in_time = abs(duration - reference.duration) <= max(rules.reach * 2, SAME_DURATION * reference.duration)
+    others = [j for j in reference.moving if j not in doubtful]
+    if (in_time or others) and shares.min() >= WAY[0] and shares.max() <= WAY[1]:
+        return "deviates"
+    return "other_motion"
+
+
+def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, rules: Rules) -> bool:
+    """Whether the same path was covered, only faster or slower throughout."""
+    inside = trace.between(interval.start, interval.end)
+    ratio = reference.duration / ((interval.end - interval.start) * 1e-9)
+    t = (inside.time - interval.start) * 1e-9 * ratio
+    for joint, pattern in reference.position.items():
+        error = outside(inside.position[:, joint - 1], *pattern.envelope(t, rules.reach))
+        codes = (np.abs(np.nan_to_num(error)) > rules.tolerance.position).astype(np.int8)
+        if longest(codes) >= rules.frames:
+            return False
+    return True
+
+
+def _shape(reference: ReferenceInterval, comparison: Comparison, usable: NDArray[np.bool_]) -> dict[int, float]:
+    """Per moving joint, how much the residual looks like its speed or its way."""
+    t = comparison.t[usable]
+    residual = np.nan_to_num(comparison.power[usable])
+    shape = {}
+    for joint, pattern in reference.position.items():
+        way = pattern.at(t)
+        shape[joint] = likeness(residual, np.gradient(way, t), way) if len(t) > 1 else 0.0
+    return shape
+
+
+def _evidence(comparison: Comparison, worst: int) -> dict[str, float]:
+    """The figures behind a finding, units in their names."""
+    if not len(comparison.t):
+        return {}
+    return {
+        "power_residual_W": round(float(np.nan_to_num(comparison.power[worst])), 1),
+        "power_limit_W": round(float(comparison.limit[worst]), 1),
+        "power_reference_W": round(float(comparison.reference[worst]), 1),
+        "seconds_from_onset": round(float(comparison.t[worst]), 2),
+        "position_residual_rad": round(float(np.nanmax(np.abs(comparison.position), initial=0.0)), 4),
+    }

@@ -1,0 +1,147 @@
+"""Learns the healthy reference from several cycles of each task."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
+from cellwatt.results import Interval, Task
+from cellwatt_plugins.faults.reference import (
+    LEAD,
+    TAIL,
+    VERSION,
+    Pattern,
+    Reference,
+    ReferenceInterval,
+    TaskReference,
+    Variant,
+)
+from cellwatt_plugins.faults.trace import Trace
+
+Float = NDArray[np.float64]
+
+FEWEST = 3
+"""Cycles of a variant below which it is not learned."""
+SAME_SPEED = 0.03
+"""Cycles whose moving time differs by less are one variant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What the reference is of: names that go into its head; ``step`` s of its patterns."""
+
+    robot: str | None
+    arm: str
+    power: str
+    step: float
+
+
+def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequence[Task]) -> Reference:
+    """The reference of every task variant seen ``FEWEST`` times or more.
+
+    ``intervals`` closed, ``tasks`` as the segment stage gives them, both for the frames of ``trace``. Raises
+    ``ModelError`` where nothing recurs often enough.
+    """
+    by_number = {i.number: i for i in intervals if i.closed}
+    learned = []
+    for name in sorted({t.name for t in tasks}):
+        runs = [t for t in tasks if t.name == name]
+        cycles = [[by_number[n] for n in run.intervals if n in by_number] for run in runs]
+        variants = _variants(cell, trace, cycles)
+        if variants:
+            learned.append(TaskReference(f"task_{len(learned) + 1}", runs[0].signature, tuple(variants)))
+    if not learned:
+        seen = max((sum(t.name == name for t in tasks) for name in {t.name for t in tasks}), default=0)
+        raise ModelError(
+            f"no task was seen {FEWEST} times or more at one speed (most: {seen}): record more healthy cycles"
+        )
+    return Reference(VERSION, cell.robot, cell.arm, cell.power, trace.position.shape[1], tuple(learned))
+
+
+def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) -> list[Variant]:
+    """The cycles of one task, by speed, fastest first; ``cycles`` with their intervals at rest."""
+    groups: list[list[Sequence[Interval]]] = []
+    for cycle in sorted(cycles, key=_moving_time):
+        if groups and _moving_time(cycle) <= _moving_time(groups[-1][0]) * (1 + SAME_SPEED):
+            groups[-1].append(cycle)
+        else:
+            groups.append([cycle])
+    kept = [group for group in groups if len(group) >= FEWEST]
+    if not kept:
+        return []
+    fastest = float(np.median([_moving_time(c) for c in kept[0]]))
+    return [
+        Variant(
+            speed=round(fastest / float(np.median([_moving_time(c) for c in group])), 3),
+            cycles=len(group),
+            intervals=tuple(_interval(cell, trace, [_moves(c)[k] for c in group]) for k in range(len(_moves(group[0])))),
+        )
+        for group in kept
+    ]
+
+
+def _moves(cycle: Sequence[Interval]) -> list[tuple[Interval, float]]:
+    """The moving intervals of a cycle with the rest before each, s (0 for the first)."""
+    out, rest = [], 0.0
+    for interval in cycle:
+        seconds = (interval.end - interval.start) * 1e-9
+        if interval.moving:
+            out.append((interval, rest))
+            rest = 0.0
+        else:
+            rest += seconds
+    return out
+
+
+def _moving_time(cycle: Sequence[Interval]) -> float:
+    return sum(i.end - i.start for i in cycle if i.moving) * 1e-9
+
+
+def _interval(cell: Cell, trace: Trace, runs: Sequence[tuple[Interval, float]]) -> ReferenceInterval:
+    """One interval of the task out of its runs in every cycle."""
+    intervals = [interval for interval, _ in runs]
+    duration = float(np.median([i.end - i.start for i in intervals])) * 1e-9
+    t = -LEAD + cell.step * np.arange(round((LEAD + duration + TAIL) / cell.step) + 1)
+    moving = intervals[0].moving
+    powers = [_sampled(trace, i.start, t, trace.power) for i in intervals]
+    positions: Mapping[int, list[Float]] = {
+        j: [_sampled(trace, i.start, t, trace.position[:, j - 1]) for i in intervals] for j in moving
+    }
+    return ReferenceInterval(
+        moving=moving,
+        pose=_median([i.pose for i in intervals]),
+        displacement=_median([i.displacement for i in intervals]),
+        duration=duration,
+        rest=float(np.median([rest for _, rest in runs])),
+        cycles=len(runs),
+        power=_pattern(cell.step, powers),
+        position={j: _pattern(cell.step, rows) for j, rows in positions.items()},
+    )
+
+
+def _sampled(trace: Trace, onset: int, t: Float, values: Float) -> Float:
+    """Values at times t (n,) s from an onset (ns), NaN where frames are missing."""
+    low, high = np.searchsorted(trace.time, [onset + int(t[0] * 1e9) - 10**9, onset + int(t[-1] * 1e9) + 10**9])
+    near = (trace.time[low:high] - onset) * 1e-9
+    return np.interp(t, near, values[low:high], left=np.nan, right=np.nan)
+
+
+def _pattern(step: float, rows: Sequence[Float]) -> Pattern:
+    """Mean and spread over cycles. Raises ``ModelError`` where a point was never measured."""
+    table = np.stack(rows)
+    known = ~np.isnan(table)
+    count = known.sum(axis=0)
+    if not count.all():
+        raise ModelError("power or positions are missing at the same point of every healthy cycle: check the recording")
+    mean = np.where(known, table, 0.0).sum(axis=0) / count
+    square = np.where(known, (table - mean) ** 2, 0.0).sum(axis=0)
+    spread = np.sqrt(square / np.maximum(count - 1, 1))
+    return Pattern(-LEAD, step, tuple(mean.tolist()), tuple(spread.tolist()))
+
+
+def _median(poses: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    return tuple(np.median(np.asarray(poses), axis=0).tolist())

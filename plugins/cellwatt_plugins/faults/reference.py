@@ -1,0 +1,199 @@
+"""What healthy running looks like: a YAML file that a person can read and plot.
+
+    cellwatt_reference: 1         version of this format
+    robot: ur10e                  or null
+    arm: arm                      source of the encoders
+    power: supply.power           channel of the power, W
+    joints: 6
+    tasks:
+    - name: task_1
+      signature: 1+52 3-40 ...    moving joints with whole signed degrees
+      variants:
+      - speed: 1.0                relative to the fastest variant
+        cycles: 7
+        intervals:                those in which something moves, in order
+        - moving: [3]
+          pose: [...]             rad, where it starts
+          displacement: [...]     rad
+          duration: 0.7           s
+          rest: 0.25              s at rest before it
+          cycles: 7
+          power: {start: -0.2, step: 0.02, mean: [...], spread: [...]}          W over s from the onset
+          position:
+            3: {start: -0.2, step: 0.02, mean: [...], spread: [...]}            rad, moving joints only
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from cellwatt.errors import ModelError
+
+Float = NDArray[np.float64]
+
+VERSION = 1
+LEAD = 0.2
+"""Patterns begin this long before the onset, s …"""
+TAIL = 0.1
+"""… and end this long after the median duration, s."""
+
+_STRICT = ConfigDict(extra="forbid")
+_Rising = Annotated[float, Field(gt=0)]
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A quantity over time from the onset: at ``start`` + k ``step`` s, ``mean`` and ``spread`` (std) over cycles."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    start: float
+    step: _Rising
+    mean: tuple[float, ...]
+    spread: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.mean or len(self.mean) != len(self.spread):
+            raise ValueError("mean and spread must have the same length, at least 1")
+
+    @cached_property
+    def time(self) -> Float:
+        """Times of the points, s from the onset."""
+        return self.start + self.step * np.arange(len(self.mean))
+
+    @cached_property
+    def values(self) -> Float:
+        """``mean`` as an array."""
+        return np.asarray(self.mean)
+
+    def at(self, t: Float) -> Float:
+        """The mean at times t (n,) s, held at both ends."""
+        return np.interp(t, self.time, self.values)
+
+    def spread_at(self, t: Float) -> Float:
+        """The spread at times t (n,) s."""
+        return np.interp(t, self.time, np.asarray(self.spread))
+
+    def envelope(self, t: Float, reach: float) -> tuple[Float, Float]:
+        """Lowest and highest mean within ``reach`` s around each time t (n,) s: what a jitter of the onset explains."""
+        shifts = np.linspace(-reach, reach, 5)
+        near = np.stack([self.at(t + shift) for shift in shifts])
+        return near.min(axis=0), near.max(axis=0)
+
+
+@dataclass(frozen=True)
+class ReferenceInterval:
+    """One interval of a healthy cycle; see the module for its fields."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    moving: tuple[int, ...]
+    pose: tuple[float, ...]
+    displacement: tuple[float, ...]
+    duration: _Rising
+    rest: float
+    cycles: int
+    power: Pattern
+    position: Mapping[int, Pattern]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A task at one speed."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    speed: float
+    cycles: int
+    intervals: tuple[ReferenceInterval, ...]
+
+
+@dataclass(frozen=True)
+class TaskReference:
+    """A task with all the variants that were learned."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    name: str
+    signature: str
+    variants: tuple[Variant, ...]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Healthy running of one arm."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    cellwatt_reference: Literal[1]
+    robot: str | None
+    arm: str
+    power: str
+    joints: Annotated[int, Field(ge=1)]
+    tasks: tuple[TaskReference, ...]
+
+
+def save(reference: Reference, path: Path) -> None:
+    """Write the YAML file; raises ``ModelError`` where it cannot be written."""
+    try:
+        path.write_text(yaml.safe_dump(_plain(asdict(reference)), sort_keys=False, default_flow_style=None, width=118))
+    except OSError as error:
+        raise ModelError(f"reference {path}: cannot be written: {error.strerror or error}") from error
+
+
+def load(path: Path) -> Reference:
+    """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
+    try:
+        content = yaml.load(path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506
+    except FileNotFoundError as error:
+        raise ModelError(f"reference {path}: no such file; learn one with `cellwatt reference`") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"reference {path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise ModelError(f"reference {path}: not a YAML file: {str(error).splitlines()[0]}") from error
+    if not isinstance(content, dict) or "cellwatt_reference" not in content:
+        raise ModelError(f"reference {path}: not a file made by `cellwatt reference` (no key cellwatt_reference)")
+    if content["cellwatt_reference"] != VERSION:
+        found = content["cellwatt_reference"]
+        raise ModelError(f"reference {path}: format version {found!r}, this cellwatt reads version {VERSION}: learn it anew")
+    try:
+        reference = TypeAdapter(Reference).validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise ModelError(f"reference {path}: {place}: {first['msg']}, found {str(first['input'])[:40]!r}") from error
+    _check(reference, path)
+    return reference
+
+
+def _check(reference: Reference, path: Path) -> None:
+    """What types cannot say: joint numbers and lengths of poses."""
+    for task in reference.tasks:
+        for variant in task.variants:
+            for number, interval in enumerate(variant.intervals, start=1):
+                place = f"reference {path}: {task.name}, speed {variant.speed:g}, interval {number}"
+                lengths = {len(interval.pose), len(interval.displacement)}
+                if lengths != {reference.joints}:
+                    raise ModelError(f"{place}: pose and displacement must have {reference.joints} values each")
+                if not interval.moving or set(interval.moving) != set(interval.position):
+                    raise ModelError(f"{place}: moving and position must name the same joints, at least one")
+                if not all(1 <= joint <= reference.joints for joint in interval.moving):
+                    raise ModelError(f"{place}: joints are numbered 1 to {reference.joints}")
+
+
+def _plain(value: Any) -> Any:
+    """Lists for tuples and rounded numbers, so that the file is short."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(entry) for entry in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value

@@ -1,0 +1,149 @@
+"""The live side of fault detection: frames and intervals in, alarms out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.frames import Frames, Layout
+from cellwatt.quantity import Fraction, Radians, Watts
+from cellwatt.results import Alarm, Interval, Result
+from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.faults.alarms import AlarmBook
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.judge import Judge, Rules
+from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.faults.trace import Trace
+
+EVERY = 3
+"""A running interval is looked at every so many grid points."""
+KEEP = 60.0
+"""Frames kept at most while nothing moves, s."""
+
+
+class ToleranceSettings(BaseModel):
+    """How far from the healthy reference is still healthy."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    position: Radians = Field(math.radians(1.0), gt=0)
+    """Encoder position."""
+    power: Fraction = Field(0.10, gt=0)
+    """Power, relative to the reference …"""
+    floor: Watts = Field(5.0, ge=0)
+    """… but at least this."""
+
+
+class FaultsSettings(StageSettings):
+    """Compares an arm with its healthy reference and names the faulty joint or encoder."""
+
+    reference: Path
+    """File made by ``cellwatt reference``; relative to the cell's file."""
+    arm: str | None = None
+    """Source with the joints; as in the reference where left out."""
+    power: str | None = None
+    """Channel of the supply's power; as in the reference where left out."""
+    tolerance: ToleranceSettings = ToleranceSettings()
+    """How far from the reference is still healthy."""
+    confirm: int = Field(5, ge=2, le=100)
+    """Frames in a row that must be outside."""
+    jitter: int = Field(2, ge=0, le=10)
+    """Frames by which an onset may be early or late."""
+    clear: int = Field(3, ge=1, le=100)
+    """Healthy intervals in which the joint moves that clear its alarm."""
+
+
+class FaultsStage(Stage[FaultsSettings]):
+    """Gives alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault``, ``new_task``, ``new_speed``."""
+
+    Settings = FaultsSettings
+    title = "faulty joints and encoders, from power and positions against healthy cycles"
+    needs = ("segment",)
+
+    def __init__(self, name: str, settings: FaultsSettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        path = cell.folder / settings.reference
+        self._reference = load(path)
+        if self._reference.robot and cell.robot and self._reference.robot != cell.robot:
+            raise ModelError(f"reference {path}: is of robot {self._reference.robot}, the cell's robot is {cell.robot}")
+        self._source = settings.arm or self._reference.arm
+        self._positions = list(layout.joints("position", self._source))
+        if len(self._positions) != self._reference.joints:
+            raise ModelError(
+                f"reference {path}: has {self._reference.joints} joints, source {self._source} has {len(self._positions)}"
+            )
+        self._power = layout.index(settings.power or self._reference.power)
+        if layout.channels[self._power].unit != "W":
+            channel = layout.channels[self._power]
+            raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
+        t = settings.tolerance
+        rules = Rules(
+            Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9
+        )
+        self._judge = Judge(self._reference, rules)
+        self._alarms = AlarmBook(name, self._source, self._reference, settings.clear)
+        self._trace = Trace.empty(len(self._positions))
+        self._open: Interval | None = None
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """Alarms that changed with this block."""
+        block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
+        self._trace = self._trace.with_more(block)
+        intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
+        out: list[Alarm] = []
+        first = int(frames.time[0]) if len(frames) else 0
+        for known_at, interval in _when_known(intervals):
+            out += self._watch(first, known_at)
+            first = max(first, known_at)
+            out += self._take(interval)
+        if len(frames):
+            out += self._watch(first, int(frames.time[-1]) + 1)
+        self._forget()
+        return out
+
+    def _take(self, interval: Interval) -> list[Alarm]:
+        """An interval has begun or ended."""
+        self._open = None if interval.closed else interval
+        if not interval.closed or not (interval.moving or not interval.complete):
+            return []
+        out: list[Alarm] = []
+        for finding in self._judge.closed(interval, self._trace):
+            out += self._alarms.take(finding, final=True)
+        return out
+
+    def _watch(self, start: int, end: int) -> list[Alarm]:
+        """Look at the open interval at the grid points from ``start`` to just before ``end`` (ns)."""
+        if self._open is None or not self._open.moving:
+            return []
+        out: list[Alarm] = []
+        step = self.layout.step * EVERY
+        for now in self._trace.time[np.searchsorted(self._trace.time, start) : np.searchsorted(self._trace.time, end)]:
+            if now // self.layout.step % EVERY == 0 and step:
+                finding = self._judge.running(self._open, self._trace, int(now))
+                if finding is not None:
+                    out += self._alarms.take(finding, final=False)
+        return out
+
+    def _forget(self) -> None:
+        """Drop frames that no interval can need any more."""
+        if not len(self._trace):
+            return
+        newest = int(self._trace.time[-1])
+        since = self._open.start if self._open is not None and self._open.moving else newest
+        keep = min(since, newest - round(KEEP * 1e9)) if since < newest else newest - round(KEEP * 1e9)
+        self._trace = self._trace.between(keep - 10**9, newest)
+
+
+def _when_known(intervals: Sequence[Interval]) -> list[tuple[int, Interval]]:
+    """Intervals with the time (ns) of the frame at which the segmenter knew them: an open one says it in its end."""
+    out: list[tuple[int, Interval]] = []
+    known = 0
+    for interval in reversed(intervals):
+        known = interval.end if not interval.closed or not known else known
+        out.append((known, interval))
+    return out[::-1]

@@ -1,0 +1,5 @@
+"""Cuts the motion of an arm into intervals and recognises the tasks that recur."""
+
+from cellwatt_plugins.segment.stage import SegmentSettings, SegmentStage
+
+__all__ = ["SegmentSettings", "SegmentStage"]

@@ -1,0 +1,214 @@
+"""Which joints move: hysteresis on speeds taken from encoder positions (the "data change detector" of seed 002, V.A)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.segment.noise import CHUNK, NoiseEstimate
+
+Float = NDArray[np.float64]
+Nanoseconds = NDArray[np.int64]
+
+START_SIGMAS = 8.0
+STOP_SIGMAS = 4.0
+"""How many standard deviations of the measured speed the limits stay above its noise."""
+CREEP = 0.2
+"""Share of the stop speed down to which a start or stop is followed to its true moment."""
+TRAIL = 1.0
+"""How far back a start or stop may be followed, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """When a joint counts as moving, and which sets of moving joints count as an interval.
+
+    A joint starts when its speed (rad/s, over ``window`` s) stays above ``start_speed`` for ``confirm``
+    frames and stops when it stays below ``stop_speed`` as long; both rise with the position noise. Sets of
+    moving joints that last less than ``minimum_length`` s belong to their neighbours; joints that join
+    or leave before or after the others moved by less than ``minimum_travel`` rad belong to the same
+    interval. Positions missing for more than ``gap`` s cut the interval.
+    """
+
+    start_speed: float = math.radians(1.0)
+    stop_speed: float = math.radians(0.5)
+    window: float = 0.08
+    confirm: int = 3
+    minimum_length: float = 0.12
+    minimum_travel: float = math.radians(1.0)
+    gap: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A frame with known speed: ``time`` ns, ``pose`` rad and ``speed`` rad/s per joint, ``fastest`` joint's rad/s.
+
+    ``seen`` is the time of the newest frame that was needed to know it, ns.
+    """
+
+    time: int
+    pose: Float
+    speed: Float
+    fastest: float
+    seen: int
+
+
+@dataclass(slots=True)
+class Change:
+    """A joint (0-based) started or stopped at ``sample``; ``fading`` while it still creeps to its stop."""
+
+    joint: int
+    started: bool
+    sample: Sample
+    fading: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Speeds per joint, rad/s: above ``start`` it moves, below ``stop`` it rests, below ``creep`` truly.
+
+    ``band`` rad per joint: no further from a rest position it is still there.
+    """
+
+    start: Float
+    stop: Float
+    creep: Float
+    band: Float
+
+
+class Motion:
+    """Follows the joints of one arm through frames without a gap; ``step`` is the frame step in ns.
+
+    ``moving`` holds a bit per joint, ``changes`` the starts and stops not yet taken by the caller, in the
+    order in which they were confirmed, ``trail`` the newest samples.
+    """
+
+    def __init__(self, joints: int, step: int, thresholds: Thresholds) -> None:
+        self.joints = joints
+        self.step = step
+        self.thresholds = thresholds
+        self.half = max(1, round(thresholds.window * 1e9 / 2 / step))
+        self.noise = NoiseEstimate(joints)
+        self._bits = 1 << np.arange(joints)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the motion so far: what comes next starts anew."""
+        self.time: Nanoseconds = np.empty(0, np.int64)
+        self.pose: Float = np.empty((0, self.joints))
+        length = 2 * self.half + self.thresholds.confirm + math.ceil(TRAIL * 1e9 / self.step)
+        self.trail: deque[Sample] = deque(maxlen=length)
+        self.moving = 0
+        self.changes: list[Change] = []
+        self._streak = [0] * self.joints
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a joint is about to change."""
+        return any(self._streak)
+
+    def feed(self, time: Nanoseconds, pose: Float) -> Iterator[Sample]:
+        """Take frames ``time`` (n,) ns, ``pose`` (n, joints) rad; gives each sample once the state includes it."""
+        while len(time):
+            n = min(len(time), CHUNK - self.noise.filled)
+            yield from self._piece(time[:n], pose[:n])
+            self.noise.add(pose[:n])
+            time, pose = time[n:], pose[n:]
+
+    def _piece(self, time: Nanoseconds, pose: Float) -> Iterator[Sample]:
+        """Frames within which the noise estimate does not change; speeds are central differences."""
+        reach = 2 * self.half
+        when, where = np.concatenate([self.time, time]), np.concatenate([self.pose, pose])
+        self.time, self.pose = when[-reach:], where[-reach:]
+        if len(when) <= reach:
+            return
+        speed = (where[reach:] - where[:-reach]) / ((when[reach:] - when[:-reach]) * 1e-9)[:, None]
+        size = np.abs(speed)
+        fastest = size.max(axis=1)
+        limits = self._limits()
+        above, below = (size > limits.start) @ self._bits, (size < limits.stop) @ self._bits
+        for k in range(len(speed)):
+            middle = k + self.half
+            sample = Sample(int(when[middle]), where[middle], speed[k], float(fastest[k]), int(when[k + reach]))
+            if not self.trail:
+                self.moving = int(above[k])
+            self.trail.append(sample)
+            self._step(sample, int(above[k]), int(below[k]), limits)
+            yield sample
+
+    def _limits(self) -> Limits:
+        """Limits above the noise of a difference of positions over the window."""
+        window, sigma = 2 * self.half * self.step * 1e-9, self.noise.sigma
+        noise = sigma * math.sqrt(2) / window
+        creep = np.maximum(CREEP * self.thresholds.stop_speed, STOP_SIGMAS * noise)
+        return Limits(
+            start=np.maximum(self.thresholds.start_speed, START_SIGMAS * noise),
+            stop=np.maximum(self.thresholds.stop_speed, STOP_SIGMAS * noise),
+            creep=creep,
+            band=np.maximum(creep * window / 2, STOP_SIGMAS * sigma),
+        )
+
+    def _step(self, sample: Sample, above: int, below: int, limits: Limits) -> None:
+        """One sample through the hysteresis."""
+        for change in self.changes:
+            _fade(change, sample, limits)
+        candidates = (above & ~self.moving) | (below & self.moving)
+        if not candidates and not self.undecided:
+            return
+        for joint in range(self.joints):
+            self._streak[joint] = self._streak[joint] + 1 if candidates >> joint & 1 else 0
+            if self._streak[joint] == self.thresholds.confirm:
+                self._streak[joint] = 0
+                self.changes.append(self._change(joint, limits))
+                self.moving ^= 1 << joint
+
+    def _change(self, joint: int, limits: Limits) -> Change:
+        """A joint's new state is confirmed: find the sample at which it truly began."""
+        trail, confirm = list(self.trail), self.thresholds.confirm
+        creep, band = float(limits.creep[joint]), float(limits.band[joint])
+        if self.moving >> joint & 1:
+            fading = abs(trail[-1].speed[joint]) > creep
+            change = Change(joint, False, trail[-1] if fading else _rest(trail, joint, confirm, band), fading)
+        else:
+            change = Change(joint, True, _onset(trail, joint, confirm, creep, band))
+        for earlier in self.changes:
+            if earlier.joint == joint:
+                earlier.fading = False
+                change.sample = max(change.sample, earlier.sample, key=lambda s: s.time)
+        return change
+
+
+def _onset(trail: list[Sample], joint: int, confirm: int, creep: float, band: float) -> Sample:
+    """The last sample at which a joint that now moves was still where it had rested."""
+    i = len(trail) - confirm
+    direction = math.copysign(1.0, trail[i].speed[joint])
+    while i > 0 and direction * trail[i - 1].speed[joint] > creep:
+        i -= 1
+    rest = trail[i].pose[joint]
+    while i + 1 < len(trail) and abs(trail[i + 1].pose[joint] - rest) <= band:
+        i += 1
+    return trail[i]
+
+
+def _rest(trail: list[Sample], joint: int, confirm: int, band: float) -> Sample:
+    """The first sample at which a joint that now rests was where it came to rest."""
+    i = len(trail) - confirm
+    rest = trail[-1].pose[joint]
+    while i > 0 and abs(trail[i - 1].pose[joint] - rest) <= band:
+        i -= 1
+    return trail[i]
+
+
+def _fade(change: Change, sample: Sample, limits: Limits) -> None:
+    """Follow a joint below its stop speed until it creeps no more in the direction it had."""
+    joint = change.joint
+    if change.fading:
+        if change.sample.speed[joint] * sample.speed[joint] > 0 and abs(sample.speed[joint]) > limits.creep[joint]:
+            change.sample = sample
+        else:
+            change.fading = False

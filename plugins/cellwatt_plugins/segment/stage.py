@@ -1,0 +1,109 @@
+"""The live side of segmentation: frames in, intervals and tasks out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Annotated
+
+import numpy as np
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Frames, Layout
+from cellwatt.quantity import Fraction, Radians, Seconds, parse
+from cellwatt.results import Interval, Result
+from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.segment.intervals import Segmenter
+from cellwatt_plugins.segment.motion import Thresholds
+from cellwatt_plugins.segment.tasks import Likeness, TaskRecogniser
+
+_SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180}
+
+
+def _speed(value: object) -> float:
+    number = value if type(value) is float else parse(value, _SPEEDS, "1 deg/s")
+    if number <= 0:
+        raise ValueError("must be above zero, like '1 deg/s'")
+    return number
+
+
+Speed = Annotated[
+    float, BeforeValidator(_speed), WithJsonSchema({"type": "string", "examples": ["1 deg/s"]})
+]
+
+
+class SegmentSettings(StageSettings):
+    """Cuts the motion of one arm into intervals and tasks, from its encoder positions alone."""
+
+    arm: str | None = None
+    """Source with the joints; may be left out where only one source has joints."""
+    start_speed: Speed = math.radians(1.0)
+    """A joint starts to move above this speed; raised on its own where the encoder noise asks for more."""
+    stop_speed: Speed = math.radians(0.5)
+    """A joint has come to rest below this speed."""
+    window: Seconds = Field(0.08, gt=0)
+    """Time over which speed is taken from positions."""
+    confirm: int = Field(3, ge=1, le=50)
+    """Frames in a row that must agree before a joint counts as started or stopped."""
+    minimum_length: Seconds = Field(0.12, ge=0)
+    """Sets of moving joints that last less belong to their neighbours."""
+    minimum_travel: Radians = Field(math.radians(1.0), ge=0)
+    """Joints that join before any other has moved as far belong to the same interval from its start."""
+    gap: Seconds = Field(0.1, gt=0)
+    """Positions missing for longer cut the interval."""
+    same_displacement: Radians = Field(math.radians(2.0), gt=0)
+    """Two moves are the same up to this difference in each joint's displacement …"""
+    same_pose: Radians = Field(math.radians(6.0), gt=0)
+    """… and up to this difference in each joint's start position."""
+    same_speed: Fraction = Field(0.03, gt=0)
+    """Repetitions of a task whose moving time differs by less are one variant."""
+
+    @model_validator(mode="after")
+    def _hysteresis(self) -> SegmentSettings:
+        if self.stop_speed > self.start_speed:
+            raise ValueError("stop_speed must not be above start_speed")
+        return self
+
+
+class SegmentStage(Stage[SegmentSettings]):
+    """Gives an ``Interval`` twice (open once confirmed, then closed) and a ``Task`` at each repetition."""
+
+    Settings = SegmentSettings
+    title = "intervals by the set of moving joints, and the tasks that recur"
+
+    def __init__(self, name: str, settings: SegmentSettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        self._columns = list(layout.joints("position", settings.arm))
+        if any(layout.channels[c].unit != "rad" for c in self._columns):
+            wrong = next(layout.channels[c] for c in self._columns if layout.channels[c].unit != "rad")
+            raise ConfigError(f"stage {name!r}: {wrong.name} is in {wrong.unit}, expected rad")
+        thresholds = Thresholds(
+            start_speed=settings.start_speed,
+            stop_speed=settings.stop_speed,
+            window=settings.window,
+            confirm=settings.confirm,
+            minimum_length=settings.minimum_length,
+            minimum_travel=settings.minimum_travel,
+            gap=settings.gap,
+        )
+        source = layout.channels[self._columns[0]].source
+        self._segmenter = Segmenter(source, len(self._columns), layout.step, thresholds)
+        self._tasks = TaskRecogniser(Likeness(settings.same_displacement, settings.same_pose, settings.same_speed))
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """Intervals and tasks that became known with this block."""
+        positions = np.ascontiguousarray(frames.values[:, self._columns])
+        return self._with_tasks(self._segmenter.update(frames.time, positions))
+
+    def close(self) -> Sequence[Result]:
+        """The interval that was still open."""
+        return self._with_tasks(self._segmenter.finish())
+
+    def _with_tasks(self, intervals: Iterable[Interval]) -> list[Result]:
+        out: list[Result] = []
+        for interval in intervals:
+            out.append(interval)
+            if interval.closed:
+                out.extend(self._tasks.update(interval))
+        return out

@@ -1,0 +1,113 @@
+"""A cell without a daemon: streams, batches, frames and results with known contents, and a record in memory."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt.publish.blocks import cut
+
+SITE, CELL = "plant-1", "weld-3"
+EPOCH = 1_800_000_000_000_000_000
+STREAM = Stream(
+    "samples",
+    (Channel("joint_1.position", "rad"), Channel("supply.power", "W"), Channel("mode", "1", "discrete")),
+    500.0,
+    "device",
+)
+HOST_STREAM = Stream("meter", (Channel("supply.power", "W"),), 10.0, "host")
+LAYOUT = Layout(
+    (
+        FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),
+        FrameChannel("arm.supply.power", "W", "continuous", "average"),
+    ),
+    50.0,
+)
+
+
+def batch(first: int, count: int, source: str = "arm", stream: Stream = STREAM, arrival: int | None = None) -> Batch:
+    """Samples whose every value says which sample it is."""
+    numbers = np.arange(first, first + count)
+    width = len(stream.channels)
+    return Batch(
+        source=source,
+        stream=stream,
+        sequence=first,
+        arrival=EPOCH + first if arrival is None else arrival,
+        time=EPOCH + numbers * 2_000_000,
+        bound=numbers % 1000,
+        values=numbers[:, None] + np.arange(width) / 10,
+        quality=(numbers % 5).astype(np.uint8),
+        device_time=numbers * 2_000_000 if stream.clock == "device" else None,
+    )
+
+
+def frames(first: int, count: int) -> Frames:
+    numbers = np.arange(first, first + count)
+    return Frames(
+        layout=LAYOUT,
+        sequence=first,
+        time=EPOCH + numbers * LAYOUT.step,
+        values=numbers[:, None] + np.array([0.25, np.nan]),
+        quality=np.column_stack([numbers % 2, np.full(count, 4)]).astype(np.uint8),
+        bound=np.column_stack([numbers, numbers + 1]),
+    )
+
+
+def alarm(number: int, active: bool = True, severity: Any = "error", kind: str = "joint_fault") -> Alarm:
+    return Alarm(
+        id=f"alarm-{number}",
+        kind=kind,
+        severity=severity,
+        active=active,
+        since=EPOCH,
+        time=EPOCH + number,
+        statement=f"Joint {number} needs more power than it should.",
+        joint=number,
+        evidence={"residual_W": 12.5},
+    )
+
+
+class FakeView:
+    """A ``CellView`` whose record is in memory. ``lag``: samples at the end that are not on disk yet."""
+
+    site, cell = SITE, CELL
+
+    def __init__(self, session: int = EPOCH) -> None:
+        self.session = session
+        self.lag = 0
+        self.forgotten = 0
+        self._lock = threading.Lock()
+        self._recorded: dict[tuple[int, str, str], list[Batch]] = {}
+
+    def record(self, item: Batch, session: int | None = None) -> None:
+        key = (session or self.session, item.source, item.stream.name)
+        with self._lock:
+            self._recorded.setdefault(key, []).append(item)
+
+    def status(self) -> Mapping[str, Any]:
+        return {"state": "green"}
+
+    def config(self) -> Mapping[str, Any]:
+        return {"site": SITE, "cell": CELL, "password": "${SECRET}"}
+
+    def schema(self) -> Mapping[str, Any]:
+        return {"streams": {"arm": {"samples": list(STREAM.names)}}}
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        return [{"file": "one.mcap", "bytes": 1234, "state": "closed"}]
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        with self._lock:
+            kept = list(self._recorded.get((session, source, stream), ()))
+        end = (kept[-1].sequence + len(kept[-1]) - self.lag) if kept else 0
+        begin, end = max(first, self.forgotten), min(first + count, end)
+        return [
+            cut(b, begin - b.sequence, end - b.sequence)
+            for b in kept
+            if b.sequence < end and b.sequence + len(b) > begin
+        ]

@@ -1,0 +1,179 @@
+"""A link that is cut loses nothing and duplicates nothing: cell, router and consumer as processes of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.daemon.publish.fake_cell import EPOCH
+from tests.daemon.publish.processes import Child, Link, free_port, wait_until
+
+RATE, BLOCK = 500.0, 5
+
+
+def stream(seconds: float) -> dict[str, Any]:
+    return {"samples": int(RATE * seconds), "frames_too": True, "every": 10, "rate": RATE, "block": BLOCK}
+
+
+def received(consumer: Child, topic: str) -> list[dict[str, Any]]:
+    return [s for s in list(consumer.said) if isinstance(s, dict) and s.get("topic") == topic]
+
+
+def reached(consumer: Child, topic: str, end: int) -> bool:
+    messages = received(consumer, topic)
+    return bool(messages) and messages[-1]["first"] + messages[-1]["count"] >= end
+
+
+def assert_complete(messages: list[dict[str, Any]], begin: int, end: int) -> None:
+    """Every number from begin to end once, in order, with the values that belong to it."""
+    following = begin
+    for message in messages:
+        assert message["first"] == following, message
+        assert "gap" not in message
+        if "values" in message:
+            numbers = range(message["first"], message["first"] + message["count"])
+            offset = 0.25 if message["topic"] == "frame" else 0.0
+            assert message["values"] == [n + offset for n in numbers]
+        following += message["count"]
+    assert following == end
+
+
+def check_all(cell: Child, consumer: Child) -> dict[str, int]:
+    """Wait for the end of what was published and compare; gives what the consumer counted."""
+    published = cell.wait_for(lambda s: "published" in s, "published", 120)["published"]
+    ends = {"raw/arm/samples": "samples", "frame": "frames", "alarm": "alarms"}
+    for topic, name in ends.items():
+        wait_until(lambda t=topic, n=name: reached(consumer, t, published[n]), f"all of {topic}", 60)
+        assert_complete(received(consumer, topic), 0, published[name])
+    consumer.finish()
+    counts = consumer.said[-1]["counts"]
+    assert counts.get("lost", 0) == 0
+    return counts
+
+
+@pytest.fixture
+def cell() -> Iterator[tuple[Child, int]]:
+    port = free_port()
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as child:
+        yield child.ready(), port
+
+
+def start_consumer(port: int, **more: Any) -> Child:
+    consumer = Child("consumer_process", mode="client", connect=[f"tcp/127.0.0.1:{port}"], **more).ready()
+    consumer.wait_for(lambda s: isinstance(s, dict) and s.get("topic") == "health", "health")
+    return consumer
+
+
+def test_cut_of_two_seconds(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(6.0))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
+        link.cut()
+        time.sleep(2.0)
+        link.restore()
+        counts = check_all(publisher, consumer)
+    assert counts["backfilled"] >= 2 * RATE
+    assert counts["live"] > RATE
+
+
+def test_cut_that_outlasts_the_data(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(1.0))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "some data")
+        link.cut()
+        publisher.wait_for(lambda s: "published" in s, "published")
+        link.restore()
+        check_all(publisher, consumer)
+
+
+def test_first_data_ever_fall_into_the_cut(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        link.cut()
+        publisher.send(stream=stream(1.0))
+        publisher.wait_for(lambda s: "published" in s, "published")
+        link.restore()
+        counts = check_all(publisher, consumer)
+    assert counts["live"] < 100
+
+
+def test_many_short_cuts(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(8.0))
+        for second in range(1, 4):
+            wait_until(lambda s=second: reached(consumer, "raw/arm/samples", 500 * s), f"{second} s of data")
+            link.cut()
+            time.sleep(0.1)
+            link.restore()
+        check_all(publisher, consumer)
+
+
+def test_link_that_hangs_without_being_closed(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(6.0))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
+        link.hang()
+        time.sleep(2.0)
+        link.resume()
+        check_all(publisher, consumer)
+
+
+@pytest.mark.parametrize("side", ["cell", "consumer"])
+def test_cut_beside_a_router(side: str) -> None:
+    port = free_port()
+    with Child("router_process", listen=[f"tcp/127.0.0.1:{port}"]) as router, Link(port) as link:
+        router.ready()
+        ends = {"cell": port, "consumer": port} | {side: link.port}
+        with Child("cell_process", mode="client", connect=[f"tcp/127.0.0.1:{ends['cell']}"]) as publisher:
+            publisher.ready()
+            with start_consumer(ends["consumer"]) as consumer:
+                publisher.send(stream=stream(6.0))
+                wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
+                link.cut()
+                time.sleep(1.0)
+                link.restore()
+                counts = check_all(publisher, consumer)
+                assert counts["backfilled"] >= RATE
+        assert router.finish(10) == 0
+
+
+def test_restart_of_the_daemon() -> None:
+    """What the old session recorded and did not deliver comes first, then the new session from its first sample."""
+    port = free_port()
+    listen = {"listen": [f"tcp/127.0.0.1:{port}"]}
+    later = EPOCH + 10**9
+    with Child("cell_process", **listen) as first, start_consumer(port) as consumer:
+        first.ready().send(stream=stream(1.0))
+        published = first.wait_for(lambda s: "published" in s, "published")["published"]["samples"]
+        wait_until(lambda: reached(consumer, "raw/arm/samples", published), "the first session")
+        first.kill()
+        with Child("cell_process", session=later, recorded={str(EPOCH): published + 70}, **listen) as second:
+            second.ready().send(stream=stream(1.0))
+            again = second.wait_for(lambda s: "published" in s, "published")["published"]["samples"]
+            new = lambda: [m for m in received(consumer, "raw/arm/samples") if m["session"] == later]  # noqa: E731
+            wait_until(lambda: new() and new()[-1]["first"] + new()[-1]["count"] == again, "the second session")
+    messages = received(consumer, "raw/arm/samples")
+    assert_complete([m for m in messages if m["session"] == EPOCH], 0, published + 70)
+    assert_complete([m for m in messages if m["session"] == later], 0, again)
+    assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(240)
+def test_cut_of_a_minute(cell: tuple[Child, int]) -> None:
+    publisher, port = cell
+    with Link(port) as link, start_consumer(link.port) as consumer:
+        publisher.send(stream=stream(70.0))
+        wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
+        link.cut()
+        time.sleep(60.0)
+        link.restore()
+        counts = check_all(publisher, consumer)
+    assert counts["backfilled"] >= 60 * RATE

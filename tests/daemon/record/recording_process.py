@@ -1,0 +1,42 @@
+"""Records at a given rate in real time and says each sample's number before handing it over.
+
+python recording_process.py FOLDER RATE
+"""
+
+import asyncio
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt import Batch, Channel, Stream
+from cellwatt.record import Header, Recorder, RecordSettings
+
+STREAM = Stream("rtde", tuple(Channel(f"joint_{i}.position", "rad") for i in range(60)), 500.0, "device")
+
+
+async def main(folder: Path, rate: float) -> None:
+    session = time.time_ns()
+    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "weld-3", session, streams={"arm": (STREAM,)}))
+    recorder.start()
+    begin, random = time.monotonic(), np.random.default_rng(1)
+    number = 0
+    while True:
+        due = int((time.monotonic() - begin) * rate)
+        while number < due:
+            # The number is the value, so that a wrong sample would show.
+            values = random.standard_normal((1, 60))
+            values[0, 0] = number
+            stamp = np.array([session + int(number * 1e9 / rate)])
+            quality = np.zeros(1, np.uint8)
+            sys.stdout.write(f"{number}\n")
+            sys.stdout.flush()
+            recorder.batch(
+                Batch("arm", STREAM, number, int(stamp[0]), stamp, np.zeros(1, np.int64), values, quality, stamp)
+            )
+            number += 1
+        await asyncio.sleep(0.5 / rate)
+
+
+asyncio.run(main(Path(sys.argv[1]), float(sys.argv[2])))

@@ -1,0 +1,227 @@
+"""A disk that is full, read-only or broken."""
+
+import asyncio
+import errno
+import os
+import subprocess
+from dataclasses import replace
+from io import FileIO
+from pathlib import Path
+
+import pytest
+
+from cellwatt.record import Recorder, Recording, RecordSettings, openfile, recover
+from cellwatt.record import files as files_module
+from cellwatt.record.header import PART, FileName
+
+from .making import HEADER, SESSION, batch_of, name_of, write_chunks
+from .test_recorder import until
+
+
+class Disk:
+    """Takes ``room`` bytes in all, then raises ``code``; a write that does not fit is cut, as real ones are."""
+
+    def __init__(self, room, code=errno.ENOSPC):
+        self.room = room
+        self.code = code
+
+    def open(self, path):
+        disk = self
+
+        class File(FileIO):
+            def write(self, data):
+                if disk.room <= 0:
+                    raise OSError(disk.code, os.strerror(disk.code))
+                n = super().write(memoryview(data)[: disk.room])
+                disk.room -= n
+                return n
+
+        return File(path, "xb+")
+
+
+@pytest.fixture(autouse=True)
+def soon(monkeypatch):
+    monkeypatch.setattr(files_module, "RETRY", 0.02)
+
+
+async def record(recorder, numbers):
+    for n in numbers:
+        assert recorder.batch(batch_of(n * 10, 10))
+        await asyncio.to_thread(recorder.flush, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("code", "state"),
+    [(errno.ENOSPC, "disk full"), (errno.EDQUOT, "disk full"), (errno.EROFS, "read-only"), (errno.EIO, "disk error")],
+)
+@pytest.mark.parametrize("room", [0, 5, 3000, 9000, 9500, 13001])
+async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, state, room):
+    disk = Disk(room, code)
+    monkeypatch.setattr(openfile, "create", disk.open)
+    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
+    recorder.start()
+    await record(recorder, range(3))
+    assert all(recorder.batch(batch_of(n * 10, 10)) for n in range(3, 20))
+    await until(lambda: recorder.stats()["state"] == state)
+    assert str(tmp_path) in recorder.stats()["problem"]
+    disk.room = 10**9
+    await until(lambda: recorder.stats()["state"] == "ok")
+    await recorder.close()
+    assert recorder.stats()["drops"] == {}
+    for part in tmp_path.glob(f"*{PART}"):
+        assert recover(part).problem == ""
+    recording = Recording.open(tmp_path)
+    assert recording.batches("arm", "rtde").sequence.tolist() == list(range(200))
+    assert not recording.damage
+
+
+async def test_what_finds_no_room_in_memory_is_refused_and_counted(tmp_path, monkeypatch):
+    disk = Disk(0)
+    monkeypatch.setattr(openfile, "create", disk.open)
+    recorder = Recorder(RecordSettings(folder=tmp_path, queue=20e3), HEADER)
+    recorder.start()
+    taken = [recorder.batch(batch_of(n * 10, 10)) for n in range(40)]
+    assert 0 < taken.count(False) < 40
+    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 10 * taken.count(False)}
+    disk.room = 10**9
+    await until(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
+    assert recorder.batch(batch_of(400, 10))
+    await recorder.close()
+    stored = Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist()
+    assert stored == [10 * n + i for n, ok in enumerate([*taken, True]) if ok for i in range(10)]
+
+
+async def test_closing_on_a_full_disk_ends_and_counts(tmp_path, monkeypatch):
+    disk = Disk(0)
+    monkeypatch.setattr(openfile, "create", disk.open)
+    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
+    recorder.start()
+    assert recorder.batch(batch_of(0, 7))
+    await recorder.close()
+    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 7}
+    assert not list(tmp_path.iterdir())
+
+
+async def test_the_oldest_recording_goes_to_make_room(tmp_path, monkeypatch):
+    old = replace(HEADER, session=SESSION - 10**12)
+    for number in (1, 2, 3):
+        write_chunks(tmp_path, [[batch_of(0, 50)]], number=number)
+    for path in list(tmp_path.iterdir()):
+        path.rename(tmp_path / path.name.replace(name_of(1)[:23], str(FileName(old.session, 1, old.cell))[:23]))
+    oldest, second, third = sorted(tmp_path.iterdir())
+    disk = Disk(0)
+    unlink = Path.unlink
+
+    def freeing(path, missing_ok=False):
+        if path.suffix == ".mcap" and path.exists():
+            disk.room += path.stat().st_size
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", freeing)
+    monkeypatch.setattr(openfile, "create", disk.open)
+    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
+    recorder.start()
+    await record(recorder, range(3))
+    assert recorder.stats()["state"] == "ok"
+    assert not oldest.exists() and third.exists()
+    assert recorder.stats()["removed"]["files"] == (1 if second.exists() else 2)
+    disk.room = 10**9
+    await recorder.close()
+
+
+async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch):
+    failing = [OSError(errno.EIO, os.strerror(errno.EIO))]
+    fdatasync = os.fdatasync
+
+    def sync(descriptor):
+        if failing:
+            raise failing.pop()
+        fdatasync(descriptor)
+
+    monkeypatch.setattr(os, "fdatasync", sync)
+    recorder = Recorder(RecordSettings(folder=tmp_path, sync=0.01, flush=0.01), HEADER)
+    recorder.start()
+    numbers = iter(range(10_000))
+
+    def goes_on():
+        assert recorder.batch(batch_of(next(numbers), 1))
+        return recorder.stats()["files"] == 2 and recorder.stats()["state"] == "ok"
+
+    await until(goes_on)
+    sent = next(numbers)
+    await until(lambda: len(list(tmp_path.glob("*.mcap"))) == 1)
+    await recorder.close()
+    assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(sent))
+    assert "nothing lost" in recorder.stats()["recovered"][0]
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A real file system of 512 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=512k", "cellwatt-test", folder],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if made.returncode:
+        pytest.skip(f"no permission to mount a small disk: {made.stderr.strip()}")
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+async def test_a_really_full_disk_is_survived(small_disk):
+    filler = small_disk / "something else"
+    filler.write_bytes(bytes(512 * 1024 - os.statvfs(small_disk).f_bsize * 20))
+    recorder = Recorder(RecordSettings(folder=small_disk, flush=0.002), HEADER)
+    recorder.start()
+    numbers = iter(range(10_000))
+
+    def full():
+        assert recorder.batch(batch_of(next(numbers) * 10, 10))
+        return recorder.stats()["state"] == "disk full"
+
+    await until(full)
+    for _ in range(20):
+        assert recorder.batch(batch_of(next(numbers) * 10, 10))
+    filler.unlink()
+    await until(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
+    await recorder.close()
+    for part in small_disk.glob(f"*{PART}"):
+        assert recover(part).problem == ""
+    recording = Recording.open(small_disk)
+    assert recording.batches("arm", "rtde").sequence.tolist() == list(range(next(numbers) * 10))
+    assert recorder.stats()["drops"] == {} and not recording.damage
+
+
+async def test_a_ring_on_a_small_disk_goes_on_for_ever(small_disk):
+    settings = RecordSettings(folder=small_disk, file_size=50e3, keep=10e6)
+    recorder = Recorder(settings, HEADER)
+    recorder.start()
+    for n in range(60):
+        assert recorder.batch(batch_of(n * 250, 250))
+        assert await asyncio.to_thread(recorder.flush, 20)
+    await recorder.close()
+    assert recorder.stats()["drops"] == {} and recorder.stats()["removed"]["files"] > 5
+    for part in small_disk.glob(f"*{PART}"):
+        recover(part)
+    stored = Recording.open(small_disk).batches("arm", "rtde").sequence.tolist()
+    assert stored == list(range(stored[0], 60 * 250))
+
+
+def test_a_repair_waits_for_room(tmp_path, monkeypatch):
+    write_chunks(tmp_path, [[batch_of(0, 5)]], close=False)
+    part = tmp_path / (name_of() + PART)
+    before = part.read_bytes()
+
+    def full(file, data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("cellwatt.record.recovery._write", full)
+        report = recover(part)
+    assert "cannot be repaired now: No space left on device" in str(report)
+    assert part.read_bytes() == before
+    assert recover(part).messages == 5

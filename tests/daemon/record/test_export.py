@@ -1,0 +1,102 @@
+import json
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt import Event, RecordingError, Tick
+from cellwatt.commands.export import command
+from cellwatt.emulation import load_signals
+
+from .making import SESSION, batch_of, frames_of, name_of, stream_of, write_chunks
+from .test_roundtrip import RESULTS
+
+SUPPLY = stream_of(2, "meter")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "rec").mkdir()
+    for number in (1, 2):
+        first = (number - 1) * 20
+        items = [batch_of(first, 15), batch_of(first + 15, 5), frames_of(first, 10), Tick(SESSION)]
+        items.append(batch_of(first, 20, stream=SUPPLY, source="supply", device=False))
+        write_chunks(tmp_path / "rec", [items, [*RESULTS, Event(SESSION, "arm", "connected", "up")]], number=number)
+    return tmp_path / "rec"
+
+
+def run(*arguments):
+    return CliRunner().invoke(command, list(map(str, arguments)), catch_exceptions=False)
+
+
+def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
+    done = run(folder, "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0
+    report = json.loads(done.output)
+    assert {f["file"]: f["rows"] for f in report["files"]} == {
+        "arm.rtde.parquet": 40, "supply.meter.parquet": 40, "frames.parquet": 20, "results.jsonl": 8, "events.jsonl": 2,
+    }  # fmt: skip
+    assert report["damage"] == [] and report["start"] == SESSION
+    table = pq.read_table(tmp_path / "out" / "arm.rtde.parquet")
+    truth = [batch_of(0, 15), batch_of(15, 5), batch_of(20, 15), batch_of(35, 5)]
+    for i in range(6):
+        name = f"joint_{i + 1}.position"
+        assert np.array_equal(table[name], np.concatenate([b.values[:, i] for b in truth]))
+        assert table.schema.field(name).metadata == {b"unit": b"rad"}
+    assert table["utc_ns"].to_pylist() == [SESSION + n * 2_000_000 for n in range(40)]
+    assert table["t"].to_pylist() == [n * 2_000_000 / 1e9 for n in range(40)]
+    assert table["sequence"].to_pylist() == list(range(40))
+    assert table["device_time_ns"].to_pylist() == [n * 2_000_000 + 17 for n in range(40)]
+    assert table["arrival_ns"].to_pylist()[14:16] == [truth[0].arrival, truth[1].arrival]
+    assert table["quality"].to_pylist() == [n % 5 for n in range(40)]
+    assert json.loads(table.schema.metadata[b"cellwatt"])["cell"] == "weld-3"
+    assert pq.read_table(tmp_path / "out" / "supply.meter.parquet")["device_time_ns"].null_count == 40
+
+
+def test_frames_carry_quality_and_bound_of_each_channel(folder, tmp_path):
+    assert run(folder, "--out", tmp_path / "out", "--frames").exit_code == 0
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["frames.parquet"]
+    table = pq.read_table(tmp_path / "out" / "frames.parquet")
+    truth = [frames_of(0, 10), frames_of(20, 10)]
+    for i in range(3):
+        name = f"arm.joint_{i + 1}.position"
+        assert np.array_equal(table[name], np.concatenate([f.values[:, i] for f in truth]))
+        assert np.array_equal(table[f"{name}.quality"], np.concatenate([f.quality[:, i] for f in truth]))
+        assert np.array_equal(table[f"{name}.bound_ns"], np.concatenate([f.bound[:, i] for f in truth]))
+
+
+def test_csv_has_the_same_digits_and_its_units_beside_it(folder, tmp_path):
+    assert run(folder, "--out", tmp_path / "out", "--format", "csv", "--raw").exit_code == 0
+    names = sorted(p.name for p in (tmp_path / "out").iterdir())
+    assert names == ["arm.rtde.csv", "arm.rtde.json", "supply.meter.csv", "supply.meter.json"]
+    signals = load_signals(tmp_path / "out" / "arm.rtde.csv")
+    truth = np.concatenate([batch_of(0, 20).values, batch_of(20, 20).values])
+    assert np.array_equal(signals.columns["joint_3.position"], truth[:, 2])
+    about = json.loads((tmp_path / "out" / "arm.rtde.json").read_text())
+    assert about["units"]["joint_3.position"] == "rad" and about["start_utc_ns"] == SESSION
+
+
+def test_results_and_events_are_json_lines(folder, tmp_path):
+    done = run(folder / name_of(1), "--out", tmp_path / "out")
+    assert "results.jsonl: 4 rows" in done.output
+    lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()]
+    assert [line["type"] for line in lines] == ["interval", "task", "prediction", "alarm"]
+    assert lines[3]["kind"] == "joint_fault" and lines[3]["evidence"] == {"power_W": 12.5}
+
+
+def test_nothing_is_overwritten_unless_told(folder, tmp_path):
+    assert run(folder, "--out", tmp_path / "out").exit_code == 0
+    with pytest.raises(RecordingError, match=r"arm\.rtde\.parquet is there already: choose another folder"):
+        run(folder, "--out", tmp_path / "out")
+    assert run(folder, "--out", tmp_path / "out", "--force").exit_code == 0
+
+
+def test_damage_is_told(folder, tmp_path):
+    path = folder / name_of(1)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 :] = b""
+    path.write_bytes(data)
+    done = run(folder, "--out", tmp_path / "out")
+    assert done.exit_code == 0
+    assert "warning: " in done.output and "cannot be read" in done.output

@@ -1,0 +1,121 @@
+import asyncio
+
+import numpy as np
+import pytest
+
+from cellwatt.record import History, Recorder, RecordSettings
+from cellwatt.record.header import PART
+from cellwatt.record.history import trim
+
+from .making import HEADER, SESSION, batch_of, name_of, same_batch, stream_of, write_chunks
+
+SUPPLY = stream_of(2, "meter")
+
+
+@pytest.fixture
+async def recorder(tmp_path):
+    recorder = Recorder(RecordSettings(folder=tmp_path, flush=3600.0, file_size=40e3), HEADER)
+    recorder.start()
+    yield recorder
+    await recorder.close()
+
+
+@pytest.fixture
+async def history(recorder, tmp_path):
+    """3000 samples of the arm and 600 of the supply, in several closed files and an open one, some still in memory."""
+    for n in range(300):
+        assert recorder.batch(batch_of(n * 10, 10))
+        assert recorder.batch(batch_of(n * 2, 2, stream=SUPPLY, source="supply"))
+        if n % 10 == 0:
+            assert await asyncio.to_thread(recorder.flush, 20)
+    assert len(list(tmp_path.glob("*.mcap"))) >= 3
+    return History(tmp_path, recorder)
+
+
+def numbers(batches):
+    return [s for b in batches for s in range(b.sequence, b.sequence + len(b))]
+
+
+async def ask(history, *question):
+    return await asyncio.to_thread(history.history, *question)
+
+
+@pytest.mark.parametrize(
+    ("first", "count"), [(0, 1), (0, 10), (7, 3), (1, 2998), (995, 20), (2985, 15), (2999, 1), (1500, 0)]
+)
+async def test_just_what_was_asked_for(history, first, count):
+    found = await ask(history, "arm", "rtde", SESSION, first, count)
+    assert numbers(found) == list(range(first, first + count))
+    for batch in found:
+        truth = trim(batch_of(batch.sequence // 10 * 10, 10), batch.sequence, batch.sequence + len(batch))
+        # A part of a batch was made known when the whole of it was.
+        assert same_batch(batch, truth)
+
+
+async def test_every_stream_is_found_for_itself(history):
+    assert numbers(await ask(history, "supply", "meter", SESSION, 100, 300)) == list(range(100, 400))
+    assert await ask(history, "supply", "rtde", SESSION, 0, 10) == []
+    assert await ask(history, "arm", "rtde", SESSION + 1, 0, 10) == []
+
+
+async def test_what_is_not_there_yet_is_left_out(history):
+    assert numbers(await ask(history, "arm", "rtde", SESSION, 2990, 1000)) == list(range(2990, 3000))
+    assert await ask(history, "arm", "rtde", SESSION, 5000, 10) == []
+
+
+async def test_what_was_removed_is_left_out(history, tmp_path):
+    everything = await ask(history, "arm", "rtde", SESSION, 0, 3000)
+    sorted(tmp_path.glob("*.mcap"))[0].unlink()
+    left = numbers(await ask(history, "arm", "rtde", SESSION, 0, 3000))
+    assert left[0] > 0 and left == list(range(left[0], 3000)) and len(left) < len(numbers(everything))
+
+
+async def test_damage_is_passed_over(history, tmp_path):
+    path = sorted(tmp_path.glob("*.mcap"))[1]
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 1
+    path.write_bytes(data)
+    found = numbers(await ask(history, "arm", "rtde", SESSION, 0, 3000))
+    assert found == sorted(set(found)) and 2000 < len(found) < 3000
+
+
+async def test_earlier_sessions_are_served(tmp_path, recorder):
+    write_chunks(tmp_path, [[batch_of(0, 5)], [batch_of(5, 5)]], number=1)
+    old = tmp_path / name_of(1).replace("20261121T095923", "20261120T000000")
+    (tmp_path / name_of(1)).rename(old)
+    session = SESSION - (9 * 3600 + 59 * 60 + 23) * 10**9 - 24 * 3600 * 10**9 + 24 * 3600 * 10**9 - 86400 * 10**9
+    history = History(tmp_path, recorder)
+    (listed,) = history.recordings()
+    assert numbers(await ask(history, "arm", "rtde", listed["session"], 3, 4)) == [3, 4, 5, 6]
+    assert listed["session"] == session
+
+
+async def test_a_hole_in_the_numbers_is_a_hole_in_the_answer(recorder, tmp_path):
+    for first in (0, 10, 40, 50):
+        assert recorder.batch(batch_of(first, 10))
+    found = await ask(History(tmp_path, recorder), "arm", "rtde", SESSION, 5, 50)
+    assert numbers(found) == [*range(5, 20), *range(40, 55)]
+
+
+async def test_the_files_are_listed(history, recorder, tmp_path):
+    (tmp_path / (name_of(99) + PART)).write_bytes(b"torn")
+    listed = await asyncio.to_thread(history.recordings)
+    assert [r["file"] for r in listed] == sorted(p.name for p in tmp_path.iterdir())
+    assert {r["state"] for r in listed[:-2]} <= {"closed", "closing"}
+    assert [r["state"] for r in listed[-2:]] == ["open", "left open"]
+    assert listed[0]["start"] == SESSION and listed[0]["end"] > SESSION
+    assert all(r["session"] == SESSION for r in listed)
+    assert [r["bytes"] for r in listed] == [(tmp_path / r["file"]).stat().st_size for r in listed]
+    await recorder.close()
+    states = [r["state"] for r in History(tmp_path, recorder).recordings()]
+    assert set(states[:-1]) == {"closed"}
+
+
+def test_trimming():
+    batch = batch_of(10, 5)
+    assert trim(batch, 0, 10) is None and trim(batch, 15, 20) is None
+    assert trim(batch, 0, 100) is batch
+    middle = trim(batch, 12, 14)
+    assert middle.sequence == 12 and middle.time.tolist() == batch.time[2:4].tolist()
+    assert np.array_equal(middle.values, batch.values[2:4]) and len(middle.device_time) == 2
+    assert trim(batch_of(0, 3, device=False), 1, 2).device_time is None

@@ -1,0 +1,209 @@
+import asyncio
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blockbuster import blockbuster_ctx
+
+from cellwatt import Alarm, Channel, Event, RecordingError, Stream, Tick
+from cellwatt.record import Recorder, Recording, RecordSettings
+from cellwatt.record import files as files_module
+from cellwatt.record.header import PART
+from cellwatt.record.summary import survey
+
+from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry
+
+
+async def until(condition, timeout=20.0):
+    async with asyncio.timeout(timeout):
+        while not condition():  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+async def recorder(tmp_path):
+    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
+    recorder.start()
+    yield recorder
+    await recorder.close()
+
+
+async def test_items_are_written_in_order_and_counted(recorder, tmp_path):
+    sent = [batch_of(0, 3), Tick(SESSION), batch_of(3, 2), Tick(SESSION + 5)]
+    for item in sent:
+        assert recorder.batch(item) if not isinstance(item, Tick) else recorder.tick(item)
+    assert recorder.frames(frames_of(0, 4))
+    assert recorder.event(Event(SESSION, None, "started", "up"))
+    assert recorder.result(Alarm("a", "joint_fault", "error", True, SESSION, SESSION, "x"))
+    assert recorder.health(SESSION, {"ok": True})
+    await recorder.close()
+    recording = Recording.open(tmp_path)
+    assert all(map(same_entry, recording.entries(), sent))
+    stats = recorder.stats()
+    assert stats["samples"] == {
+        "/raw/arm/rtde": 5, "/tick": 2, "/frame": 4, "/event": 1, "/alarm": 1, "/health": 1,
+    }  # fmt: skip
+    assert stats["samples"] == recording.counts
+    assert (stats["state"], stats["drops"], stats["queue"]) == ("ok", {}, {"items": 0, "bytes": 0})
+    assert stats["bytes"] == sum(p.stat().st_size for p in tmp_path.iterdir()) - closing_size(tmp_path)
+
+
+def closing_size(folder):
+    """The end of a file is not counted as recorded."""
+    (path,) = folder.glob("*.mcap")
+    chunk = survey(path).contents.chunks[-1]
+    return path.stat().st_size - (chunk.offset + chunk.length + chunk.index_length)
+
+
+async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
+    recorder = Recorder(RecordSettings(folder=tmp_path, flush=3600.0), HEADER)
+    recorder.start()
+    assert recorder.batch(batch_of(0, 3))
+    assert not list(tmp_path.iterdir())
+    assert await asyncio.to_thread(recorder.flush, 20)
+    (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
+    assert same_batch(back, batch_of(0, 3))
+    assert await asyncio.to_thread(recorder.flush, 20)
+    await recorder.close()
+
+
+async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path):
+    assert recorder.batch(batch_of(0, 3))
+    await until(lambda: recorder.stats()["samples"].get("/raw/arm/rtde") == 3)
+    assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3
+
+
+async def test_frames_are_left_out_on_request_and_empty_blocks_are_nothing(tmp_path):
+    recorder = Recorder(RecordSettings(folder=tmp_path, frames=False), HEADER)
+    recorder.start()
+    assert recorder.frames(frames_of(0, 4)) and recorder.batch(replace(batch_of(0, 1), time=np.empty(0, np.int64)))
+    assert recorder.batch(batch_of(0, 1))
+    await recorder.close()
+    assert Recording.open(tmp_path).counts == {"/raw/arm/rtde": 1}
+
+
+async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
+    blocked = threading.Event()
+    write_chunk = files_module.OpenFile.write_chunk
+
+    def slow(file):
+        assert blocked.wait(20)
+        write_chunk(file)
+
+    monkeypatch.setattr(files_module.OpenFile, "write_chunk", slow)
+    recorder = Recorder(RecordSettings(folder=tmp_path, queue=100e3), HEADER)
+    recorder.start()
+    taken = [recorder.batch(batch_of(n * 100, 100)) for n in range(20)]
+    assert taken[0] and not taken[-1]
+    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 100 * taken.count(False)}
+    assert recorder.stats()["queue"]["bytes"] <= 100e3
+    blocked.set()
+    await recorder.close()
+    assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 100 * taken.count(True)
+
+
+async def test_a_stopped_recorder_refuses(tmp_path):
+    recorder = Recorder(RecordSettings(folder=tmp_path), HEADER)
+    assert not recorder.batch(batch_of(0, 1))
+    recorder.start()
+    await recorder.close()
+    assert not recorder.batch(batch_of(0, 1))
+    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 2}
+    await recorder.close()
+
+
+async def test_files_rotate_by_size(tmp_path):
+    recorder = Recorder(RecordSettings(folder=tmp_path, file_size=60e3, flush=0.001), HEADER)
+    recorder.start()
+    for n in range(30):
+        assert recorder.batch(batch_of(n * 100, 100))
+        assert await asyncio.to_thread(recorder.flush, 20)
+    await recorder.close()
+    files = sorted(tmp_path.iterdir())
+    assert len(files) > 3 and all(f.suffix == ".mcap" for f in files)
+    assert all(60e3 <= f.stat().st_size < 90e3 for f in files[:-1])
+    recording = Recording.open(tmp_path)
+    assert recording.paths == tuple(files)
+    assert recording.batches("arm", "rtde").sequence.tolist() == list(range(3000))
+    assert recorder.stats()["files"] == len(files)
+
+
+async def test_files_rotate_by_age(tmp_path, monkeypatch):
+    monkeypatch.setattr("cellwatt.record.writer.IDLE", 0.01)
+    recorder = Recorder(RecordSettings(folder=tmp_path, file_age=0.05), HEADER)
+    recorder.start()
+    assert recorder.batch(batch_of(0, 1))
+    await until(lambda: list(tmp_path.glob("*.mcap")))
+    assert recorder.stats()["file"] is None
+    assert recorder.batch(batch_of(1, 1))
+    await until(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
+    await recorder.close()
+    assert [b.sequence for b in Recording.open(tmp_path).entries()] == [0, 1]
+
+
+async def test_another_declaration_goes_into_another_file(recorder, tmp_path):
+    other = Stream(ARM.name, (Channel("supply.power", "W"),), 10.0, "host")
+    assert recorder.batch(batch_of(0, 1))
+    assert recorder.batch(batch_of(1, 2, stream=other))
+    assert recorder.batch(batch_of(3, 2, stream=Stream(*[getattr(other, n) for n in Stream.__slots__])))
+    assert recorder.frames(frames_of(0, 2)) and recorder.frames(frames_of(2, 2, channels=4))
+    await recorder.close()
+    assert len(list(tmp_path.glob("*.mcap"))) == 3
+    assert [b.stream for b in Recording.open(tmp_path).entries()] == [ARM, other, other]
+    with pytest.raises(RecordingError, match="layout of the frames changes"):
+        Recording.open(tmp_path).frames_table()
+
+
+async def test_new_settings_begin_a_new_file(recorder, tmp_path):
+    assert recorder.batch(batch_of(0, 1))
+    recorder.redeclare(replace(HEADER, settings="changed"))
+    assert recorder.batch(batch_of(1, 1))
+    await recorder.close()
+    first, second = (Recording.open(p) for p in sorted(tmp_path.iterdir()))
+    assert (first.header.settings, second.header.settings) == (HEADER.settings, "changed")
+    assert (next(first.entries()).sequence, next(second.entries()).sequence) == (0, 1)
+
+
+async def test_what_cannot_be_written_is_counted_and_the_rest_goes_on(recorder, tmp_path):
+    assert recorder.batch(replace(batch_of(0, 2), values=np.zeros((2, 3))))
+    assert recorder.event(Event(SESSION, None, "odd", "x", {"object": object()}))
+    assert recorder.batch(batch_of(2, 1))
+    await recorder.close()
+    assert recorder.stats()["drops"] == {"/raw/arm/rtde": 2, "/event": 1}
+    assert [b.sequence for b in Recording.open(tmp_path).entries()] == [2]
+
+
+async def test_a_folder_that_cannot_be_made_is_an_error_in_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    recorder = Recorder(RecordSettings(folder=tmp_path / "file" / "folder"), HEADER)
+    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be made: Not a directory"):
+        recorder.start()
+
+
+async def test_two_sessions_in_one_folder_follow_each_other(tmp_path):
+    for session in (SESSION + 10**9, SESSION):
+        recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=session))
+        recorder.start()
+        assert recorder.batch(replace(batch_of(0, 1), arrival=session))
+        await recorder.close()
+    assert [b.arrival for b in Recording.open(tmp_path).entries()] == [SESSION, SESSION + 10**9]
+
+
+async def test_recordings_of_several_cells_are_not_mixed(tmp_path):
+    for cell in ("weld-3", "weld-4"):
+        recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, cell=cell))
+        recorder.start()
+        assert recorder.batch(batch_of(0, 1))
+        await recorder.close()
+    with pytest.raises(RecordingError, match="several cells"):
+        Recording.open(tmp_path)
+
+
+async def test_the_loop_is_never_blocked(recorder):
+    # blockbuster raises where a call on the loop would block.
+    with blockbuster_ctx():
+        for n in range(50):
+            assert recorder.batch(batch_of(n * 10, 10))
+            recorder.stats()
+        await asyncio.sleep(0)

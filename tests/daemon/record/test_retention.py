@@ -1,0 +1,95 @@
+import os
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt.record import RecordSettings
+from cellwatt.record.header import FileName
+from cellwatt.record.retention import Kept, listing, remove, remove_oldest, surplus
+from cellwatt.record.upkeep import Upkeep
+
+from .making import CELL, SESSION, name_of
+
+
+def kept(number, size, *, age=0.0, closed=True):
+    return Kept(Path(f"{number}"), FileName(SESSION, number, CELL), size, 1000.0 - age, closed)
+
+
+def numbers(files):
+    return [f.name.number for f in files]
+
+
+def test_the_oldest_go_until_the_budget_holds():
+    files = [kept(n, 100) for n in range(1, 6)]
+    assert numbers(surplus(files, keep=500, age=0, now=1000, reserve=0)) == []
+    assert numbers(surplus(files, keep=499, age=0, now=1000, reserve=0)) == [1]
+    assert numbers(surplus(files, keep=500, age=0, now=1000, reserve=101)) == [1, 2]
+    assert numbers(surplus(files, keep=50, age=0, now=1000, reserve=0)) == [1, 2, 3, 4, 5]
+
+
+def test_the_open_file_stays_and_counts():
+    files = [kept(1, 100), kept(2, 100), kept(3, 300, closed=False)]
+    assert numbers(surplus(files, keep=400, age=0, now=1000, reserve=0)) == [1]
+    assert numbers(surplus(files, keep=0, age=1, now=1e9, reserve=0)) == [1, 2]
+
+
+def test_old_files_go_whatever_the_budget():
+    files = [kept(1, 1, age=500), kept(2, 1, age=99), kept(3, 1, age=101)]
+    assert numbers(surplus(files, keep=1e9, age=100, now=1000, reserve=0)) == [1, 3]
+    assert numbers(surplus(files, keep=1e9, age=0, now=1000, reserve=0)) == []
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 1000), st.booleans()), max_size=20), st.integers(0, 10_000), st.integers(0, 500)
+)
+def test_no_more_goes_than_must(sizes, keep, reserve):
+    files = [kept(n, size, closed=closed) for n, (size, closed) in enumerate(sizes)]
+    gone = surplus(files, keep=keep, age=0, now=1000, reserve=reserve)
+    left = sum(f.size for f in files) + reserve - sum(f.size for f in gone)
+    closed = [f for f in files if f.closed]
+    assert gone == closed[: len(gone)]
+    assert left <= keep or gone == closed
+    assert not gone or left + gone[-1].size > keep
+
+
+def test_only_this_cells_files_are_listed(tmp_path):
+    ours = [name_of(2), name_of(1), name_of(3) + ".part", name_of(1) + ".damaged", name_of(1) + ".2.damaged"]
+    others = ["notes.txt", "weld-3.mcap", name_of(1).replace(CELL, "weld-33"), name_of(1) + ".bak", "." + name_of(4)]
+    for name in (*ours, *others):
+        (tmp_path / name).write_bytes(b"x")
+    files = listing(tmp_path, CELL)
+    assert {f.path.name for f in files} == set(ours)
+    assert [f.name.number for f in files] == [1, 1, 1, 2, 3]
+    assert [f.path.name for f in files if not f.closed] == [name_of(3) + ".part"]
+    assert listing(tmp_path / "absent", CELL) == []
+
+
+def test_the_oldest_closed_file_makes_room(tmp_path):
+    for name in (name_of(1) + ".part", name_of(2), name_of(3)):
+        (tmp_path / name).write_bytes(b"xyz")
+    assert remove_oldest(tmp_path, CELL).path.name == name_of(2)
+    assert remove_oldest(tmp_path, CELL).path.name == name_of(3)
+    assert remove_oldest(tmp_path, CELL) is None
+    assert [p.name for p in tmp_path.iterdir()] == [name_of(1) + ".part"]
+    assert remove([]) == 0
+
+
+async def test_a_new_start_keeps_to_the_budget(tmp_path):
+    for number in range(1, 6):
+        (tmp_path / name_of(number)).write_bytes(bytes(1000))
+        os.utime(tmp_path / name_of(number), (number, number))
+    upkeep = Upkeep(RecordSettings(folder=tmp_path, keep=4000.0, file_size=1e9), CELL)
+    upkeep.start()
+    upkeep.close()
+    # A quarter of the budget is left to the file that will be written.
+    assert sorted(p.name for p in tmp_path.iterdir()) == [name_of(3), name_of(4), name_of(5)]
+    assert upkeep.stats()["removed"] == {"files": 2, "bytes": 2000}
+
+
+def test_names_tell_session_and_number():
+    name = FileName(SESSION, 12, "weld 3/a")
+    assert str(name) == "weld-3-a_20261121T095923_290084047Z_000012.mcap"
+    assert FileName.parse(str(name)) == FileName(SESSION, 12, "weld-3-a")
+    assert FileName.parse(str(name) + ".part") == FileName.parse(str(name))
+    assert FileName.parse("weld_20261399T095923_290084047Z_000012.mcap") is None

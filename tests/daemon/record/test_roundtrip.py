@@ -1,0 +1,233 @@
+import asyncio
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from cellwatt import Alarm, Batch, Channel, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
+from cellwatt.record import Health, Recorder, Recording, RecordSettings
+
+from .making import (
+    ARM,
+    HEADER,
+    SESSION,
+    batch_of,
+    bits,
+    frames_of,
+    name_of,
+    same_batch,
+    same_entry,
+    stream_of,
+    write_chunks,
+)
+
+INT64 = st.integers(-(2**63), 2**63 - 1)
+
+
+@st.composite
+def batches(draw):
+    """Any bits a batch can hold, also those no driver should send."""
+    channels = draw(st.integers(0, 5) | st.just(200))
+    n = draw(st.integers(1, 7))
+    arrays = {
+        "time": draw(hnp.arrays(np.int64, n, elements=INT64)),
+        "bound": draw(hnp.arrays(np.int64, n, elements=INT64)),
+        "quality": draw(hnp.arrays(np.uint8, n)),
+        "device_time": draw(st.none() | hnp.arrays(np.int64, n, elements=INT64)),
+    }
+    patterns = draw(hnp.arrays(np.uint64, (n, min(channels, 5)), elements=st.integers(0, 2**64 - 1)))
+    values = np.resize(patterns.view(np.float64), (n, channels))
+    source = draw(st.sampled_from(["arm", "supply"]))
+    stream = stream_of(channels, f"stream_{channels}")
+    return Batch(source, stream, draw(st.integers(0, 2**40)), draw(INT64), values=values, **arrays)
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    chunks=st.lists(
+        st.lists(batches() | st.builds(Tick, st.integers(0, 2**63 - 1)), min_size=1, max_size=6), max_size=4
+    )
+)
+def test_everything_comes_back_in_order_in_blocks_and_to_the_bit(chunks, tmp_path_factory):
+    # Sequence numbers within a file rise and span less than 2**32, as the recorder's do.
+    given_numbers: dict[str, int] = {}
+    for chunk in chunks:
+        for i, item in enumerate(chunk):
+            if isinstance(item, Batch):
+                topic = f"{item.source}/{item.stream.name}"
+                number = given_numbers.get(topic, item.sequence)
+                chunk[i] = replace(item, sequence=number)
+                given_numbers[topic] = number + len(item)
+    folder = tmp_path_factory.mktemp("rec")
+    write_chunks(folder, chunks)
+    recording = Recording.open(folder)
+    back, expected = list(recording.entries()), [item for chunk in chunks for item in chunk]
+    assert len(back) == len(expected)
+    assert all(map(same_entry, back, expected))
+    assert not recording.damage
+
+
+def special_values():
+    patterns = [0x7FF0000000000001, 0x7FF8DEADBEEF0001, 0xFFF0000000000000, 0x8000000000000000, 1, 0x7FF0000000000000]
+    return np.array([patterns], np.uint64).view(np.float64)
+
+
+def test_signalling_nans_infinities_and_denormals_keep_their_bits(tmp_path):
+    batch = replace(batch_of(0, 1), values=special_values())
+    write_chunks(tmp_path, [[batch]])
+    (back,) = Recording.open(tmp_path).entries()
+    assert bits(back.values) == bits(special_values())
+
+
+def test_sequence_numbers_pass_32_bits(tmp_path):
+    first = 2**32 - 3
+    sent = [batch_of(first, 2), batch_of(first + 2, 4), batch_of(first + 6, 1)]
+    write_chunks(tmp_path, [sent])
+    back = list(Recording.open(tmp_path).entries())
+    assert [b.sequence for b in back] == [2**32 - 3, 2**32 - 1, 2**32 + 3]
+    assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(first, first + 7))
+
+
+def test_batches_with_and_without_device_time_in_one_stream(tmp_path):
+    sent = [batch_of(0, 2), batch_of(2, 3, device=False), batch_of(5, 1)]
+    write_chunks(tmp_path, [sent])
+    recording = Recording.open(tmp_path)
+    assert all(map(same_batch, recording.entries(), sent))
+    assert recording.batches("arm", "rtde").device_time is None
+
+
+def test_frames_come_back_exactly(tmp_path):
+    sent = [frames_of(0, 5), frames_of(5, 1), frames_of(6, 9)]
+    write_chunks(tmp_path, [sent[:2], sent[2:]])
+    recording = Recording.open(tmp_path)
+    assert recording.layout == sent[0].layout
+    back = list(recording.frames())
+    assert [(f.sequence, len(f)) for f in back] == [(0, 5), (5, 1), (6, 9)]
+    table = recording.frames_table()
+    for name in ("time", "values", "quality", "bound"):
+        assert bits(getattr(table, name)) == b"".join(bits(getattr(f, name)) for f in sent), name
+        assert getattr(back[2], name).dtype == getattr(sent[2], name).dtype
+
+
+RESULTS = [
+    Interval(
+        "arm", 1, SESSION, SESSION + 5, (1, 3), (0.5, -0.25), (0.0, 1.0), (0.1, 0.2), closed=False, complete=False
+    ),
+    Task("arm", "task_1", "ab12", "speed=0.60", 0.6, SESSION, SESSION + 9, (1, 2, 3), 4),
+    Prediction("power", 7, (SESSION, SESSION + 20), {"power": (1.5, float("inf"))}, {"power": "W"}),
+    Alarm("a1", "joint_fault", "error", True, SESSION, SESSION + 1, "elbow", "arm", 3, (2,), 9, {"power_W": 12.5}),
+]
+
+
+def test_results_events_and_health_come_back(tmp_path):
+    event = Event(SESSION, "arm", "connected", "UR10e", {"serial": "2019", "rate_Hz": 500.0})
+    health = Health(SESSION + 2, {"sources": {"arm": {"state": "ok"}}})
+    write_chunks(tmp_path, [[*RESULTS, event, health]])
+    recording = Recording.open(tmp_path)
+    assert list(recording.results()) == RESULTS
+    assert list(recording.events()) == [event]
+    assert list(recording.health()) == [health]
+    assert list(recording.entries()) == []
+
+
+def test_numbers_that_json_lacks_stay_valid_json(tmp_path):
+    alarm = replace(RESULTS[3], evidence={"residual_W": float("nan"), "count": np.int64(3), "axes": np.arange(2)})
+    write_chunks(tmp_path, [[alarm]])
+    with (tmp_path / name_of()).open("rb") as file:
+        ((_, _, message),) = make_reader(file).iter_messages("/alarm")
+
+    def refuse(text):
+        raise AssertionError(f"{text} is not JSON")
+
+    assert json.loads(message.data, parse_constant=refuse)["evidence"] == {
+        "residual_W": "NaN",
+        "count": 3,
+        "axes": [0, 1],
+    }
+
+
+def test_the_mcap_library_reads_every_value(tmp_path):
+    sent = [batch_of(0, 3), batch_of(3, 1)]
+    frame = frames_of(0, 2)
+    write_chunks(tmp_path, [[sent[0], Tick(SESSION)], [frame, sent[1], RESULTS[0]]])
+    with (tmp_path / name_of()).open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        raw = list(reader.iter_decoded_messages("/raw/arm/rtde", log_time_order=False))
+        frames = list(reader.iter_decoded_messages("/frame", log_time_order=False))
+        ticks = list(reader.iter_messages("/tick"))
+        statistics = reader.get_summary().statistics
+        (attached, *_) = reader.iter_attachments()
+    assert statistics.message_count == 4 + 1 + 2 + 1
+    assert json.loads(attached.data)["cell"] == "weld-3"
+    samples = [(b, i) for b in sent for i in range(len(b))]
+    assert len(raw) == len(samples)
+    for (_, channel, message, decoded), (batch, i) in zip(raw, samples, strict=True):
+        assert message.sequence == batch.sequence + i
+        assert message.log_time == batch.time[i]
+        assert message.publish_time == batch.arrival
+        assert decoded.device_time == batch.device_time[i]
+        assert decoded.bound == batch.bound[i]
+        assert decoded.quality == batch.quality[i]
+        assert [getattr(decoded, f"joint_{j}_position") for j in range(1, 7)] == batch.values[i].tolist()
+        fields = json.loads(channel.metadata["fields"])
+        assert fields["joint_6_position"] == {"channel": "joint_6.position", "unit": "rad"}
+    for i, (_, _, message, decoded) in enumerate(frames):
+        assert message.log_time == frame.time[i]
+        assert decoded.arm_joint_2_position == frame.values[i, 1]
+        assert list(decoded.quality) == frame.quality[i].tolist()
+        assert list(decoded.bound) == frame.bound[i].tolist()
+    assert json.loads(ticks[0][2].data) == {"time": SESSION}
+
+
+def test_the_header_and_declarations_come_back(tmp_path):
+    channels = (
+        Channel("supply.power", "W"),
+        Channel("tool.closed", "1", "discrete"),
+        Channel("energy", "J", "counter", "linear"),
+    )
+    supply = Stream("hmc8015", channels, 10.0, "host")
+    header = replace(HEADER, streams={"arm": (ARM,), "supply": (supply,)})
+    asyncio.run(
+        _record(tmp_path, header, [batch_of(0, 2), batch_of(0, 2, stream=supply, source="supply", device=False)])
+    )
+    recording = Recording.open(tmp_path)
+    assert recording.header == replace(header, number=1)
+    assert recording.streams == {"arm": (ARM,), "supply": (supply,)}
+    assert (recording.start, recording.end) == (SESSION, SESSION + 2_000_000)
+
+
+async def _record(folder, header, batches):
+    recorder = Recorder(RecordSettings(folder=folder), header)
+    recorder.start()
+    assert all(recorder.batch(b) for b in batches)
+    await recorder.close()
+
+
+def test_files_of_a_folder_are_read_in_order_of_number(tmp_path):
+    for number in (2, 10, 1):
+        write_chunks(tmp_path, [[batch_of(number * 100, 5)]], number=number)
+    assert [b.sequence for b in Recording.open(tmp_path).entries()] == [100, 200, 1000]
+    renamed = (tmp_path / name_of(1)).rename(tmp_path / "zzz.mcap")
+    assert Recording.open(tmp_path).paths[0] == renamed
+    assert [b.sequence for b in Recording.open([renamed, tmp_path / name_of(2)]).entries()] == [100, 200]
+
+
+def test_what_cannot_be_opened_is_said_in_one_line(tmp_path):
+    with pytest.raises(RecordingError, match="no recordings"):
+        Recording.open(tmp_path)
+    (tmp_path / "note.mcap").write_text("a letter home")
+    with pytest.raises(RecordingError, match=r"note\.mcap: holds nothing that is a recording"):
+        Recording.open(tmp_path)
+    with pytest.raises(RecordingError, match="No such file"):
+        Recording.open(tmp_path / "absent.mcap")
+    write_chunks(tmp_path, [[batch_of(0, 1)]])
+    with pytest.raises(RecordingError, match=r"no stream arm/other .* there are: arm/rtde"):
+        Recording.open(tmp_path).batches("arm", "other")
+    with pytest.raises(RecordingError, match="no frames"):
+        Recording.open(tmp_path).frames_table()

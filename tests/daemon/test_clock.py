@@ -1,0 +1,275 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cellwatt.clock import ClockModel, middle
+from cellwatt.clock.lines import MAX_DRIFT, Facts, possible
+
+from .clock_worlds import EPOCH, NAMED, SECOND, random_world, run
+
+MILLISECOND = 1_000_000
+
+
+def times(*values):
+    return np.array(values, dtype=np.int64)
+
+
+def stream(model, start, end, *, base, delay=MILLISECOND, drift=0.0, step=2 * MILLISECOND):
+    """Feed samples made from start to end (ns after EPOCH), read after the delay; gives the worst |error| − bound."""
+    worst = -(2**62)
+    for true in range(start, end, step):
+        device = base + true + round(drift * true)
+        time, bound = model.stamp(times(device), EPOCH + true + delay)
+        worst = max(worst, abs(int(time[0]) - EPOCH - true) - int(bound[0]))
+    return worst
+
+
+@pytest.mark.parametrize("world", NAMED, ids=lambda world: world.name)
+def test_the_stated_bound_holds_the_true_time_in_named_worlds(world):
+    outcome = run(world)
+    assert outcome.coverage >= 0.999
+    assert outcome.coverage_at_start >= 0.99
+    assert outcome.rising
+    assert outcome.resets == len(world.steps)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_stated_bound_holds_the_true_time_in_random_worlds(seed):
+    for k in range(30):
+        world = random_world(1000 * seed + k, seconds=35.0)
+        outcome = run(world)
+        assert outcome.coverage >= 0.999, world
+        assert outcome.rising, world
+        assert outcome.resets == len(world.steps), world
+
+
+def test_brackets_tighten_the_bound_to_the_round_trip():
+    with_brackets, without = run(NAMED[0]), run(NAMED[1])
+    assert with_brackets.bound_p50 < 0.0005
+    assert with_brackets.bound_p50 < without.bound_p50 < 0.003
+
+
+def test_the_first_sample_has_an_honest_and_large_bound():
+    model = ClockModel(least_delay=(0.001, 0.002))
+    time, bound = model.stamp(times(5), EPOCH)
+    assert EPOCH - 3 * MILLISECOND < time[0] <= EPOCH - MILLISECOND
+    assert bound[0] >= 8 * SECOND
+
+
+def test_a_bracket_ahead_of_the_first_sample_bounds_it_from_both_sides():
+    model = ClockModel(least_delay=(0.0, 0.002))
+    model.bracket(77, EPOCH - 500_000)
+    time, bound = model.stamp(times(77), EPOCH)
+    assert time[0] == pytest.approx(EPOCH - 250_000, abs=10)
+    assert bound[0] == pytest.approx(250_000, abs=10)
+
+
+def test_offset_and_drift_are_found():
+    model = ClockModel(least_delay=(0.0, 0.0005))
+    stream(model, 0, 40 * SECOND, base=12345, delay=0, drift=100e-6, step=20 * MILLISECOND)
+    state = model.state()
+    true_offset = EPOCH - 12345 - 40 * 100_000
+    assert state.offset_ns == pytest.approx(true_offset, abs=state.bound_ns)
+    assert state.bound_ns < 600_000
+    assert state.drift_ppm == pytest.approx(100, abs=20)
+    assert state.samples == 2000
+    assert state.age_s == pytest.approx(39.98)
+    assert (state.resets, state.reason) == (0, "")
+
+
+def test_every_sample_of_a_block_gets_its_own_time():
+    model = ClockModel()
+    stream(model, 0, 20 * SECOND, base=0)
+    true = 20 * SECOND + np.arange(1000) * 2 * MILLISECOND
+    time, bound = model.stamp(true, EPOCH + int(true[-1]) + MILLISECOND)
+    assert np.all(np.abs(time - EPOCH - true) <= bound)
+    assert np.ptp(time - true) < 2 * SECOND * MAX_DRIFT
+    assert np.all(np.diff(bound) <= 0)
+
+
+def test_an_empty_block_gives_nothing():
+    time, bound = ClockModel().stamp(times(), EPOCH)
+    assert len(time) == len(bound) == 0
+
+
+@pytest.mark.parametrize("base", [-3 * SECOND, 5 * SECOND, -20 * SECOND], ids=["back", "ahead", "reboot"])
+def test_a_step_of_the_device_clock_resets_the_map_at_once(base):
+    model = ClockModel()
+    stream(model, 0, 20 * SECOND, base=0)
+    assert model.resets == 0
+    assert stream(model, 20 * SECOND, 25 * SECOND, base=base) <= 0
+    assert model.resets == model.state().resets == 1
+    assert "device's time" in model.state().reason
+
+
+def test_a_step_inside_a_block_leaves_the_samples_before_it_on_the_old_map():
+    for jump in (-SECOND, 3 * SECOND):
+        model = ClockModel(least_delay=(0.0, 0.002))
+        stream(model, 0, 20 * SECOND, base=0)
+        true = 20 * SECOND + np.arange(100) * 2 * MILLISECOND
+        device = np.where(np.arange(100) < 60, true, true + jump)
+        time, bound = model.stamp(device, EPOCH + int(true[-1]) + MILLISECOND)
+        assert model.resets == 1
+        assert np.all(np.abs(time - EPOCH - true) <= bound)
+        assert np.all(bound[:60] < 5 * MILLISECOND)
+        assert np.all(np.diff(time) > 0)
+
+
+def test_after_a_reboot_the_order_of_samples_bounds_the_new_map():
+    model = ClockModel(least_delay=(0.0, 0.002))
+    stream(model, 0, 20 * SECOND, base=0)
+    _, bound = model.stamp(times(0), EPOCH + 20 * SECOND + 5 * MILLISECOND)
+    assert bound[0] < 10 * MILLISECOND
+
+
+def test_a_step_back_that_hides_in_a_pause_is_found_by_the_next_bracket():
+    model = ClockModel()
+    stream(model, 0, 20 * SECOND, base=0)
+    behind = 30 * SECOND
+    model.bracket(60 * SECOND - behind, EPOCH + 60 * SECOND - MILLISECOND)
+    assert model.resets == 1
+    assert stream(model, 60 * SECOND, 61 * SECOND, base=-behind) <= 0
+    assert model.resets == 1
+
+
+def test_a_step_back_that_hides_in_a_pause_is_found_without_brackets():
+    model = ClockModel()
+    stream(model, 0, 20 * SECOND, base=0)
+    stream(model, 60 * SECOND, 80 * SECOND, base=-30 * SECOND)
+    assert model.resets == 1
+    assert stream(model, 80 * SECOND, 82 * SECOND, base=-30 * SECOND) <= 0
+
+
+def test_a_reset_by_the_driver_is_counted_with_its_reason():
+    model = ClockModel()
+    stream(model, 0, 10 * SECOND, base=0)
+    model.reset("the controller restarted")
+    assert stream(model, 10 * SECOND, 12 * SECOND, base=10**15) <= 0
+    assert (model.state().resets, model.state().reason) == (1, "the controller restarted")
+
+
+def test_a_pause_of_an_hour_widens_the_bound_and_is_no_reset():
+    model = ClockModel()
+    stream(model, 0, 30 * SECOND, base=0, drift=-150e-6)
+    assert stream(model, 3600 * SECOND, 3602 * SECOND, base=0, drift=-150e-6) <= 0
+    assert model.resets == 0
+
+
+def test_a_backlog_of_twenty_seconds_read_at_once_is_no_reset():
+    model = ClockModel()
+    stream(model, 0, 20 * SECOND, base=0)
+    true = 20 * SECOND + np.arange(10_000) * 2 * MILLISECOND
+    time, bound = model.stamp(true, EPOCH + 40 * SECOND)
+    assert np.all(np.abs(time - EPOCH - true) <= bound)
+    assert bound.max() < 100 * MILLISECOND
+    assert stream(model, 40 * SECOND, 50 * SECOND, base=0) <= 0
+    assert model.resets == 0
+
+
+def test_a_better_estimate_never_turns_the_time_back():
+    model = ClockModel(least_delay=(0.0, 0.001))
+    given_out = []
+    for true in range(0, 2 * SECOND, 2 * MILLISECOND):
+        arrival = true + max(0, 500 * MILLISECOND - true // 2)  # a backlog that melts away in a second
+        time, bound = model.stamp(times(true), EPOCH + arrival)
+        assert abs(int(time[0]) - EPOCH - true) <= bound[0]
+        assert time[0] <= EPOCH + arrival
+        given_out.append(int(time[0]) - EPOCH)
+    assert np.diff(given_out).min() >= MILLISECOND - 1000  # half the device's pace: no heap of equal times
+    assert given_out[-1] == pytest.approx(2 * SECOND, abs=10 * MILLISECOND)
+
+
+def test_a_settings_mistake_is_refused():
+    with pytest.raises(ValueError, match="lower one first"):
+        ClockModel(least_delay=(0.02, 0.01))
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.lists(st.integers(-(10**6), 10**10), min_size=1, max_size=6),  # device gaps, ns
+            st.integers(0, 10**10),  # until the arrival of the next block
+            st.one_of(st.none(), st.integers(0, 10**9)),  # bracket that long before
+        ),
+        max_size=30,
+    )
+)
+def test_times_rise_strictly_and_never_pass_their_arrival_whatever_the_device_says(script):
+    model = ClockModel(least_delay=(0.0, 0.0))
+    arrival, device, last = EPOCH, 0, -1
+    for gaps, wait, asked in script:
+        arrival += wait
+        block = device + np.cumsum(gaps)
+        device = int(block[-1])
+        if asked is not None:
+            model.bracket(device, arrival - asked)
+        time, bound = model.stamp(block, arrival)
+        assert time.dtype == bound.dtype == np.int64
+        assert int(time[0]) > last
+        assert np.all(np.diff(time) > 0)
+        assert np.all(time - bound <= arrival + 1000)
+        last = int(time[-1])
+
+
+def brute_force(above, below, wander, slopes):
+    """Extremes at the newest fact over a fine grid of slopes, straight from the definition."""
+    newest = max(at for at, _ in [*above, *below])
+    lowest, highest = [], []
+    for slope in slopes:
+        roof = min(offset + wander / 2 * (newest - at) ** 2 + slope * (newest - at) for at, offset in above)
+        floor = max(offset - wander / 2 * (newest - at) ** 2 + slope * (newest - at) for at, offset in below)
+        if floor <= roof:
+            lowest.append(floor)
+            highest.append(roof)
+    return (min(lowest), max(highest)) if lowest else None
+
+
+facts = st.lists(
+    st.tuples(st.integers(0, 60 * SECOND), st.floats(0, 20e6)), min_size=1, max_size=12, unique_by=lambda f: f[0]
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(facts, facts, st.sampled_from([0.0, 1e-16]))
+def test_the_extreme_lines_are_those_of_a_brute_force_search(above, lower, wander):
+    below = [(at, offset - 15e6) for at, offset in lower]
+    slopes = np.linspace(-MAX_DRIFT, MAX_DRIFT, 2001)
+    found, expected = possible(np.array(above), np.array(below), wander), brute_force(above, below, wander, slopes)
+    if expected is None:  # the grid may miss a sliver
+        assert found is None or found.fast - found.slow < 2 * (slopes[1] - slopes[0])
+        return
+    assert found is not None
+    grain = (slopes[1] - slopes[0]) * 60 * SECOND
+    assert expected[0] - grain <= found.lower <= expected[0] + 1e-3
+    assert expected[1] - 1e-3 <= found.upper <= expected[1] + grain
+
+
+def test_facts_that_contradict_each_other_leave_no_line():
+    assert possible(np.array([[0, 0.0]]), np.array([[0, 1.0]]), 0.0) is None
+    assert possible(np.array([[0, 0.0]]), np.array([[SECOND, 2 * MAX_DRIFT * SECOND]]), 0.0) is None
+
+
+def test_of_each_block_the_tightest_fact_is_kept():
+    facts = Facts(1)
+    for k in range(1000):
+        facts.add(k * SECOND // 10, (k, 5.0 - (k % 10 == 7)), 0.0)
+    kept = facts.all()
+    assert len(kept) == 65
+    assert np.all(kept[:-1, 1] == 4.0)
+
+
+def test_a_polled_sample_is_in_the_middle_of_request_and_reply():
+    time, bound = middle(EPOCH, EPOCH + 3001)
+    assert time.tolist() == [EPOCH + 1500]
+    assert bound.tolist() == [1501]
+
+
+@given(st.integers(0, 10**7), st.integers(1, 5), st.integers(-(10**7), 10**7))
+def test_polled_times_rise_and_their_bound_reaches_request_and_reply(trip, n, before):
+    after = EPOCH + before
+    time, bound = middle(EPOCH, EPOCH + trip, n, after)
+    assert np.all(np.diff(np.concatenate([[after], time])) > 0)
+    assert np.all(time - bound <= EPOCH)
+    assert np.all(time + bound >= EPOCH + trip)

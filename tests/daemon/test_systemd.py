@@ -1,0 +1,102 @@
+"""The notify client against a datagram socket that stands in for systemd's."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+from cellwatt.runtime import systemd
+
+
+@pytest.fixture(params=["path", "abstract"])
+def supervisor(request, tmp_path: Path, monkeypatch):
+    """A bound socket, its address in the environment as systemd writes it."""
+    address = str(tmp_path / "notify") if request.param == "path" else f"@cellwatt-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind("\0" + address[1:] if address.startswith("@") else address)
+        listening.settimeout(5)
+        monkeypatch.setenv("NOTIFY_SOCKET", address)
+        yield listening
+
+
+def test_tells_all_fields_in_one_message(supervisor) -> None:
+    assert systemd.notify(READY="1", STATUS="green: 4 of 4 sources up")
+    assert supervisor.recv(4096) == b"READY=1\nSTATUS=green: 4 of 4 sources up"
+
+
+@pytest.mark.parametrize("field", ["WATCHDOG", "STOPPING"])
+def test_tells_one_field(supervisor, field: str) -> None:
+    assert systemd.notify(**{field: "1"})
+    assert supervisor.recv(4096) == f"{field}=1".encode()
+
+
+def test_status_may_be_any_language(supervisor) -> None:
+    systemd.notify(STATUS="Zelle 3: 2 von 4 Quellen, ±0,5 ms")
+    assert supervisor.recv(4096).decode() == "STATUS=Zelle 3: 2 von 4 Quellen, ±0,5 ms"
+
+
+def test_reloading_carries_the_monotonic_time_of_now(supervisor) -> None:
+    before = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
+    assert systemd.reloading()
+    after = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
+    match = re.fullmatch(rb"RELOADING=1\nMONOTONIC_USEC=(\d+)", supervisor.recv(4096))
+    assert match is not None
+    assert before <= int(match[1]) <= after
+
+
+def test_line_break_cannot_smuggle_a_field(supervisor) -> None:
+    with pytest.raises(ValueError, match="one line"):
+        systemd.notify(STATUS="fine\nMAINPID=1")
+    supervisor.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        supervisor.recv(4096)
+
+
+@pytest.mark.parametrize("address", [None, "", "vsock:2:1234", "relative/path"])
+def test_does_nothing_without_a_unix_socket(monkeypatch, address: str | None) -> None:
+    if address is None:
+        monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    else:
+        monkeypatch.setenv("NOTIFY_SOCKET", address)
+    assert not systemd.notify(READY="1")
+    assert not systemd.reloading()
+
+
+def test_supervisor_that_is_gone_is_a_warning(monkeypatch, tmp_path: Path, caplog) -> None:
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "nobody"))
+    assert not systemd.notify(WATCHDOG="1")
+    assert "does not listen" in caplog.text
+
+
+def test_full_socket_does_not_block(supervisor) -> None:
+    start = time.monotonic()
+    while systemd.notify(WATCHDOG="1"):
+        assert time.monotonic() < start + 20, "the kernel's queue never filled"
+    supervisor.recv(4096)
+    assert systemd.notify(WATCHDOG="1")
+
+
+@pytest.mark.parametrize(
+    ("microseconds", "pid", "expected"),
+    [
+        ("10000000", None, 10.0),
+        ("10000000", "own", 10.0),
+        ("10000000", "1", None),
+        (None, None, None),
+        ("", None, None),
+        ("0", None, None),
+        ("soon", None, None),
+    ],
+)
+def test_watchdog_interval(monkeypatch, microseconds: str | None, pid: str | None, expected: float | None) -> None:
+    for name, value in (("WATCHDOG_USEC", microseconds), ("WATCHDOG_PID", str(os.getpid()) if pid == "own" else pid)):
+        if value is None:
+            monkeypatch.delenv(name, raising=False)
+        else:
+            monkeypatch.setenv(name, value)
+    assert systemd.watchdog_interval() == expected

@@ -1,0 +1,153 @@
+"""Wraps, outages, jumps and restarts of a board, judged against a simulated board whose truth is known."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt_drivers.power_board.clock import MOST_BEHIND, BoardClock, Place
+from tests.drivers.power_board.samples import packet
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+RATE = 123.0
+
+
+@dataclass
+class Simulated:
+    """A board switched on at ``START``; ``drift`` of its clock and rate against the cell's, ``offset`` µs added."""
+
+    drift: float = 0.0
+    offset: int = 0
+    samples: int = 1
+
+    def place(self, clock: BoardClock, number: int, delay: float = 0.01) -> Place:
+        arrival = START + round((number + self.samples - 1) / RATE * (1 + self.drift) * 1e9 + delay * 1e9)
+        return clock.place(packet(number, samples=self.samples, late=self.offset), arrival)
+
+
+def microseconds(number: int) -> int:
+    return round(number / RATE * 1e6)
+
+
+@given(st.integers(0, 2**16 - 1), st.floats(-200e-6, 200e-6), st.integers(0, 2**32))
+def test_wraps_of_both_counters_are_followed(first: int, drift: float, seed: int) -> None:
+    """Two hours of a board with gaps of up to 40 s: the sequence wraps 13 times, the clock once."""
+    rng, board, clock, number = random.Random(seed), Simulated(drift), BoardClock(RATE), first + 1
+    start = board.place(clock, first)
+    while number < first + 2 * 3600 * RATE:
+        place = board.place(clock, number, delay=rng.uniform(0.005, 0.1))
+        time = start.time + microseconds(number) - microseconds(first)
+        assert place == Place(start.sequence + number - first, time, "follows")
+        number += rng.choice([1, 1, 2, 500, 5000])
+
+
+@pytest.mark.parametrize("hours", [0.1, 0.5, 1, 3, 12])
+@pytest.mark.parametrize("drift", [-100e-6, 0.0, 100e-6])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_outage_is_counted_exactly(hours: float, drift: float, samples: int) -> None:
+    board, clock = Simulated(drift, samples=samples), BoardClock(RATE)
+    for number in range(0, 2000, samples):
+        board.place(clock, number)
+    after = 2000 + samples * round(hours * 3600 * RATE / samples)
+    assert board.place(clock, after) == Place(after, microseconds(after), "follows")
+
+
+@pytest.mark.parametrize("true_rate", [10.0, 50.0, 61.5, 246.0])
+def test_wrong_nominal_rate_does_no_harm(true_rate: float) -> None:
+    clock = BoardClock(RATE)
+    for number in range(70_000):
+        place = clock.place(packet(number, rate=true_rate, phases=1), START + round(number / true_rate * 1e9))
+        assert (place.sequence, place.verdict) == (number, "follows")
+
+
+def test_change_of_rate_is_at_most_two_jumps() -> None:
+    clock, time, verdicts = BoardClock(100.0), 0, []
+    for number in range(600):
+        time += 10_000 if number < 300 else 100_000
+        made = packet(number)._replace(time=time)
+        verdicts.append(clock.place(made, START + time * 1000).verdict)
+    assert verdicts.count("jumped") <= 2
+    assert set(verdicts) == {"follows", "jumped"}
+
+
+def test_duplicates_and_overtaken_packets_lie_behind() -> None:
+    board, clock = Simulated(), BoardClock(RATE)
+    for number in (*range(50), 52):
+        board.place(clock, number)
+    for number in (51, 52, 30, 50):
+        assert board.place(clock, number, delay=0.3) == Place(number, microseconds(number), "behind")
+    assert board.place(clock, 53).verdict == "follows"
+
+
+@pytest.mark.parametrize("delay", [1.0, 20.0, 50.0])
+def test_stalled_link_that_catches_up_is_no_jump(delay: float) -> None:
+    board, clock = Simulated(), BoardClock(RATE)
+    for number in range(100):
+        board.place(clock, number)
+    end = 100 + round(delay * RATE)
+    for number in range(100, end):  # all arrive together, at the end
+        place = board.place(clock, number, delay=0.01 + (end - number) / RATE)
+        assert (place.sequence, place.verdict) == (number, "follows")
+
+
+@pytest.mark.parametrize("jump", [-1800.0, -3.0, -0.1, 0.1, 3.0, 1800.0])
+@pytest.mark.parametrize("lost", [0, 1, 40])
+def test_clock_jump_keeps_the_sequence(jump: float, lost: int) -> None:
+    board, clock = Simulated(), BoardClock(RATE)
+    for number in range(2000):
+        board.place(clock, number)
+    board.offset = round(jump * 1e6)
+    place = board.place(clock, 2000 + lost)
+    assert (place.sequence, place.verdict) == (2000 + lost, "jumped")
+    assert place.jump == pytest.approx(jump * 1e6, abs=0.001 * 1e6)
+    assert board.place(clock, 2001 + lost).verdict == "follows"
+
+
+def test_packet_overtaken_by_a_clock_jump_is_stale() -> None:
+    board, clock = Simulated(), BoardClock(RATE)
+    for number in range(100):
+        board.place(clock, number)
+    board.offset = -50_000_000
+    assert board.place(clock, 101).verdict == "jumped"
+    assert board.place(clock, 102).verdict == "follows"
+    board.offset = 0
+    place = board.place(clock, 100, delay=0.03)
+    assert (place.sequence, place.verdict) == (100, "stale")
+    board.offset = -50_000_000
+    assert board.place(clock, 103).sequence == 103
+
+
+@pytest.mark.parametrize("uptime", [70.0, 600.0, 3000.0, 7200.0, 40_000.0])
+@pytest.mark.parametrize("away", [0.3, 5.0, 400.0])
+def test_restart_is_seen_at_the_first_packet(uptime: float, away: float) -> None:
+    """Sequence and clock both begin at 0, which lies on the very line that they came from."""
+    board, clock = Simulated(), BoardClock(RATE)
+    end = round(uptime * RATE)
+    for number in range(end - 1000, end):
+        board.place(clock, number)
+    restarted = START + round((uptime + away) * 1e9)
+    place = clock.place(packet(3), restarted)
+    assert place == Place(3, microseconds(3), "restarted")
+    assert clock.place(packet(4), restarted + 8_130_000) == Place(4, microseconds(4), "follows")
+
+
+def test_restart_within_the_first_minute_is_seen_after_some_packets() -> None:
+    board, clock = Simulated(), BoardClock(RATE)
+    for number in range(500):
+        board.place(clock, number)
+    back = START + 6 * SECOND
+    verdicts = [clock.place(packet(n), back + round(n / RATE * 1e9)).verdict for n in range(MOST_BEHIND + 2)]
+    assert verdicts == ["behind"] * (MOST_BEHIND - 1) + ["restarted", "follows", "follows"]
+
+
+def test_counter_that_starts_again_without_the_clock_is_a_restart() -> None:
+    board, clock = Simulated(), BoardClock(RATE)
+    for number in range(20_000, 20_500):
+        board.place(clock, number)
+    made = packet(20_500)._replace(sequence=0)
+    assert clock.place(made, START + round(20_500 / RATE * 1e9)).verdict == "restarted"

@@ -1,0 +1,105 @@
+"""The emulator with Digi's own library as its client, and what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+from digi.xbee.devices import ZigBeeDevice
+
+from cellwatt.emulation import EmulatorProcess, Fault
+from cellwatt_drivers.power_board.emulator import SENDER, PowerBoardEmulator
+from cellwatt_drivers.power_board.payload import parse
+from tests.drivers.power_board.rig import emulated
+from tests.drivers.power_board.samples import Slope
+
+
+def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], str]:
+    """Payloads, senders and the node's name as Digi's library gives them."""
+    payloads: list[bytes] = []
+    senders: set[str] = set()
+    enough = threading.Event()
+
+    def take(message) -> None:
+        payloads.append(bytes(message.data))
+        senders.add(str(message.remote_device.get_64bit_addr()))
+        if len(payloads) >= wanted:
+            enough.set()
+
+    device = ZigBeeDevice(port, 115200)
+    device.open()
+    try:
+        device.add_data_received_callback(take)
+        assert enough.wait(20), f"only {len(payloads)} packets"
+        return payloads, senders, device.get_node_id()
+    finally:
+        device.close()
+
+
+@pytest.mark.parametrize("mode", ["api", "api_escaped"])
+async def test_digi_library_opens_it_and_receives_our_payloads(mode: str) -> None:
+    async with emulated(mode=mode, rate="200", batch="2", phases="3") as (emulator, port):
+        payloads, senders, name = await asyncio.to_thread(receive_with_digi, port, 50)
+        packets = [parse(data) for data in payloads]
+        assert all(p is not None and p.samples == 2 and p.board == 7 for p in packets)
+        numbers = sorted(p.sequence for p in packets if p is not None)
+        assert numbers == list(range(numbers[0], numbers[0] + 2 * len(numbers), 2)), "none lost, none twice"
+        assert senders == {f"{SENDER:016X}"}
+        assert name == "CELLWATT"
+        assert emulator.counts["heard"] > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"mode": "AP1"}, "mode 'AP1' is not one of api, api_escaped, transparent"),
+        ({"phases": "4"}, "no such form"),
+        ({"phases": "many"}, "many"),
+        ({"batch": "0"}, "no such form"),
+        ({"batch": "11"}, "do not fit 255 bytes"),
+        ({"board": "300"}, "out of range"),
+        ({"rate": "0"}, "rate 0 is not within"),
+        ({"colour": "red"}, "unknown options colour"),
+    ],
+)
+def test_options_mistakes_are_refused(options: dict[str, str], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        PowerBoardEmulator(Slope(), "pty", options=options)
+
+
+def test_it_listens_at_a_pty_only() -> None:
+    with pytest.raises(ValueError, match="listens at pty"):
+        PowerBoardEmulator(Slope(), "127.0.0.1:0")
+
+
+def test_port_that_vanishes_needs_a_link() -> None:
+    with pytest.raises(ValueError, match="needs the option link"):
+        PowerBoardEmulator(Slope(), "pty").inject(Fault("disconnect", seconds=1))
+
+
+async def test_link_lives_as_long_as_the_emulator(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    link.symlink_to("/dev/left-over-by-a-killed-emulator")
+    async with emulated(link=str(link)) as (_, port):
+        assert port == str(link)
+        assert str(link.readlink()).startswith("/dev/")
+        assert link.exists()
+    assert not link.is_symlink()
+
+
+async def test_board_sleeps_until_somebody_listens() -> None:
+    async with emulated(rate="1000") as (emulator, port):
+        await asyncio.sleep(0.05)
+        assert emulator.counts["made"] == 0
+        assert port.startswith("/dev/")
+
+
+async def test_runs_as_a_process_of_its_own(tmp_path: Path) -> None:
+    link = tmp_path / "board"
+    async with EmulatorProcess("power_board", "--option", f"link={link}", "--option", "phases=1") as process:
+        assert process.address == str(link)
+        assert link.exists()
+        await process.inject(Fault("loss", probability=0.5))
+        assert (await process.counts())["made"] == 0

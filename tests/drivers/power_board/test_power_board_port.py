@@ -1,0 +1,253 @@
+"""What the driver says of ports and boards that are not what was configured; fed by hand through a pty."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import serial
+from pydantic import ValidationError
+
+from cellwatt import ConnectError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, wire
+from cellwatt_drivers.power_board import port as port_module
+from cellwatt_drivers.power_board.payload import build
+from cellwatt_drivers.power_board.virtual_port import VirtualPort
+from tests.drivers.power_board.rig import Outlet, running, until
+from tests.drivers.power_board.samples import NETWORK, SENDER, packet
+
+
+def frame(number: int, *, mode: wire.Mode = "api", **fields) -> bytes:
+    return wire.wrap(build(packet(number, **fields)), mode, sender=SENDER, network=NETWORK)
+
+
+@pytest.fixture
+def line():
+    port = VirtualPort()
+    yield port
+    port.unplug()
+
+
+def driver(port: str, **settings) -> PowerBoardDriver:
+    return PowerBoardDriver("board", PowerBoardSettings(port=port, **settings), Outlet())
+
+
+async def failure(running_driver: PowerBoardDriver) -> SourceError:
+    with pytest.raises(SourceError) as caught:
+        await asyncio.wait_for(running_driver.run(), 20)
+    return caught.value
+
+
+@asynccontextmanager
+async def listening(line: VirtualPort, **settings):
+    """A driver that has the port open, and its outlet."""
+    made = driver(line.path, silence="20 s", **settings)
+    async with running(made.run()):
+        await until(lambda: line.opened)
+        # pyserial throws away what came while it set the port up; a first byte that is read says it is done
+        heard = made.outlet.account.counters
+        while not heard["garbage bytes"]:
+            line.write(b"\x00")
+            await asyncio.sleep(0.005)
+        yield made, made.outlet
+
+
+async def test_missing_port_names_those_that_are_there(tmp_path: Path, monkeypatch) -> None:
+    gone = str(tmp_path / "ttyUSB9")
+    monkeypatch.setattr(port_module, "BY_ID", tmp_path / "by-id")
+    assert str(await failure(driver(gone))) == f"{gone}: no such port (no USB serial adapter is plugged in)"
+    (tmp_path / "by-id").mkdir()
+    (tmp_path / "by-id" / "usb-FTDI_A1-if00").touch()
+    assert str(await failure(driver(gone))) == f"{gone}: no such port (in {tmp_path / 'by-id'}: usb-FTDI_A1-if00)"
+
+
+async def test_file_is_not_a_serial_port(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    error = await failure(driver(str(tmp_path / "file")))
+    assert isinstance(error, ConnectError)
+    assert "is not a serial port" in str(error)
+
+
+async def test_port_in_use(line: VirtualPort) -> None:
+    with serial.Serial(line.path, exclusive=True):
+        error = await failure(driver(line.path))
+    assert isinstance(error, ConnectError)
+    assert str(error) == f"{line.path}: in use by another program"
+
+
+async def test_forbidden_port_tells_the_group(monkeypatch, line: VirtualPort) -> None:
+    def forbid(*_: object, **__: object) -> None:
+        raise serial.SerialException(13, "could not open port: Permission denied")
+
+    monkeypatch.setattr(port_module.serial, "Serial", forbid)
+    assert "dialout" in str(await failure(driver(line.path)))
+
+
+async def test_baud_rate_that_the_adapter_refuses(monkeypatch, line: VirtualPort) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ValueError("Invalid baud rate: 123457")
+
+    monkeypatch.setattr(port_module.serial, "Serial", refuse)
+    assert str(await failure(driver(line.path, baud=123457))) == f"{line.path}: does not know 123457 baud"
+
+
+async def test_silent_port(line: VirtualPort) -> None:
+    error = await failure(driver(line.path, silence="50 ms"))
+    assert isinstance(error, ConnectError)
+    assert f"{line.path}: in 0.05 s not one byte at 115200 baud" in str(error)
+
+
+async def feed_until_failure(line: VirtualPort, data: bytes, **settings) -> SourceError:
+    failing = asyncio.create_task(failure(driver(line.path, silence="300 ms", **settings)))
+    while not failing.done():
+        if line.opened:
+            line.write(data)
+        await asyncio.sleep(0.01)
+    return await failing
+
+
+async def test_wrong_baud_rate(line: VirtualPort) -> None:
+    error = await feed_until_failure(line, bytes(range(256)), baud=57600)
+    assert isinstance(error, ProtocolError)
+    assert "bytes but no valid frame at 57600 baud: wrong baud rate or mode?" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("sent", "configured", "words"),
+    [
+        ("transparent", "api", "set mode: transparent, or set the receiver to AP=1"),
+        ("api", "transparent", "set mode: api, or set the receiver to AP=0"),
+        ("api_escaped", "transparent", "set mode: api_escaped, or set the receiver to AP=0"),
+        ("api_escaped", "api", "set mode: api_escaped, or set the receiver to AP=1"),
+        ("api", "api_escaped", "set mode: api, or set the receiver to AP=2"),
+    ],
+)
+async def test_wrong_mode_is_named(line: VirtualPort, sent: wire.Mode, configured: str, words: str) -> None:
+    error = await feed_until_failure(line, frame(1, mode=sent) * 3, mode=configured)
+    assert isinstance(error, ProtocolError)
+    assert words in str(error)
+
+
+async def test_other_board_is_the_wrong_device(line: VirtualPort) -> None:
+    error = await feed_until_failure(line, frame(1, board=9) + frame(1, board=8), boards=[7])
+    assert isinstance(error, WrongDeviceError)
+    assert "only board 8, 9 is heard, but not the wanted board 7" in str(error)
+
+
+async def test_board_with_other_phases_is_the_wrong_device(line: VirtualPort) -> None:
+    error = await feed_until_failure(line, frame(1, phases=1))
+    assert isinstance(error, WrongDeviceError)
+    assert "board 7 measures 1 phases, but phases: 3 is configured" in str(error)
+
+
+async def test_first_board_heard_is_the_one(line: VirtualPort) -> None:
+    async with listening(line) as (_, outlet):
+        line.write(frame(1, board=3) + frame(5, board=4) + frame(2, board=3))
+        await until(lambda: outlet.account.received == 2)
+        assert outlet.account.counters["other boards"] == 1
+        assert outlet.identities[0].model == "board 3"
+
+
+async def test_several_boards_share_a_port(line: VirtualPort) -> None:
+    async with listening(line, boards=[3, 4]) as (made, outlet):
+        assert [s.name for s in made.streams] == ["power_3", "power_4"]
+        assert made.streams[1].names[:2] == ("board_4.supply.voltage", "board_4.supply.current")
+        line.write(
+            frame(10, board=3) + frame(77, board=4) + frame(11, board=3) + frame(80, board=4) + frame(81, board=4)
+        )
+        await until(lambda: outlet.account.received == 5)
+        assert outlet.account.missed == {"gap": 2}
+        assert {r.stream.name: len(r.values) for r in outlet.readings[:1]} == {"power_3": 2}
+
+
+async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
+    made = driver(line.path, boards=[3, 4], silence="300 ms")
+    number = 0
+    async with running(made.run()):
+        while len(made.outlet.events) < 1:
+            number += 1
+            line.write(frame(number, board=3))
+            await asyncio.sleep(0.01)
+        while len(made.outlet.events) < 2:
+            number += 1
+            line.write(frame(number, board=3) + frame(number, board=4))
+            await asyncio.sleep(0.01)
+    assert made.outlet.events == ["board: board 4: silent", "board: board 4: heard again"]
+
+
+async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> None:
+    async with listening(line) as (_, outlet):
+        line.write(frame(50_000) + frame(50_001) + frame(0) + frame(1) + frame(3))
+        await until(lambda: outlet.account.received == 5)
+        assert outlet.resets == ["it restarted"]
+        assert outlet.account.missed == {"gap": 1}
+        assert outlet.device_time().tolist()[2:] == [0, 8_130_000, 24_390_000]
+
+
+async def test_gap_is_given_up_without_another_byte(line: VirtualPort) -> None:
+    async with listening(line, reorder="30 ms") as (_, outlet):
+        line.write(frame(0) + frame(2))
+        await until(lambda: outlet.account.received == 2)
+        assert outlet.account.missed == {"gap": 1}
+
+
+async def test_what_waits_is_given_when_the_port_goes(line: VirtualPort) -> None:
+    made = driver(line.path, reorder="10 s", silence="20 s")
+    task = asyncio.create_task(made.run())
+    while made.outlet.account.received == 0:
+        if line.opened:
+            line.write(frame(0))
+        await asyncio.sleep(0.01)
+    line.write(frame(2) + b"\x00")
+    await until(lambda: made.outlet.account.counters["garbage bytes"] == 1)
+    line.unplug()
+    with pytest.raises(ConnectError, match="the port is gone"):
+        await asyncio.wait_for(task, 20)
+    assert made.outlet.account.received == 2
+    assert made.outlet.account.missed == {"gap": 1}
+
+
+async def test_latency_timer_is_noted(line: VirtualPort, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(port_module, "ADAPTERS", tmp_path)
+    timer = tmp_path / Path(line.path).name / "latency_timer"
+    timer.parent.mkdir()
+    for text, noted in (("16\n", True), ("1\n", False), ("soon", False)):
+        timer.write_text(text)
+        identifying = asyncio.create_task(driver(line.path).identify())
+        while not identifying.done():
+            line.write(frame(1))
+            await asyncio.sleep(0.01)
+        assert ("latency timer" in (await identifying).notes) == noted
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({}, "port"),
+        ({"port": "COM3"}, "path of a serial port"),
+        ({"port": ""}, "path of a serial port"),
+        ({"port": "/dev/ttyUSB0", "baud": "fast"}, "baud"),
+        ({"port": "/dev/ttyUSB0", "baud": 300}, "baud"),
+        ({"port": "/dev/ttyUSB0", "mode": "AP1"}, "'api', 'api_escaped' or 'transparent'"),
+        ({"port": "/dev/ttyUSB0", "boards": 256}, "boards"),
+        ({"port": "/dev/ttyUSB0", "boards": []}, "one or more board numbers"),
+        ({"port": "/dev/ttyUSB0", "boards": [7, 7]}, "each once"),
+        ({"port": "/dev/ttyUSB0", "boards": "seven"}, "boards"),
+        ({"port": "/dev/ttyUSB0", "phases": 4}, "phases"),
+        ({"port": "/dev/ttyUSB0", "phases": True}, "phases"),
+        ({"port": "/dev/ttyUSB0", "rate": 123}, "with its unit"),
+        ({"port": "/dev/ttyUSB0", "rate": "0 Hz"}, "above zero"),
+        ({"port": "/dev/ttyUSB0", "reorder": "-1 s"}, "reorder"),
+        ({"port": "/dev/ttyUSB0", "silence": "0 s"}, "silence"),
+        ({"port": "/dev/ttyUSB0", "bauds": 9600}, "bauds"),
+    ],
+)
+def test_settings_mistakes_are_refused(settings: dict, words: str) -> None:
+    with pytest.raises(ValidationError, match=words):
+        PowerBoardSettings(**settings)
+
+
+def test_one_number_is_a_list_of_one() -> None:
+    assert PowerBoardSettings(port="/dev/ttyUSB0", boards=7).boards == (7,)

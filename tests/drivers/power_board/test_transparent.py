@@ -1,0 +1,89 @@
+"""Our framing of the transparent mode, and what is said of bytes that are not it."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt_drivers.power_board import transparent, wire
+from tests.drivers.power_board.samples import EXAMPLE, EXAMPLE_BYTES, NETWORK, SENDER
+
+FRAME = bytes.fromhex("a55a22dd") + EXAMPLE_BYTES
+
+
+def test_frame_as_documented() -> None:
+    assert transparent.frame(EXAMPLE_BYTES) == FRAME
+    assert wire.decoder("transparent").feed(FRAME) == [EXAMPLE]
+
+
+@pytest.mark.parametrize("length", [0, 256])
+def test_only_what_a_length_byte_can_say_is_framed(length: int) -> None:
+    with pytest.raises(ValueError, match="1 to 255"):
+        transparent.frame(bytes(length))
+
+
+@given(st.integers(0, 12), st.lists(st.integers(0, 500), max_size=12))
+def test_pieces_of_any_size_give_the_same(n: int, cuts: list[int]) -> None:
+    for places in (sorted(cuts), range(n * len(FRAME))):
+        taking, found, last = wire.decoder("transparent"), [], 0
+        for cut in (*places, n * len(FRAME)):
+            found += taking.feed((FRAME * n)[last:cut])
+            last = max(last, cut)
+        assert found == [EXAMPLE] * n
+        assert not taking.counts
+
+
+@pytest.mark.parametrize("length", range(1, len(FRAME)))
+def test_cut_frame_costs_only_itself(length: int) -> None:
+    assert wire.decoder("transparent").feed(FRAME[:length] + FRAME * 2 + bytes(260)) == [EXAMPLE] * 2
+
+
+@pytest.mark.parametrize("at", range(len(FRAME)))
+def test_flipped_byte_costs_only_its_frame(at: int) -> None:
+    broken = bytearray(FRAME)
+    broken[at] ^= 0xFF
+    assert wire.decoder("transparent").feed(bytes(broken) + FRAME * 2 + bytes(260)) == [EXAMPLE] * 2
+
+
+def test_wrong_length_is_seen_at_once() -> None:
+    taking = wire.decoder("transparent")
+    assert taking.feed(bytes.fromhex("a55af000") + FRAME) == [EXAMPLE]
+    assert taking.counts == {"garbage bytes": 4}
+
+
+@given(st.binary(max_size=400))
+def test_what_waits_is_bounded_whatever_comes(garbage: bytes) -> None:
+    taking = transparent.TransparentDecoder(lambda data: data)
+    for _ in range(20):
+        taking.feed(garbage)
+        assert len(taking._rest) < 4 + 255
+
+
+@given(st.binary(max_size=200), st.binary(max_size=200))
+def test_every_byte_is_a_frame_garbage_or_waits(before: bytes, after: bytes) -> None:
+    taking = wire.decoder("transparent")
+    found = taking.feed(before + FRAME + after)
+    assert len(found) * len(FRAME) + taking.counts["garbage bytes"] + len(taking._rest) == len(before + FRAME + after)
+
+
+IO_SAMPLE = bytes.fromhex("7e0016920013a200404011221a2bc101001c82001402250b3edc")
+HI = bytes.fromhex("7e0014910013a200404011221a2be8e80011c105c1686988")
+
+
+@pytest.mark.parametrize(
+    ("data", "mode", "words"),
+    [
+        (FRAME * 3, "api", "AP=0): set mode: transparent, or set the receiver to AP=1"),
+        (wire.wrap(EXAMPLE_BYTES, "api", sender=SENDER, network=NETWORK) * 3, "transparent", "set mode: api,"),
+        (wire.wrap(EXAMPLE_BYTES, "api", sender=SENDER, network=NETWORK) * 3, "api_escaped", "set mode: api,"),
+        (wire.wrap(EXAMPLE_BYTES, "api_escaped", sender=SENDER, network=NETWORK) * 3, "api", "set mode: api_escaped,"),
+        (HI * 3, "api", "not a power board's payload"),
+        (HI * 3, "transparent", "not a power board's payload"),
+        (IO_SAMPLE * 3, "api", "none carries data"),
+        (bytes(range(256)) * 4, "api", "wrong baud rate or mode?"),
+        (b"", "transparent", "wrong baud rate or mode?"),
+    ],
+)
+def test_diagnosis_names_what_it_looks_like(data: bytes, mode: wire.Mode, words: str) -> None:
+    assert words in wire.diagnose(data, mode)

@@ -1,0 +1,124 @@
+"""Gaps and time bases from timestamps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt_drivers.ur.continuity import WINDOW, Grid, TimeBase
+
+MS = 1_000_000
+
+
+def asked(policy: str, period: int) -> Grid:
+    grid = Grid(policy)
+    grid.ask(period)
+    return grid
+
+
+def count(grid: Grid, steps: np.ndarray, chunk: int = 7) -> int:
+    return sum(grid.missing(steps[i : i + chunk]) for i in range(0, len(steps), chunk))
+
+
+@pytest.mark.parametrize("period", [2 * MS, 8 * MS, 10 * MS, 40 * MS])
+@pytest.mark.parametrize("loss", [0.01, 0.2, 0.5])
+@pytest.mark.parametrize("chunk", [1, 7, 400])
+def test_every_loss_on_a_grid_is_counted(period, loss, chunk):
+    chance = np.random.default_rng(1)
+    kept = np.flatnonzero(chance.random(2000) >= loss)
+    stamps = np.rint((1234.567 + kept * (period / 1e9)) * 1e9).astype(np.int64)
+    missing = kept[-1] - kept[0] + 1 - len(kept)
+    for policy in ("auto", "requested"):
+        assert count(asked(policy, period), np.diff(stamps), chunk) == missing
+
+
+def test_a_source_slower_than_asked_for_loses_nothing():
+    grid = asked("auto", 2 * MS)
+    assert count(grid, np.full(500, 8 * MS)) == 0
+    assert grid.step == 8 * MS
+    assert count(grid, np.array([24 * MS])) == 2
+    assert count(asked("requested", 2 * MS), np.full(500, 8 * MS)) == 1500
+
+
+def test_uneven_times_are_no_losses():
+    chance = np.random.default_rng(2)
+    steps = chance.choice([9, 10, 11, 12, 13, 34], size=2000, p=[0.1, 0.4, 0.2, 0.2, 0.09, 0.01]) * MS
+    grid = asked("auto", 10 * MS)
+    assert count(grid, steps) == 0
+    assert grid.step is None
+
+
+def test_a_grid_that_is_no_longer_kept_is_given_up():
+    grid = asked("auto", 10 * MS)
+    assert count(grid, np.full(WINDOW, 10 * MS)) == 0
+    assert grid.step == 10 * MS
+    chance = np.random.default_rng(3)
+    assert count(grid, chance.integers(12, 18, 3 * WINDOW) * MS) == 0
+    assert grid.step is None
+
+
+def test_a_long_outage_is_counted_in_full():
+    grid = asked("auto", 2 * MS)
+    count(grid, np.full(WINDOW, 2 * MS))
+    assert grid.missing(np.array([3600 * 1000 * MS])) == 1_799_999
+
+
+def test_off_counts_nothing():
+    assert count(asked("off", 2 * MS), np.full(500, 20 * MS)) == 0
+
+
+@given(st.lists(st.integers(1, 10**13), max_size=300), st.sampled_from(["auto", "requested", "off"]))
+def test_missing_is_never_negative(steps, policy):
+    assert count(asked(policy, 2 * MS), np.array(steps, dtype=np.int64)) >= 0
+
+
+NOW = 1_790_000_000_000_000_000
+
+
+def fed(base: TimeBase, seconds: float = 20.0, drift: float = 0.0) -> tuple[int, int]:
+    """Feed a base with packages at 500 Hz, 0 to 5 ms late, and a bracket each second."""
+    chance = np.random.default_rng(4)
+    device = now = 0
+    for i in range(int(seconds * 500)):
+        device = 60_000 * MS + i * 2 * MS
+        made = NOW + round(i * 2 * MS * (1 + drift))
+        now = made + int(chance.integers(0, 5 * MS))
+        assert base.arrived(device, now)
+        if i % 500 == 499:
+            assert base.made_after(device, made - 2 * MS)
+    return device, now
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-4, -1e-4, 7e-4, -7e-4])
+def test_drift_and_jitter_are_the_same_base(drift):
+    fed(TimeBase(), 120.0, drift)
+
+
+def test_a_jump_ahead_contradicts_the_bracket():
+    base = TimeBase()
+    device, now = fed(base)
+    assert base.arrived(device + 10 * MS, now + 10 * MS)
+    assert not base.arrived(device + 70 * MS, now + 12 * MS)
+
+
+def test_a_jump_back_contradicts_the_arrivals():
+    base = TimeBase()
+    device, now = fed(base)
+    assert base.made_after(device + 5000 * MS, now + 4990 * MS)
+    assert not base.made_after(device + 4900 * MS, now + 5000 * MS)
+
+
+def test_a_late_network_is_no_jump():
+    base = TimeBase()
+    device, now = fed(base)
+    assert base.arrived(device + 2 * MS, now + 3000 * MS)
+    assert base.arrived(device + 3000 * MS, now + 3001 * MS)
+
+
+def test_forgotten_bounds_no_longer_hold():
+    base = TimeBase()
+    device, now = fed(base)
+    base.forget()
+    assert base.arrived(device + 10**12, now)

@@ -1,0 +1,447 @@
+"""The driver against the emulator in a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.emulation import EmulatorProcess, Fault
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt_drivers.ur import UrDriver, wire
+
+from ..outlet import CollectingOutlet
+from .recordings import COLUMNS, write
+
+CHANNELS = ("actual_q", "actual_qd", "actual_current", "actual_robot_voltage", "actual_robot_current", "robot_mode")
+ROWS = 1000
+WARM = 120
+"""Packages after which a fault is injected: the driver has learned the grid by then."""
+
+
+class Watched:
+    """A driver that is run again after each error, as the daemon does, and what it gave."""
+
+    def __init__(self, address: str, **settings: object) -> None:
+        host, _, port = address.rpartition(":")
+        self.outlet = CollectingOutlet()
+        self.errors: list[SourceError] = []
+        values = {"host": host, "port": int(port), "channels": CHANNELS, "timeout": 1.0, **settings}
+        self.driver = UrDriver("arm", UrDriver.Settings(**values), self.outlet)
+
+    async def run(self) -> None:
+        while True:
+            try:
+                await self.driver.run()
+            except SourceError as error:
+                self.errors.append(error)
+                await asyncio.sleep(0.05)
+
+
+@asynccontextmanager
+async def watching(address: str, **settings: object) -> AsyncIterator[Watched]:
+    watched = Watched(address, **settings)
+    task = asyncio.create_task(watched.run())
+    try:
+        yield watched
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
+
+
+@asynccontextmanager
+async def served(path, rows: int = ROWS, step: float = 0.002, *arguments: str):
+    """An emulator process that serves a recording on a grid, and its table."""
+    table = write(path / "served.csv", 1000.402 + step * np.arange(rows))
+    command = ("--listen", "127.0.0.1:0", "--recording", str(path / "served.csv"), *arguments)
+    async with EmulatorProcess("ur", *command) as emulator:
+        yield emulator, table
+
+
+def expected_values(table: np.ndarray) -> np.ndarray:
+    return table[:, [i for i, name in enumerate(COLUMNS) if name not in ("timestamp", "runtime_state")]]
+
+
+def stamps(table: np.ndarray) -> np.ndarray:
+    return np.rint(table[:, 0] * 1e9).astype(np.int64)
+
+
+async def finish(emulator: EmulatorProcess, outlet: CollectingOutlet, last: int) -> dict[str, int]:
+    """Wait for the package with this controller time, ns; the emulator's counts."""
+    await outlet.until(lambda o: bool(o.readings) and o.readings[-1].device_time[-1] >= last)
+    return dict(await emulator.counts())
+
+
+async def test_what_arrives_is_the_file_exactly(tmp_path):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    outlet = watched.outlet
+    np.testing.assert_array_equal(outlet.values, expected_values(table))
+    np.testing.assert_array_equal(outlet.device_time, stamps(table))
+    assert outlet.account.expected == outlet.account.received == counts["made"] == counts["sent"] == ROWS
+    assert not outlet.events and not outlet.resets and not watched.errors
+    assert all(r.device_time is not None and r.quality is None and r.asked is None for r in outlet.readings)
+    assert [i.firmware for i in outlet.identities] == ["PolyScope 5.12.0.0"]
+
+
+async def test_brackets_hold_the_true_time(tmp_path):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        await finish(emulator, watched.outlet, stamps(table)[-1])
+    outlet = watched.outlet
+    arrival = {t: r.arrival for r in outlet.readings for t in r.device_time.tolist()}
+    assert len(outlet.brackets) >= 3
+    for device, not_before in outlet.brackets:
+        assert not_before < arrival[device]
+    # The offset of the two clocks lies between what brackets and what arrivals allow.
+    lower = max(b - d for d, b in outlet.brackets)
+    assert lower < min(a - d for d, a in arrival.items())
+
+
+@pytest.mark.parametrize("delimiter", [",", " "])
+async def test_uneven_recordings_lose_nothing(tmp_path, delimiter):
+    chance = np.random.default_rng(5)
+    times = np.round(
+        1076.957 + np.cumsum(chance.choice([0.009, 0.010, 0.012, 0.034], 200, p=[0.2, 0.5, 0.28, 0.02])), 4
+    )
+    table = write(tmp_path / "uneven.csv", times, delimiter)
+    command = ("--listen", "127.0.0.1:0", "--recording", str(tmp_path / "uneven.csv"))
+    async with EmulatorProcess("ur", *command) as emulator, watching(emulator.address, rate="100 Hz") as watched:
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    np.testing.assert_array_equal(watched.outlet.values, expected_values(table))
+    np.testing.assert_array_equal(watched.outlet.device_time, stamps(table))
+    assert watched.outlet.account.expected == counts["made"] == 200
+
+
+@pytest.mark.parametrize("probability", [0.02, 0.3])
+async def test_losses_are_counted_one_by_one(tmp_path, probability):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        outlet = watched.outlet
+        await outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault("loss", probability))
+        await outlet.until(lambda o: o.account.received > WARM + 400)
+        await emulator.inject(Fault("loss", 0.0))
+        counts = await finish(emulator, outlet, stamps(table)[-1])
+    assert counts["loss"] > 0
+    assert outlet.account.missed == {"gap": counts["loss"]}
+    assert outlet.account.expected == counts["made"] == ROWS
+    assert outlet.account.received == counts["sent"]
+    kept = np.isin(stamps(table), outlet.device_time)
+    np.testing.assert_array_equal(outlet.values, expected_values(table)[kept])
+    assert not watched.errors and not outlet.resets
+
+
+async def test_losses_from_the_first_package_on_are_counted(tmp_path):
+    fault = '{"kind": "loss", "probability": 0.1, "duration": 2.0}'
+    async with (
+        served(tmp_path, ROWS, 0.002, "--fault", fault) as (emulator, table),
+        watching(emulator.address) as watched,
+    ):
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    first = int(np.flatnonzero(stamps(table) == watched.outlet.device_time[0])[0])
+    assert counts["loss"] > 0
+    assert watched.outlet.account.missed["gap"] == counts["loss"] - first
+    assert watched.outlet.account.received == counts["sent"]
+
+
+async def test_delays_lose_nothing(tmp_path):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault("delay", 0.05, seconds=0.03, duration=1.0))
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    assert counts["delay"] > 0
+    np.testing.assert_array_equal(watched.outlet.values, expected_values(table))
+    assert watched.outlet.account.expected == counts["made"] == counts["sent"] == ROWS
+    assert not watched.errors and not watched.outlet.resets
+
+
+async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault("stall", seconds=0.6))
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    assert counts["stall"] == 1
+    assert watched.outlet.kinds() == ["stream stopped", "stream resumed"]
+    assert watched.outlet.events[1][2]["seconds"] == pytest.approx(0.6, abs=0.4)
+    assert watched.outlet.account.expected == watched.outlet.account.received == ROWS
+    assert not watched.errors and not watched.outlet.resets
+
+
+async def test_a_long_stall_ends_the_connection_and_is_an_outage(tmp_path):
+    async with (
+        served(tmp_path, 2 * ROWS) as (emulator, table),
+        watching(emulator.address, timeout=0.5) as watched,
+    ):
+        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault("stall", seconds=1.5))
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    assert "no data for 0.5 s" in str(watched.errors[0])
+    assert watched.outlet.account.expected == counts["made"] == 2 * ROWS
+    assert watched.outlet.account.received == counts["sent"]
+    assert watched.outlet.account.missed == {"outage": counts["made"] - counts["sent"]}
+    assert not watched.outlet.resets
+
+
+async def test_a_disconnection_is_an_outage(tmp_path):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault("disconnect", seconds=0.4))
+        counts = await finish(emulator, watched.outlet, stamps(table)[-1])
+    assert counts["disconnect"] == 1
+    assert isinstance(watched.errors[0], ConnectError)
+    assert len(watched.outlet.identities) == 2
+    assert watched.outlet.account.expected == counts["made"] == ROWS
+    assert watched.outlet.account.received == counts["sent"]
+    assert watched.outlet.account.missed == {"outage": counts["made"] - counts["sent"]}
+
+
+@pytest.mark.parametrize(
+    ("kind", "counter", "error"),
+    [("half_frame", "half frame", ConnectError), ("garbage", "protocol error", ProtocolError)],
+)
+async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, counter, error):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        outlet = watched.outlet
+        await outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault(kind, 0.02))
+        await outlet.until(lambda o: o.account.counters[counter] >= 3)
+        await emulator.inject(Fault(kind, 0.0))
+        counts = await finish(emulator, outlet, stamps(table)[-1])
+    assert outlet.account.counters[counter] == counts[kind] >= 3
+    assert sum(isinstance(e, error) for e in watched.errors) == counts[kind]
+    assert outlet.account.expected == counts["made"] == ROWS
+    assert outlet.account.received == counts["sent"]
+    assert outlet.account.missed == {"outage": counts["made"] - counts["sent"]}
+    kept = np.isin(stamps(table), outlet.device_time)
+    np.testing.assert_array_equal(outlet.values, expected_values(table)[kept])
+
+
+@pytest.mark.parametrize("jump", [100.0, -5.0, 0.06])
+async def test_a_jump_of_the_clock_is_one_reset_and_no_loss(tmp_path, jump):
+    async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
+        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await emulator.inject(Fault("clock_jump", seconds=jump))
+        await watched.outlet.until(lambda o: o.account.received == ROWS)
+        counts = await emulator.counts()
+    assert counts["clock_jump"] == 1
+    assert len(watched.outlet.resets) == 1
+    assert watched.outlet.kinds() == ["clock reset"]
+    assert watched.outlet.account.expected == watched.outlet.account.received == counts["made"] == counts["sent"]
+    np.testing.assert_array_equal(watched.outlet.values, expected_values(table))
+
+
+async def test_a_reboot_is_a_reset_and_invents_no_loss(tmp_path):
+    async with served(tmp_path) as (emulator, _), watching(emulator.address) as watched:
+        outlet = watched.outlet
+        await outlet.until(lambda o: o.account.received > WARM)
+        await emulator.disturb(reboot=0.4)
+        await outlet.until(lambda o: bool(o.resets) and o.account.received > WARM + 400)
+    assert len(outlet.resets) == 1 and outlet.kinds() == ["clock reset"]
+    assert outlet.device_time[-1] < 10**10
+    assert outlet.account.expected == outlet.account.received and not outlet.account.missed
+
+
+async def test_messages_and_states_are_events(tmp_path):
+    channels = ("actual_q", "runtime_state")
+    async with served(tmp_path) as (emulator, table), watching(emulator.address, channels=channels) as watched:
+        await watched.outlet.until(lambda o: o.account.received > WARM)
+        await emulator.disturb(message="joint 3 is hot")
+        await finish(emulator, watched.outlet, stamps(table)[-1])
+    assert sorted(text for _, text, _ in watched.outlet.events) == [
+        "controller warning from emulator: joint 3 is hot",
+        "program: playing → paused",
+    ]
+    assert watched.outlet.account.expected == ROWS
+
+
+async def test_a_cb3_gives_the_rate_it_has():
+    options = ("--listen", "127.0.0.1:0", "--option", "polyscope=3.15.0")
+    async with EmulatorProcess("ur", *options) as emulator, watching(emulator.address, gaps="requested") as watched:
+        await watched.outlet.until(lambda o: o.account.received > 60)
+    assert watched.outlet.kinds() == ["rate"]
+    assert watched.outlet.events[0][2]["rate"] == 125
+    assert set(np.diff(watched.outlet.device_time)) == {8_000_000}
+    assert watched.outlet.account.expected == watched.outlet.account.received
+
+
+async def test_the_default_channels_of_the_built_in_arm():
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--seed", "3") as emulator,
+        watching(emulator.address, channels=UrDriver.Settings(host="x").channels) as watched,
+    ):
+        await watched.outlet.until(lambda o: o.account.received > 100)
+        [stream] = watched.driver.streams
+        table = dict(zip(stream.names, watched.outlet.values.T, strict=True))
+    assert stream.rate == 500 and stream.clock == "device"
+    np.testing.assert_array_equal(table["bus.power"], table["bus.voltage"] * table["bus.current"])
+    assert np.all(np.abs(table["joint_1.position"] - table["joint_1.target_position"]) < 1e-3)
+    assert np.all((table["joint_6.temperature"] > 30) & (table["joint_6.temperature"] < 45))
+    assert set(table["robot.mode"]) == {7.0}
+
+
+async def test_fields_that_the_controller_lacks_are_named():
+    options = ("--listen", "127.0.0.1:0", "--option", "polyscope=5.8.0")
+    async with EmulatorProcess("ur", *options) as emulator:
+        watched = Watched(emulator.address, channels=("actual_q", "joint_1.torque", "ft_raw_wrench"))
+        with pytest.raises(DeviceError) as caught:
+            await watched.driver.run()
+    assert "PolyScope 5.8.0.0 does not have actual_current_as_torque (needs 5.23.0 or 10.11.0), ft_raw_wrench" in str(
+        caught.value
+    )
+    assert not watched.outlet.identities
+
+
+async def test_identify_asks_and_leaves():
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--option", "polyscope=3.15.4.1") as emulator:
+        identity = await Watched(emulator.address).driver.identify()
+    assert (identity.maker, identity.model, identity.firmware) == ("Universal Robots", "CB3", "PolyScope 3.15.4.1")
+
+
+@asynccontextmanager
+async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
+    """Something else that listens: says a banner, answers each chunk, or closes."""
+
+    left = asyncio.Event()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(banner)
+        with contextlib.suppress(ConnectionError):
+            while not refuse and await reader.read(1000):
+                if answer is not None:
+                    writer.write(answer)
+        writer.close()
+        left.set()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with server, asyncio.timeout(10):
+        yield "{}:{}".format(*server.sockets[0].getsockname())
+        await left.wait()
+
+
+@pytest.mark.parametrize(
+    ("banner", "answer"),
+    [
+        (b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", None),
+        (b"Connected: Universal Robots Dashboard Server\n", None),
+        (b"\x00\x00\x00\x37\x14\xff\xff\xff", None),
+        (b"", b"\x00\x04V\x07"),
+        (b"", b"\x00\x04S\x01"),
+    ],
+)
+async def test_somebody_else_on_the_port_is_the_wrong_device(banner, answer):
+    async with somebody(banner, answer) as address:
+        with pytest.raises(WrongDeviceError, match="not RTDE"):
+            await Watched(address).driver.run()
+
+
+async def test_an_old_controller_is_named():
+    async with somebody(b"", b"\x00\x04V\x00") as address:
+        with pytest.raises(DeviceError, match="update PolyScope"):
+            await Watched(address).driver.run()
+
+
+async def test_silence_and_a_closed_door_are_connection_errors():
+    async with somebody(b"", None) as address:
+        with pytest.raises(ConnectError, match="does not answer within"):
+            await Watched(address, timeout=0.2).driver.run()
+    async with somebody(b"", None, refuse=True) as address:
+        with pytest.raises(ConnectError, match="closed|broke"):
+            await Watched(address).driver.run()
+    with pytest.raises(ConnectError, match="is the robot on"):
+        await Watched(address).driver.run()
+
+
+async def test_only_questions_are_ever_sent(tmp_path):
+    """Everything the driver writes, over disconnections and to the end, is one of the five kinds it declares."""
+    sent = bytearray()
+
+    async with served(tmp_path) as (emulator, table):
+        host, _, port = emulator.address.rpartition(":")
+
+        gone = asyncio.Event()
+
+        async def pipe(reader, writer, keep):
+            with contextlib.suppress(ConnectionError):
+                while data := await reader.read(65536):
+                    if keep:
+                        sent.extend(data)
+                    writer.write(data)
+            writer.close()
+
+        async def tap(reader, writer):
+            there, out = await asyncio.open_connection(host, int(port))
+            gone.clear()
+            await asyncio.gather(pipe(reader, out, True), pipe(there, writer, False))
+            gone.set()
+
+        server = await asyncio.start_server(tap, "127.0.0.1", 0)
+        async with server:
+            address = "{}:{}".format(*server.sockets[0].getsockname())
+            async with watching(address) as watched:
+                await watched.outlet.until(lambda o: o.account.received > WARM)
+                await emulator.inject(Fault("disconnect"))
+                await finish(emulator, watched.outlet, stamps(table)[-1])
+            async with asyncio.timeout(5):
+                await gone.wait()
+    kinds = []
+    for item, used in wire.scan(memoryview(bytes(sent)), wire.FROM_CLIENT):
+        kinds.append(chr(item.kind))
+        end = used
+    assert end == len(sent)
+    assert set(kinds) == {"V", "v", "O", "S", "P"} == {text[0] for text in UrDriver.writes}
+    assert kinds[:4] == ["V", "v", "O", "S"] and kinds.count("O") == 2
+    questions = {wire.ASK_PROTOCOL, wire.ASK_CONTROLLER, wire.START, wire.PAUSE}
+    names = ("timestamp", *CHANNELS)
+    rest = bytes(sent).replace(wire.ask_outputs(500.0, names), b"")
+    while rest:
+        size = int.from_bytes(rest[:2], "big")
+        assert rest[:size] in questions
+        rest = rest[size:]
+
+
+async def test_cancelling_releases_the_connection():
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as emulator:
+        async with watching(emulator.address) as watched:
+            await watched.outlet.until(lambda o: o.account.received > 10)
+        before = await emulator.counts()
+        for _ in range(200):
+            after = await emulator.counts()
+            if after == before:
+                return
+            before = after
+            await asyncio.sleep(0.02)
+        pytest.fail("packages are still made for somebody")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"rate": "1 kHz"}, "out of reach"),
+        ({"rate": 500}, "unit"),
+        ({"port": 0}, "greater than"),
+        ({"timeout": "0 s"}, "greater than"),
+        ({"channels": ["actual_qq"]}, "actual_q"),
+        ({"channels": []}, "no channel"),
+        (
+            {
+                "channels": [f"output_double_register_{i}" for i in range(48)]
+                + [f"output_int_register_{i}" for i in range(48)]
+            },
+            "",
+        ),
+        ({"client": "rtde"}, "native"),
+        ({"client": "ur_rtde", "port": 30005}, "always uses port 30004"),
+        ({"client": "ur_rtde", "channels": ["joint_1.torque"]}, "cannot read actual_current_as_torque"),
+        ({"gaps": "yes"}, "auto"),
+        ({"hots": "x"}, "hots"),
+    ],
+)
+def test_wrong_settings_are_named(settings, message):
+    with pytest.raises(ValidationError, match=message):
+        UrDriver.Settings(**{"host": "192.0.2.1", **settings})

@@ -1,0 +1,272 @@
+"""The emulated controller, spoken to with plain sockets and worked bytes."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+
+from cellwatt.emulation import ArmSignals, Fault, RecordedSignals
+from cellwatt_drivers.ur.emulator import UrEmulator
+
+ASK_VERSION = bytes.fromhex("0005560002")
+OUTPUTS = bytes.fromhex("00284f407f40000000000074696d657374616d702c61637475616c5f712c726f626f745f6d6f6465")
+
+
+class Peer:
+    """A client that reads frame by frame."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+
+    async def ask(self, question: bytes) -> bytes:
+        self._writer.write(question)
+        return await self.frame()
+
+    async def frame(self) -> bytes:
+        async with asyncio.timeout(10):
+            head = await self._reader.readexactly(2)
+            return head + await self._reader.readexactly(int.from_bytes(head, "big") - 2)
+
+    async def packages(self, n: int) -> list[tuple[float, ...]]:
+        return [struct.unpack(">4x7di", await self.frame()) for _ in range(n)]
+
+    async def at_end(self) -> bool:
+        async with asyncio.timeout(10):
+            return await self._reader.read(1) == b""
+
+    async def start(self, outputs: bytes = OUTPUTS) -> None:
+        assert await self.ask(ASK_VERSION) == bytes.fromhex("00045601")
+        assert (await self.ask(outputs))[:4].hex() == "00194f01"
+        assert await self.ask(bytes.fromhex("000353")) == bytes.fromhex("00045301")
+
+    async def close(self) -> None:
+        self._writer.close()
+        await self._writer.wait_closed()
+
+
+@asynccontextmanager
+async def serving(signals=None, **options: str):
+    emulator = UrEmulator(signals or ArmSignals(), "127.0.0.1:0", options=options)
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    peers: list[Peer] = []
+
+    async def connect() -> Peer:
+        host, _, port = (await ready).rpartition(":")
+        peers.append(Peer(*await asyncio.open_connection(host, int(port))))
+        return peers[-1]
+
+    task = asyncio.create_task(emulator.serve(ready.set_result))
+    try:
+        yield emulator, connect
+    finally:
+        for peer in peers:
+            await peer.close()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        await asyncio.sleep(0)
+
+
+def recording(n: int = 40, step: float = 0.004, loop: bool = False) -> RecordedSignals:
+    time = 1000.0 + step * np.arange(n)
+    columns = {f"actual_q_{i}": np.sin(time + i) for i in range(6)}
+    return RecordedSignals(time, columns, loop)
+
+
+async def test_the_worked_conversation():
+    async with serving(polyscope="5.12.0.1101319") as (_, connect):
+        peer = await connect()
+        assert (await peer.ask(ASK_VERSION)).hex() == "00045601"
+        assert (await peer.ask(bytes.fromhex("000376"))).hex() == "001376000000050000000c000000000010ce07"
+        assert (await peer.ask(OUTPUTS)).hex() == "00194f01444f55424c452c564543544f5236442c494e543332"
+        assert (await peer.ask(bytes.fromhex("000353"))).hex() == "00045301"
+        assert (await peer.frame())[:4].hex() == "00405501"
+
+
+async def test_version_1_and_outputs_before_a_version_are_refused():
+    async with serving() as (_, connect):
+        peer = await connect()
+        assert (await peer.ask(bytes.fromhex("0005560001"))).hex() == "00045600"
+        assert (await peer.ask(bytes.fromhex("000353"))).hex() == "00045300"
+        peer._writer.write(OUTPUTS)
+        assert await peer.at_end()
+
+
+async def test_a_bad_name_is_not_found_and_nothing_starts():
+    async with serving() as (_, connect):
+        peer = await connect()
+        await peer.ask(ASK_VERSION)
+        question = struct.pack(">HBd", 11 + 14, ord("O"), 500.0) + b"timestamp,nope"
+        answer = await peer.ask(question)
+        assert answer[2:3] == b"O" and answer[4:] == b"DOUBLE,NOT_FOUND"
+        assert (await peer.ask(bytes.fromhex("000353"))).hex() == "00045300"
+
+
+@pytest.mark.parametrize(
+    ("polyscope", "found"), [("5.12.0", "NOT_FOUND"), ("5.23.0", "VECTOR6D"), ("3.15", "NOT_FOUND")]
+)
+async def test_fields_depend_on_the_version(polyscope, found):
+    async with serving(polyscope=polyscope) as (_, connect):
+        peer = await connect()
+        await peer.ask(ASK_VERSION)
+        question = struct.pack(">HBd", 11 + 24, ord("O"), 125.0) + b"actual_current_as_torque"
+        assert (await peer.ask(question))[4:].decode() == found
+
+
+async def test_an_input_has_one_writer():
+    async with serving() as (_, connect):
+        question = bytes.fromhex("002a49") + b"speed_slider_mask,speed_slider_fraction,"[:-1]
+        first, second = await connect(), await connect()
+        assert (await first.ask(question)).hex() == "0011490155494e5433322c444f55424c45"
+        assert (await second.ask(question))[4:] == b"IN_USE,IN_USE"
+        await first.close()
+        answers = [await second.ask(question) for _ in range(500)]
+        assert answers[-1][4:] == b"UINT32,DOUBLE"
+
+
+@pytest.mark.parametrize(("polyscope", "rate", "step"), [("5.12.0", 500, 2), ("5.12.0", 100, 10), ("3.15.0", 125, 8)])
+async def test_packages_keep_the_grid_of_the_controller(polyscope, rate, step):
+    async with serving(polyscope=polyscope) as (emulator, connect):
+        peer = await connect()
+        await peer.start(OUTPUTS[:3] + struct.pack(">d", rate) + OUTPUTS[11:])
+        rows = await peer.packages(60)
+        steps = np.diff([r[0] for r in rows])
+        np.testing.assert_allclose(steps, step / 1000, atol=1e-9)
+        assert all(r[-1] == 7 for r in rows)
+        assert emulator.counts["made"] == emulator.counts["sent"] >= 60
+
+
+async def test_the_arm_is_served_at_the_time_of_the_world():
+    async with serving(ArmSignals(noise=0.0)) as (_, connect):
+        peer = await connect()
+        await peer.start()
+        rows = np.array(await peer.packages(500))
+        # The world began at the epoch, the controller's clock at 60 s a moment later.
+        truth = ArmSignals(noise=0.0)
+        worst = []
+        for lag in np.arange(0.0, 0.2, 0.0005):
+            expected = truth.at(rows[:, 0] - 60.0 + lag)
+            worst.append(max(np.abs(rows[:, i] - expected[f"joint_{i}.position"]).max() for i in range(1, 7)))
+        assert min(worst) < 0.002 < max(worst)
+
+
+async def test_two_clients_have_recipes_of_their_own():
+    async with serving(recording(loop=True)) as (_, connect):
+        first, second = await connect(), await connect()
+        await first.start()
+        await second.ask(ASK_VERSION)
+        await second.ask(struct.pack(">HBd", 11 + 9, ord("O"), 500.0) + b"timestamp")
+        await second.ask(bytes.fromhex("000353"))
+        assert len(await second.frame()) == 12
+        assert len(await first.frame()) == 64
+
+
+async def test_rows_of_a_recording_are_sent_as_they_are():
+    signals = recording()
+    async with serving(signals) as (emulator, connect):
+        peer = await connect()
+        await peer.start()
+        rows = np.array(await peer.packages(40))
+        assert rows[:, 0].tolist() == signals.time.tolist()
+        for i in range(6):
+            assert rows[:, 1 + i].tolist() == signals.columns[f"actual_q_{i}"].tolist()
+        assert emulator.counts["made"] == emulator.counts["sent"] == 40
+
+
+async def test_a_looped_recording_goes_on_in_time():
+    async with serving(recording(n=10, loop=True)) as (_, connect):
+        peer = await connect()
+        await peer.start()
+        rows = np.array(await peer.packages(25))
+        np.testing.assert_allclose(np.diff(rows[:, 0]), 0.004, atol=1e-9)
+        assert rows[10:20, 1:].tolist() == rows[:10, 1:].tolist()
+
+
+async def test_the_last_row_is_held():
+    async with serving(recording(n=10), at_end="hold") as (_, connect):
+        peer = await connect()
+        await peer.start()
+        rows = np.array(await peer.packages(25))
+        np.testing.assert_allclose(np.diff(rows[:, 0]), 0.004, atol=1e-9)
+        assert rows[10:, 1:].tolist() == [rows[9, 1:].tolist()] * 15
+
+
+async def test_the_connection_closes_with_the_recording():
+    async with serving(recording(n=10), at_end="close") as (_, connect):
+        peer = await connect()
+        await peer.start()
+        await peer.packages(10)
+        assert await peer.at_end()
+
+
+async def test_pause_and_start_again():
+    async with serving(recording(n=10, loop=True)) as (_, connect):
+        peer = await connect()
+        await peer.start()
+        await peer.packages(5)
+        peer._writer.write(bytes.fromhex("000350"))
+        while (await peer.frame()).hex() != "00045001":
+            pass
+        assert (await peer.ask(bytes.fromhex("000353"))).hex() == "00045301"
+        assert len(await peer.frame()) == 64
+
+
+async def test_a_disturbance_of_the_world_and_messages():
+    async with serving(ArmSignals(noise=0.0)) as (emulator, connect):
+        peer = await connect()
+        await peer.start()
+        emulator.signals.disturb({"encoder": 1, "offset": 10.0})
+        emulator.signals.disturb({"message": "hello"})
+        found = [await peer.frame() for _ in range(300)]
+        texts = [f for f in found if f[2:3] == b"M"]
+        assert texts == [b"\x00\x13M\x05hello\x08emulator\x02"]
+        assert struct.unpack_from(">d", found[-1], 12)[0] > 5.0
+        with pytest.raises(ValueError, match="spring"):
+            emulator.signals.disturb({"nonsense": 1})
+
+
+async def test_a_client_that_is_no_rtde_client_is_thrown_out():
+    async with serving() as (_, connect):
+        peer = await connect()
+        peer._writer.write(b"GET / HTTP/1.1\r\n\r\n")
+        assert await peer.at_end()
+
+
+async def test_a_client_that_does_not_read_is_thrown_out():
+    async with serving(recording(n=2000, step=0.00001, loop=True)) as (emulator, connect):
+        peer = await connect()
+        peer._writer.transport.pause_reading()
+        for question in (ASK_VERSION, OUTPUTS[:3] + struct.pack(">d", 1.0) + OUTPUTS[11:], bytes.fromhex("000353")):
+            peer._writer.write(question)
+        for _ in range(500):
+            if emulator.counts.get("unread"):
+                return
+            await asyncio.sleep(0.05)
+        pytest.fail("still connected")
+
+
+@pytest.mark.parametrize(
+    ("address", "options", "message"),
+    [
+        ("127.0.0.1", {}, "HOST:PORT"),
+        ("127.0.0.1:http", {}, "HOST:PORT"),
+        ("127.0.0.1:70000", {}, "HOST:PORT"),
+        ("", {"polyscope": "new"}, "like 5.12.0"),
+        ("", {"polyscope": "2.1"}, "like 5.12.0"),
+        ("", {"at_end": "stop"}, "at_end"),
+        ("", {"start": "now"}, "start"),
+        ("", {"colour": "red"}, "not colour"),
+    ],
+)
+def test_wrong_options_are_named(address, options, message):
+    with pytest.raises(ValueError, match=message):
+        UrEmulator(ArmSignals(), address, options=options)
+
+
+def test_faults_it_cannot_have_are_named():
+    with pytest.raises(ValueError, match="cannot inject reorder"):
+        UrEmulator(ArmSignals(), "").inject(Fault("reorder"))

@@ -1,0 +1,169 @@
+"""The installed ur-rtde library as a client of the emulator, alone and behind the driver."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from cellwatt.emulation import EmulatorProcess, Fault
+from cellwatt.errors import ConnectError
+from cellwatt_drivers.ur import UrDriver
+
+from ..outlet import CollectingOutlet
+from .recordings import write
+
+pytest.importorskip("rtde_receive", reason="the ur-rtde library is not installed")
+
+# The library has no other port; each test takes a loopback address of its own. Its constructor holds the
+# GIL, so it always lives in a process of its own here.
+PORT = 30004
+
+READ = """
+import json, sys, time
+from rtde_receive import RTDEReceiveInterface
+host, rate, names, path, record = json.loads(sys.argv[1])
+library = RTDEReceiveInterface(host, rate, names)
+if path:
+    assert library.startFileRecording(path, record)
+seen = {}
+end = time.monotonic() + 1.0
+while time.monotonic() < end:
+    stamp = library.getTimestamp()
+    q = library.getActualQ()
+    if library.getTimestamp() == stamp:
+        seen[stamp] = q
+    time.sleep(0.0005)
+if path:
+    library.stopFileRecording()
+answer = {"seen": sorted(seen.items()), "connected": library.isConnected()}
+for name in ("RobotMode", "SafetyMode", "RuntimeState", "ActualRobotVoltage", "JointTemperatures", "PayloadInertia"):
+    try:
+        answer[name] = getattr(library, "get" + name)()
+    except RuntimeError:
+        answer[name] = None
+library.disconnect()
+print(json.dumps(answer))
+"""
+
+
+async def read(host, rate=-1.0, names=(), path="", record=()):
+    """What the library gives within a second."""
+    child = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", READ, json.dumps([host, rate, names, str(path), record]), stdout=asyncio.subprocess.PIPE
+    )
+    async with asyncio.timeout(30):
+        out, _ = await child.communicate()
+    assert child.returncode == 0
+    return json.loads(out.splitlines()[-1])
+
+
+@pytest.mark.parametrize(
+    ("polyscope", "rate", "inertia"),
+    [
+        ("5.3.0", 500, False),
+        ("5.12.0", 500, True),
+        ("5.23.0", 500, True),
+        ("3.14.0", 125, False),
+        ("10.7.0", 500, False),
+    ],
+)
+async def test_its_default_variables_are_served(polyscope, rate, inertia):
+    options = ("--option", f"polyscope={polyscope}")
+    async with EmulatorProcess("ur", "--listen", f"127.0.31.2:{PORT}", *options) as emulator:
+        answer = await read("127.0.31.2")
+        stamps = [stamp for stamp, _ in answer["seen"]]
+        assert answer["connected"]
+        assert len(stamps) > 50
+        cycles = np.diff(stamps) * rate
+        np.testing.assert_allclose(cycles, np.rint(cycles), atol=1e-6)
+        assert answer["RobotMode"] == 7 and answer["SafetyMode"] == 1 and answer["RuntimeState"] == 2
+        assert answer["ActualRobotVoltage"] == pytest.approx(48, abs=1)
+        assert (answer["PayloadInertia"] is not None) == inertia
+        counts = await emulator.counts()
+        assert counts["sent"] > 50
+
+
+async def test_chosen_variables_and_its_recorder(tmp_path):
+    rows = write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(1000))
+    names = ["timestamp", "actual_q", "actual_current", "robot_mode", "joint_mode"]
+    path = tmp_path / "written.csv"
+    options = ("--listen", f"127.0.31.3:{PORT}", "--recording", str(tmp_path / "served.csv"))
+    async with EmulatorProcess("ur", *options):
+        answer = await read("127.0.31.3", 500.0, names, path)
+    truth = {row[0]: row for row in rows.tolist()}
+    for stamp, q in answer["seen"]:
+        assert q == truth[stamp][1:7]
+    with path.open() as file:
+        written = list(csv.DictReader(file))
+    assert list(written[0]) == [
+        "timestamp",
+        *(f"{n}_{i}" for n in ("actual_q", "actual_current") for i in range(6)),
+        "robot_mode",
+        *(f"joint_mode_{i}" for i in range(6)),
+    ]
+    assert len(written) > 200
+    by_time = {round(stamp, 6): row for stamp, row in truth.items()}
+    for row in written:
+        expected = by_time[float(row["timestamp"])]
+        assert float(row["actual_q_5"]) == pytest.approx(expected[6], abs=6e-7)
+        assert row["robot_mode"] == "7" and row["joint_mode_0"] == "253"
+
+
+async def test_what_its_recorder_wrote_can_be_served(tmp_path):
+    write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(900))
+    path = tmp_path / "written.csv"
+    options = ("--listen", f"127.0.31.4:{PORT}", "--recording", str(tmp_path / "served.csv"))
+    async with EmulatorProcess("ur", *options):
+        await read("127.0.31.4", 500.0, ["timestamp", "actual_q"], path)
+    written = np.genfromtxt(path, delimiter=",", skip_header=1)
+    outlet = CollectingOutlet()
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--recording", str(path)) as emulator:
+        host, _, port = emulator.address.rpartition(":")
+        settings = UrDriver.Settings(host=host, port=int(port), channels=("actual_q",))
+        task = asyncio.create_task(UrDriver("arm", settings, outlet).run())
+        await outlet.until(lambda o: o.account.received == len(written))
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+    np.testing.assert_array_equal(outlet.values, written[:, 1:])
+    np.testing.assert_array_equal(outlet.device_time, np.rint(written[:, 0] * 1e9))
+
+
+async def test_the_driver_reads_through_it_and_counts_what_it_passed_over(tmp_path):
+    rows = write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(1000))
+    outlet = CollectingOutlet()
+    channels = ("actual_q", "actual_robot_voltage", "actual_robot_current", "robot_mode", "bus.power")
+    settings = UrDriver.Settings(host="127.0.31.5", client="ur_rtde", channels=channels)
+    options = ("--listen", f"127.0.31.5:{PORT}", "--recording", str(tmp_path / "served.csv"), "--option", "at_end=hold")
+    async with EmulatorProcess("ur", *options) as emulator:
+        task = asyncio.create_task(UrDriver("arm", settings, outlet).run())
+        await outlet.until(lambda o: o.account.received > 100)
+        await emulator.inject(Fault("loss", 0.2, duration=0.5))
+        await outlet.until(lambda o: o.device_time[-1] > rows[-1, 0] * 1e9)
+        counts = await emulator.counts()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+    truth = {round(row[0] * 1e9): row for row in rows}
+    for device, value in zip(outlet.device_time.tolist(), outlet.values, strict=True):
+        if device in truth:
+            row = truth[device]
+            assert value.tolist() == [*row[1:7], row[19], row[20], 7.0, row[19] * row[20]]
+    account = outlet.account
+    assert account.expected == account.received + account.missed.total()
+    assert account.missed["gap"] >= counts["loss"] > 10
+    assert outlet.identities[0].firmware.startswith("PolyScope 5.12")
+
+
+async def test_the_end_of_the_connection_is_an_error_of_the_source():
+    outlet = CollectingOutlet()
+    settings = UrDriver.Settings(host="127.0.31.6", client="ur_rtde", channels=("actual_q",))
+    async with EmulatorProcess("ur", "--listen", f"127.0.31.6:{PORT}") as emulator:
+        task = asyncio.create_task(UrDriver("arm", settings, outlet).run())
+        await outlet.until(lambda o: o.account.received > 10)
+        await emulator.inject(Fault("disconnect", seconds=5.0))
+        with pytest.raises(ConnectError, match="ur_rtde"):
+            await task

@@ -1,0 +1,173 @@
+"""What is asked for, and columns from data packages."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt import Channel
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.ur.fields import FIELDS, cycle_rate, decimation
+from cellwatt_drivers.ur.recipe import Decoder, Selection
+from cellwatt_drivers.ur.wire import ELEMENTS, ControllerVersion
+
+STRUCT = {"u1": "B", ">u4": "I", ">u8": "Q", ">i4": "i", ">f8": "d"}
+OFFERED = sorted(name for name, field in FIELDS.items() if field.channels)
+
+
+def one_by_one(data: bytes, types: list[str]) -> list[tuple[float, ...]]:
+    """All elements of all packages by struct, without the header."""
+    form = struct.Struct(">4x" + "".join(STRUCT[ELEMENTS[t][0]] * ELEMENTS[t][1] for t in types))
+    return list(form.iter_unpack(data))
+
+
+def packages(types: list[str], n: int, seed: int) -> bytes:
+    """n data packages of recipe 7 with random contents, by struct."""
+    chance = np.random.default_rng(seed)
+    form = struct.Struct(">HBB" + "".join(STRUCT[ELEMENTS[t][0]] * ELEMENTS[t][1] for t in types))
+    out = []
+    for i in range(n):
+        row: list[float] = [form.size, ord("U"), 7, 1000.0 + i]
+        for t in types[1:]:
+            code, width = ELEMENTS[t]
+            if code == ">f8":
+                row += chance.normal(size=width).tolist()
+            else:
+                row += chance.integers(0, 2 if code == "u1" else 2**31, width).tolist()
+        out.append(form.pack(*row))
+    return b"".join(out)
+
+
+def test_the_worked_package():
+    selection = Selection.of(["actual_q", "robot_mode"])
+    decoder = Decoder(selection, 1, ("DOUBLE", "VECTOR6D", "INT32"))
+    data = bytes.fromhex(
+        "00405501408f4004189374bc3fe0000000000000bff40000000000003ff8000000000000bfd0000000000000"
+        "3ff921fb54442d18000000000000000000000007"
+    )
+    assert (decoder.package.id, decoder.package.size, decoder.package.header) == (1, 64, 0x00405501)
+    time, values = decoder.decode(memoryview(data), 1)
+    assert time.tolist() == [1000.002]
+    assert values.tolist() == [[0.5, -1.25, 1.5, -0.25, np.pi / 2, 0.0, 7.0]]
+
+
+@given(st.lists(st.sampled_from(OFFERED), min_size=1, max_size=14, unique=True), st.integers(1, 40), st.integers(0, 99))
+def test_decoding_many_equals_struct_one_by_one(fields, n, seed):
+    selection = Selection.of(fields)
+    types = [FIELDS[name].type for name in selection.names]
+    data = packages(types, n, seed)
+    decoder = Decoder(selection, 7, types)
+    assert decoder.package.size * n == len(data)
+    time, values = decoder.decode(memoryview(data), n)
+    scales = [FIELDS[name].scale for name in fields for _ in range(FIELDS[name].width)]
+    expected = np.array(one_by_one(data, types))
+    assert time.tolist() == expected[:, 0].tolist()
+    assert values.shape == (n, len(selection.channels))
+    np.testing.assert_array_equal(values, expected[:, 1:] * scales)
+
+
+@given(
+    st.lists(st.sampled_from([f"joint_{i}.{q}" for i in range(1, 7) for q in ("position", "current")]), unique=True),
+    st.integers(0, 9),
+)
+def test_single_channels_are_picked(channels, seed):
+    selection = Selection.of([*channels, "robot_mode", "bus.power"])
+    types = [FIELDS[name].type for name in selection.names]
+    data = packages(types, 5, seed)
+    _, values = Decoder(selection, 7, types).decode(memoryview(data), 5)
+    rows = np.array(one_by_one(data, types))
+    table = {}
+    at = 0
+    for name in selection.names:
+        for i in range(FIELDS[name].width):
+            table[name, i] = rows[:, at]
+            at += 1
+    for column, channel in zip(values.T, selection.channels, strict=True):
+        if channel.name == "bus.power":
+            expected = table["actual_robot_voltage", 0] * table["actual_robot_current", 0]
+        else:
+            field = next(f for f in selection.fields if channel in f.channels)
+            expected = table[field.name, field.channels.index(channel)]
+        np.testing.assert_array_equal(column, expected)
+    assert {c.name for c in selection.channels} == {*channels, "robot.mode", "bus.power"}
+
+
+def test_the_power_of_the_bus_asks_for_what_it_needs_and_delivers_itself_only():
+    selection = Selection.of(["bus.power"])
+    assert selection.names == ("timestamp", "actual_robot_voltage", "actual_robot_current")
+    assert selection.channels == (Channel("bus.power", "W"),)
+    decoder = Decoder(selection, 1, ("DOUBLE",) * 3)
+    _, values = decoder.decode(memoryview(struct.pack(">HBB3d", 28, 85, 1, 1.0, 48.0, 1.5)), 1)
+    assert values.tolist() == [[72.0]]
+
+
+def test_milliampere_leave_as_ampere():
+    decoder = Decoder(Selection.of(["io_current"]), 1, ("DOUBLE", "DOUBLE"))
+    _, values = decoder.decode(memoryview(struct.pack(">HBB2d", 20, 85, 1, 1.0, 250.0)), 1)
+    assert values.tolist() == [[0.25]]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ([], "no channel"),
+        (["actual_qq"], "did you mean 'actual_q'"),
+        (["joint_1.postion"], "did you mean 'joint_1.position'"),
+        (["joint_7.position"], "no RTDE field or channel 'joint_7.position'"),
+        (["timestamp"], "always read"),
+        (["actual_momentum"], "not offered"),
+        (["actual_q", "actual_q"], "actual_q is chosen twice"),
+        (["actual_q", "joint_2.position"], "joint_2.position is chosen twice"),
+        (["bus.power", "bus.power"], "bus.power is chosen twice"),
+    ],
+)
+def test_wrong_choices_are_named(wanted, message):
+    with pytest.raises(ValueError, match=message):
+        Selection.of(wanted)
+
+
+@pytest.mark.parametrize("types", [("DOUBLE",), ("DOUBLE", "DOUBLE"), ("VECTOR6D", "DOUBLE"), ("DOUBLE", "NOT_FOUND")])
+def test_types_that_do_not_fit_the_question_are_refused(types):
+    with pytest.raises(ProtocolError, match="declares"):
+        Decoder(Selection.of(["actual_q"]), 1, types)
+
+
+def test_channel_names_and_units_are_of_one_mind():
+    channels = [c for f in FIELDS.values() for c in f.channels]
+    assert len({c.name for c in channels}) == len(channels)
+    assert all(not f.channels or len(f.channels) == f.width for f in FIELDS.values())
+    units = {c.name: c.unit for c in channels}
+    for quantity, unit in {"position": "rad", "velocity": "rad/s", "torque": "Nm", "current": "A"}.items():
+        assert units[f"joint_6.{quantity}"] == unit
+    assert units["joint_1.temperature"] == "degC"
+    assert FIELDS["robot_mode"].channels[0].method == "hold"
+
+
+@pytest.mark.parametrize(
+    ("version", "known", "unknown"),
+    [
+        ((5, 5, 0), "", "payload ft_raw_wrench payload_inertia actual_current_as_torque"),
+        ((5, 5, 1), "payload payload_cog", "ft_raw_wrench payload_inertia"),
+        ((5, 9, 0), "payload ft_raw_wrench", "payload_inertia"),
+        ((5, 12, 0), "payload ft_raw_wrench payload_inertia", "actual_current_as_torque"),
+        ((5, 23, 0), "payload actual_current_as_torque", ""),
+        ((3, 10, 0), "actual_q", "payload ft_raw_wrench"),
+        ((3, 15, 0), "payload payload_inertia", "ft_raw_wrench actual_current_as_torque"),
+        ((10, 7, 0), "actual_q", "actual_current_as_torque"),
+        ((10, 11, 0), "actual_current_as_torque", ""),
+    ],
+)
+def test_versions_know_their_fields(version, known, unknown):
+    controller = ControllerVersion(*version, 0)
+    assert all(FIELDS[n].served_by(controller) for n in known.split())
+    assert not any(FIELDS[n].served_by(controller) for n in unknown.split())
+
+
+def test_rates_of_the_two_generations():
+    assert cycle_rate(ControllerVersion(3, 15, 0, 0)) == 125
+    assert cycle_rate(ControllerVersion(5, 12, 0, 0)) == cycle_rate(ControllerVersion(10, 7, 0, 0)) == 500
+    assert [decimation(125, f) for f in (500, 125, 100, 62.5, 50, 1)] == [1, 1, 1, 2, 2, 125]

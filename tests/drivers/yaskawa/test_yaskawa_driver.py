@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+from cellwatt_drivers.yaskawa import YaskawaDriver, wire
+from cellwatt_drivers.yaskawa.payload import Alarm
+
+from .rig import ANGLES, PULSES, RATED, TORQUES, Outlet, emulated, running, settings
+
+
+async def test_counts_become_radians_and_newton_metres():
+    async with emulated() as (_, port), running(settings(port, rate="100 Hz")) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.of("torque")) > 3)
+    # Whole pulses and whole per cent are all that the wire carries.
+    half_pulse = np.radians(0.5 / np.abs(PULSES))
+    assert np.all(np.abs(outlet.of("position")[0].values[0] - ANGLES) <= half_pulse)
+    assert np.all(np.abs(outlet.of("torque")[0].values[0] - TORQUES) <= np.array(RATED) * 0.005)
+    assert outlet.of("torque")[0].values[0] == pytest.approx([24.0, -45.0, 15.0, -1.2, 1.4, -0.1])
+
+
+async def test_each_poll_has_its_own_round_trip():
+    async with emulated(answer_ms="4") as (_, port), running(settings(port)) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.of("torque")) > 3)
+    position, torque = outlet.of("position")[1], outlet.of("torque")[1]
+    assert position.asked is not None
+    assert torque.asked is not None
+    assert position.asked < position.arrival <= torque.asked < torque.arrival
+    assert position.values.shape == torque.values.shape == (1, 6)
+
+
+async def test_state_channels_and_identity():
+    async with emulated(status_noise="1") as (_, port), running(settings(port)) as (driver, outlet, _):
+        await outlet.until(lambda: bool(outlet.of("state")))
+    (identity,) = outlet.identities
+    assert (identity.maker, identity.model, identity.firmware) == ("Yaskawa", "YRC1000", "EMULATED")
+    assert identity.notes["axes"] == "S L U R B T"
+    stream = next(s for s in driver.streams if s.name == "state")
+    state = dict(zip(stream.names, outlet.of("state")[0].values[0], strict=True))
+    on = {name for name, value in state.items() if value}
+    assert on == {"robot.running", "robot.servo_on", "robot.remote", "robot.play", "robot.automatic"}
+    assert state["robot.alarm_code"] == 0.0
+
+
+async def test_an_alarm_is_read_told_once_and_its_end_too():
+    async with emulated() as (emulator, port), running(settings(port, status_rate="50 Hz")) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.of("state")) > 2)
+        assert wire.Request(wire.ALARM) not in emulator.asked
+        emulator.alarm = Alarm(4315, 3, time="2024/05/06 07:08", name="COLLISION DETECT")
+        await outlet.until(lambda: outlet.of("state")[-1].values[0, -1] == 4315)
+        seen = len(outlet.of("state"))
+        await outlet.until(lambda: len(outlet.of("state")) > seen + 3)
+        emulator.alarm = Alarm(0)
+        await outlet.until(lambda: outlet.of("state")[-1].values[0, -1] == 0)
+    assert [kind for kind, _ in outlet.events] == ["controller_alarm", "controller_alarm_cleared"]
+    assert "4315 'COLLISION DETECT'" in outlet.events[0][1]
+
+
+async def test_the_tool_pose_in_metres_and_radians():
+    async with emulated() as (_, port), running(settings(port, read=["cartesian"])) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.of("cartesian")) > 1)
+    pose = outlet.of("cartesian")[0].values[0]
+    assert pose[:3] == pytest.approx([0.123456, -0.05, 0.789012], abs=1e-9)
+    assert pose[3:] == pytest.approx([np.pi, -np.pi / 2, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("axes", ["6", "7", "8"])
+async def test_short_answers_are_understood(axes):
+    async with emulated(answer_axes=axes) as (_, port), running(settings(port)) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.of("torque")) > 2)
+    assert outlet.of("position")[0].values[0] == pytest.approx(ANGLES, abs=1e-3)
+    assert outlet.account.counters["malformed"] == 0
+
+
+async def test_nothing_but_reads_ever_leaves():
+    async with emulated(busy="0.1") as (emulator, port):
+        everything = settings(port, read=["position", "torque", "cartesian", "status", "alarm"], status_rate="50 Hz")
+        emulator.alarm = Alarm(1, name="X")
+        async with running(everything) as (driver, outlet, _):
+            await outlet.until(lambda: len(outlet.of("state")) > 10)
+            await driver.identify()
+        sent = set(emulator.asked)
+    assert {request.service for request in sent} == {wire.GET_ALL}
+    assert {(r.command, r.instance) for r in sent} == {
+        (wire.SYSTEM, 11),
+        (wire.AXIS_NAMES, 1),
+        (wire.POSITION, 1),
+        (wire.POSITION, 101),
+        (wire.TORQUE, 1),
+        (wire.STATUS, 1),
+        (wire.ALARM, 1),
+    }
+    assert emulator.counts.get("malformed", 0) == 0
+
+
+async def test_several_robots_from_one_loop():
+    async with (
+        emulated() as (_, first),
+        emulated(rated_torque="20,20,20,20,20,20") as (_, second),
+        running(settings(first)) as (_, one, _),
+        running(settings(second)) as (_, other, _),
+    ):
+        await one.until(lambda: len(one.of("torque")) > 10 and len(other.of("torque")) > 10)
+    assert one.of("torque")[0].values[0, 0] == pytest.approx(24.0)
+    assert other.of("torque")[0].values[0, 0] == pytest.approx(1.2 * 200)
+    assert set(one.account.missed) | set(other.account.missed) <= {"merged tick"}
+
+
+async def test_a_slow_controller_loses_slots_not_deadlines():
+    # Two answers of 15 ms do not fit 20 ms: every other slot or so is missed, and the reason says why.
+    async with emulated(answer_ms="15") as (_, port), running(settings(port, read=["position", "torque"])) as run:
+        _, outlet, _ = run
+        await outlet.until(lambda: len(outlet.of("torque")) >= 20)
+    assert outlet.account.missed["slow answers"] > 0
+    assert set(outlet.account.missed) <= {"slow answers", "merged tick"}
+    asked = [r.asked for r in outlet.of("position") if r.asked is not None]
+    assert np.median(np.diff(asked)) > 25e6
+
+
+async def test_nobody_there_is_said_with_what_to_check():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    driver = YaskawaDriver("arm", settings(port), Outlet())
+    for attempt in (driver.run, driver.identify):
+        with pytest.raises(ConnectError, match=rf"nobody answers at UDP 127.0.0.1:{port} .*check the address"):
+            await attempt()
+
+
+async def test_a_silent_port_is_said_too():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        outlet = Outlet()
+        driver = YaskawaDriver("arm", settings(silent.getsockname()[1], timeout="10 ms"), outlet)
+        with pytest.raises(ConnectError, match="no answer within 10 ms"):
+            await driver.identify()
+    assert outlet.account.counters == {"timeouts": 4, "retries": 3}
+
+
+class Echo(asyncio.DatagramProtocol):
+    def connection_made(self, transport):
+        self.transport = transport
+
+    def datagram_received(self, data, addr):
+        self.transport.sendto(data, addr)
+
+
+async def test_an_echo_server_is_the_wrong_device():
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(Echo, local_addr=("127.0.0.1", 0))
+    port = transport.get_extra_info("sockname")[1]
+    try:
+        with pytest.raises(WrongDeviceError, match="not with High-Speed Ethernet Server frames"):
+            await YaskawaDriver("arm", settings(port, timeout="20 ms"), Outlet()).run()
+    finally:
+        transport.close()
+
+
+async def test_a_robot_with_fewer_axes_is_the_wrong_device():
+    async with emulated(pulses_per_degree="1,1,1,1", rated_torque="1,1,1,1") as (_, port):
+        with pytest.raises(WrongDeviceError, match=r"has 4 axes \(S L U R\), the settings say 6"):
+            await YaskawaDriver("arm", settings(port), Outlet()).identify()
+
+
+async def test_a_control_group_that_is_not_there_is_refused_at_once():
+    async with emulated() as (_, port):
+        with pytest.raises(DeviceError, match=r"refuses to give position.*control_group"):
+            await YaskawaDriver("arm", settings(port, control_group=2), Outlet()).run()
+
+
+async def test_an_unknown_name_is_said():
+    with pytest.raises(ConnectError, match="write the IP address"):
+        await YaskawaDriver("arm", settings(10040, host="robot.invalid"), Outlet()).identify()
+
+
+async def test_cancelling_frees_the_socket():
+    async with emulated() as (_, port), running(settings(port)) as (_, outlet, task):
+        await outlet.until(lambda: len(outlet.readings) > 2)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        await asyncio.sleep(0)
+    assert outlet.account.residue == 0

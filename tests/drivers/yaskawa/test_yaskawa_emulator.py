@@ -1,0 +1,109 @@
+"""The emulator against bytes worked out by hand, without our own codec on the asking side."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import pytest
+
+from cellwatt.emulation import Fault
+from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
+
+from .rig import PULSES, STILL, emulated
+
+REQUEST = "5945524320000000 03 01 00 {number:02x} 00000000 3939393939393939 {tail}"
+
+
+async def ask(port: int, tail: str, number: int = 7) -> bytes:
+    loop = asyncio.get_running_loop()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.setblocking(False)
+        client.connect(("127.0.0.1", port))
+        await loop.sock_sendall(client, bytes.fromhex(REQUEST.format(number=number, tail=tail)))
+        return await asyncio.wait_for(loop.sock_recv(client, 512), 5)
+
+
+async def test_status_is_the_worked_frame():
+    async with emulated() as (emulator, port):
+        answer = await ask(port, "7200 0100 00 01 0000")
+        assert emulator.counts == {"made": 1, "sent": 1}
+    assert answer == bytes.fromhex(
+        "5945524320000800 03010107 00000080 3939393939393939 81000000 00000000 cc00000040000000"
+    )
+
+
+async def test_one_attribute_alone():
+    async with emulated() as (_, port):
+        answer = await ask(port, "7200 0100 02 0e 0000")
+    assert answer[24] == 0x8E
+    assert answer[32:].hex() == "40000000"
+
+
+@pytest.mark.parametrize(
+    ("tail", "added"),
+    [
+        ("9900 0100 00 01 0000", 0xA000),
+        ("7500 0200 00 01 0000", 0xA001),
+        ("7500 0100 63 0e 0000", 0xA002),
+        ("7a00 0500 01 10 0000", 0x2100),
+    ],
+    ids=["command", "instance", "attribute", "write"],
+)
+async def test_what_it_refuses(tail, added):
+    async with emulated() as (_, port):
+        answer = await ask(port, tail)
+    assert answer[25] == 0x1F
+    assert int.from_bytes(answer[28:30], "little") == added
+    assert len(answer) == 32
+
+
+@pytest.mark.parametrize(("axes", "size"), [("6", 44), ("7", 48), ("8", 52)])
+async def test_positions_are_whole_pulses(axes, size):
+    async with emulated(answer_axes=axes) as (_, port):
+        answer = await ask(port, "7500 0100 00 01 0000")
+    assert len(answer) == 32 + size
+    first = int.from_bytes(answer[52:56], "little", signed=True)
+    assert first == round(0.5 * 180 / 3.141592653589793 * PULSES[0])
+
+
+async def test_torque_is_whole_per_cent():
+    async with emulated() as (_, port):
+        answer = await ask(port, "7700 0100 00 01 0000")
+    counts = [int.from_bytes(answer[i : i + 4], "little", signed=True) for i in range(32, 64, 4)]
+    assert counts == [12, -45, 30, -3, 7, -1, 0, 0]
+
+
+async def test_what_is_no_request_gets_no_answer():
+    async with emulated() as (emulator, port):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.sendto(b"hello", ("127.0.0.1", port))
+            client.sendto(
+                bytes.fromhex(REQUEST.format(number=1, tail="7200 0100 00 01 0000"))[:31], ("127.0.0.1", port)
+            )
+        await ask(port, "7200 0100 00 01 0000")
+        assert emulator.counts == {"made": 1, "sent": 1, "malformed": 2}
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"model": "XRC"}, "model must be one of FS100, DX200, YRC1000"),
+        ({"answer_axes": "5"}, "6, 7 or 8"),
+        ({"pulses_per_degree": "1,2"}, "same number of values"),
+        ({"speed": "1"}, "unknown options: speed"),
+        ({"answer_ms": "soon"}, "could not convert"),
+    ],
+)
+def test_wrong_options_are_refused(options, why):
+    with pytest.raises(ValueError, match=why):
+        YaskawaEmulator(STILL, "", options=options)
+
+
+def test_faults_it_cannot_have_are_refused():
+    with pytest.raises(ValueError, match="cannot inject clock_jump"):
+        YaskawaEmulator(STILL, "").inject(Fault("clock_jump"))
+
+
+def test_it_listens_on_the_protocols_own_port():
+    assert YaskawaEmulator(STILL, "").address == "127.0.0.1:10040"

@@ -1,0 +1,164 @@
+"""Each fault by itself: what the driver counts is what the emulator did."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from cellwatt.emulation import Fault
+from cellwatt.errors import ConnectError
+from cellwatt_drivers.yaskawa import YaskawaDriver, wire
+from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
+
+from .rig import Outlet, emulated, running, settings
+
+
+@asynccontextmanager
+async def struck(fault: Fault, *, times: int, **changes: object) -> AsyncIterator[tuple[YaskawaEmulator, Outlet]]:
+    """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
+    changes = {"timeout": "100 ms", "read": ["position", "torque"], "rate": "100 Hz"} | changes
+    async with emulated() as (emulator, port), running(settings(port, **changes)) as (_, outlet, task):
+        await outlet.until(lambda: len(outlet.of("torque")) > 5)
+        emulator.inject(fault)
+        await outlet.until(lambda: emulator.injector.counts[fault.kind] >= times or task.done())
+        if fault.kind not in {"stall", "disconnect"}:
+            emulator.inject(Fault(fault.kind, probability=0))
+        seen = len(outlet.readings)
+        await outlet.until(lambda: len(outlet.readings) > seen + 20 or task.done())
+        if task.done():
+            await task
+        yield emulator, outlet
+
+
+def counters(outlet: Outlet) -> dict[str, int]:
+    return {k: n for k, n in outlet.account.counters.items() if k not in {"retries", "merged ticks"}}
+
+
+async def test_without_faults_nothing_is_counted():
+    async with emulated() as (emulator, port), running(settings(port)) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.of("torque")) > 50)
+    assert counters(outlet) == {}
+    assert emulator.counts["made"] - emulator.counts["sent"] <= 1  # the last may be on its way
+    assert outlet.account.missed.total() == outlet.account.missed["merged tick"]
+
+
+async def test_loss_costs_the_slots_that_the_wait_took():
+    async with struck(Fault("loss", probability=0.2), times=10) as (emulator, outlet):
+        lost = emulator.counts["loss"]
+        assert counters(outlet) == {"timeouts": lost}
+        assert outlet.account.missed["timeout"] == lost
+        assert outlet.account.missed["slow answers"] > 0
+        assert outlet.account.counters["retries"] == 0
+
+
+async def test_loss_is_made_good_where_the_slot_has_room():
+    async with struck(Fault("loss", probability=0.2), times=5, rate="5 Hz", timeout="50 ms") as (emulator, outlet):
+        lost = emulator.counts["loss"]
+        assert counters(outlet) == {"timeouts": lost}
+        assert outlet.account.counters["retries"] + outlet.account.missed["timeout"] == lost
+        assert outlet.account.counters["retries"] > 0
+
+
+async def test_half_frames():
+    async with struck(Fault("half_frame", probability=0.2), times=10) as (emulator, outlet):
+        cut = emulator.counts["half_frame"]
+        assert counters(outlet) == {"timeouts": cut, "malformed": cut}
+
+
+async def test_garbage_costs_nothing():
+    async with struck(Fault("garbage", probability=0.3), times=20) as (emulator, outlet):
+        assert counters(outlet) == {"malformed": emulator.counts["garbage"]}
+        assert outlet.account.missed["timeout"] == 0
+
+
+async def test_duplicates_are_discarded():
+    async with struck(Fault("duplicate", probability=0.3), times=20) as (emulator, outlet):
+        assert counters(outlet) == {"duplicates": emulator.counts["duplicate"]}
+        asked = sum(n for r, n in emulator.asked.items() if r.command in {wire.POSITION, wire.TORQUE})
+        greeting, under_way = 2, {0, 1}
+        assert asked - greeting - len(outlet.readings) in under_way
+
+
+async def test_late_answers_are_discarded():
+    async with struck(Fault("delay", probability=0.1, seconds=0.15), times=10) as (emulator, outlet):
+        late = emulator.counts["delay"]
+        await outlet.until(lambda: outlet.account.counters["late answers"] == late)
+        assert counters(outlet) == {"timeouts": late, "late answers": late}
+
+
+async def test_answers_out_of_order():
+    async with struck(Fault("reorder", probability=0.1), times=10) as (emulator, outlet):
+        held = emulator.counts["reorder"]
+        assert counters(outlet) == {"timeouts": held, "late answers": held}
+
+
+async def test_a_stall_is_ridden_out_and_its_answers_discarded():
+    async with struck(Fault("stall", seconds=1.2), times=1) as (_, outlet):
+        found = counters(outlet)
+        assert found.keys() == {"timeouts", "late answers"}
+        assert found["timeouts"] == found["late answers"] > 5
+
+
+async def test_a_closed_port_is_seen_at_once_and_ridden_out():
+    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, outlet):
+        assert outlet.account.counters["refused"] > 0
+        assert outlet.account.missed["refused"] > 0
+
+
+async def test_silence_ends_the_connection_and_the_next_one_counts_the_gap():
+    changes = {"timeout": "30 ms", "silence": "200 ms", "read": ["position"], "rate": "100 Hz"}
+    async with emulated() as (emulator, port):
+        outlet = Outlet()
+        driver = YaskawaDriver("arm", settings(port, **changes), outlet)
+        first = asyncio.create_task(driver.run())
+        await outlet.until(lambda: len(outlet.readings) > 5)
+        emulator.inject(Fault("loss"))
+        with pytest.raises(ConnectError, match=r"no good answer from 127.0.0.1:\d+ for 0.\d s; the last: no answer"):
+            await asyncio.wait_for(first, 10)
+        before = outlet.account.expected
+        emulator.inject(Fault("loss", probability=0))
+        await asyncio.sleep(0.1)
+        seen = len(outlet.readings)
+        second = asyncio.create_task(driver.run())
+        await outlet.until(lambda: len(outlet.readings) > seen + 5)
+        second.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await second
+    assert outlet.account.missed["disconnected"] >= 10
+    assert outlet.account.expected - before >= 15
+    assert outlet.account.residue == 0
+    assert len(outlet.identities) == 2
+
+
+async def test_a_busy_controller_is_asked_again():
+    changes = {"read": ["position"], "rate": "20 Hz", "timeout": "100 ms"}
+    async with emulated(busy="0.3") as (emulator, port), running(settings(port, **changes)) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.readings) > 30)
+        account, busy = outlet.account, emulator.counts["busy"]
+        assert busy > 5
+        under_way = {0, 1}
+        assert busy - account.counters["busy answers"] in under_way
+        assert account.counters["busy answers"] - account.counters["retries"] - account.missed["busy"] in under_way
+        assert account.counters["retries"] > 0
+
+
+async def test_all_faults_together_leave_the_account_even():
+    kinds = ("loss", "half_frame", "garbage", "duplicate", "delay", "reorder")
+    async with emulated(busy="0.05") as (emulator, port), running(settings(port, timeout="100 ms")) as (_, outlet, _):
+        await outlet.until(lambda: len(outlet.readings) > 5)
+        for kind in kinds:
+            emulator.inject(Fault(kind, probability=0.03, seconds=0.15))
+        emulator.inject(Fault("stall", seconds=0.2))
+        await outlet.until(lambda: all(emulator.injector.counts[k] for k in kinds))
+        for kind in kinds:
+            emulator.inject(Fault(kind, probability=0))
+        seen = len(outlet.readings)
+        await outlet.until(lambda: len(outlet.readings) > seen + 30)
+    late, cut = emulator.counts["delay"] + emulator.counts["reorder"], emulator.counts["half_frame"]
+    account = outlet.account
+    assert account.counters["malformed"] == emulator.counts["garbage"] + cut
+    assert account.counters["timeouts"] >= emulator.counts["loss"] + cut + late
+    assert account.residue == 0

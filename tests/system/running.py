@@ -1,0 +1,166 @@
+"""A daemon as a process, devices as processes, and what a subscriber got from it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+import time
+from collections import Counter, defaultdict
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from cellwatt.batch import Batch
+from cellwatt.frames import Frames
+from cellwatt.results import Alarm, Event
+from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Daemon:
+    """``cellwatt run`` on a settings text; ``folder`` holds the file, the recordings and the log."""
+
+    def __init__(self, folder: Path, text: str, port: int | None = None) -> None:
+        self.folder = folder
+        self.endpoint = f"tcp/127.0.0.1:{port or free_port()}"
+        self.file = folder / "cell.yaml"
+        self.write(text)
+        self.process: asyncio.subprocess.Process | None = None
+
+    def write(self, text: str) -> None:
+        """Put the settings; the record folder and the endpoint are added."""
+        more = f"record: {{folder: {self.folder / 'record'}}}\nzenoh: {{listen: [{self.endpoint}]}}\n"
+        self.file.write_text(f"site: test\ncell: test\n{text}\n{more}")
+
+    @property
+    def log(self) -> str:
+        return (self.folder / "daemon.log").read_text()
+
+    @property
+    def link(self) -> LinkSettings:
+        return LinkSettings(mode="client", connect=(self.endpoint,))
+
+    async def start(self, **environment: str) -> None:
+        command = [sys.executable, "-m", "cellwatt.commands", "run", str(self.file)]
+        with (self.folder / "daemon.log").open("ab") as log:
+            self.process = await asyncio.create_subprocess_exec(*command, stderr=log, env={**os.environ, **environment})
+
+    async def stop(self) -> int:
+        """SIGTERM; the exit code."""
+        assert self.process is not None
+        if self.process.returncode is None:
+            self.process.send_signal(signal.SIGTERM)
+        return await asyncio.wait_for(self.process.wait(), 20)
+
+    async def kill(self) -> None:
+        assert self.process is not None
+        with contextlib.suppress(ProcessLookupError):
+            self.process.kill()
+        await self.process.wait()
+
+    def hang_up(self) -> None:
+        """SIGHUP: reload."""
+        assert self.process is not None
+        self.process.send_signal(signal.SIGHUP)
+
+    async def __aenter__(self) -> Daemon:
+        await self.start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.kill()
+        if error is not None:
+            error.add_note(f"daemon's log:\n{self.log[-4000:]}")
+
+
+class Audience:
+    """Everything a subscriber got, with conditions to wait for."""
+
+    def __init__(self, daemon: Daemon, topics: tuple[str, ...] = EVERYTHING) -> None:
+        self._subscriber = Subscriber("test", "test", daemon.link, want=topics)
+        self.batches: defaultdict[str, list[Batch]] = defaultdict(list)
+        self.frames: list[Frames] = []
+        self.results: defaultdict[str, list[Any]] = defaultdict(list)
+        self.events: list[Event] = []
+        self.gaps: list[Gap] = []
+        self.status: dict[str, Any] = {}
+        self.received: Counter[str] = Counter()
+        self._changed = asyncio.Event()
+
+    async def __aenter__(self) -> Audience:
+        await self._subscriber.__aenter__()
+        self._task = asyncio.create_task(self._listen())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        await self._subscriber.__aexit__(None, None, None)
+
+    async def _listen(self) -> None:
+        async for message in self._subscriber:
+            content = message.content
+            if isinstance(content, Batch):
+                self.batches[message.topic].append(content)
+                self.received[message.topic] += len(content)
+            elif isinstance(content, Frames):
+                self.frames.append(content)
+                self.received["frame"] += len(content)
+            elif isinstance(content, Health):
+                self.status = dict(content.status)
+            elif isinstance(content, Gap):
+                self.gaps.append(content)
+            elif isinstance(content, Event):
+                self.events.append(content)
+            else:
+                self.results[message.topic.split("/")[0]].append(content)
+            self._changed.set()
+
+    async def until(self, condition: Callable[[Audience], Any], seconds: float = 20.0) -> None:
+        """Wait until the condition holds; fails with what was last seen."""
+        end = time.monotonic() + seconds
+        while not condition(self):
+            left = end - time.monotonic()
+            if left <= 0:
+                raise AssertionError(f"did not happen within {seconds} s; last health: {self.status}")
+            self._changed.clear()
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), left)
+
+    def source(self, name: str) -> dict[str, Any]:
+        source: dict[str, Any] = self.status.get("sources", {}).get(name, {})
+        return source
+
+    def all_up(self) -> bool:
+        """Whether every source delivers."""
+        sources = self.status.get("sources", {})
+        return bool(sources) and all(s["state"] == "ok" and s["received"] for s in sources.values())
+
+    @property
+    def alarms(self) -> list[Alarm]:
+        return self.results["alarm"]
+
+
+@contextlib.asynccontextmanager
+async def running(folder: Path, text: str) -> AsyncIterator[tuple[Daemon, Audience]]:
+    """A daemon and its audience."""
+    async with Daemon(folder, text) as daemon, Audience(daemon) as audience:
+        yield daemon, audience
+
+
+def balanced(source: dict[str, Any]) -> bool:
+    """expected = received + missed + dropped."""
+    lost = sum(source["missed"].values()) + sum(source["dropped"].values())
+    return bool(source["expected"] == source["received"] + lost)

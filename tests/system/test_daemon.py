@@ -1,0 +1,169 @@
+"""The daemon as a process: start, stop, reload, what it tells, what it leaves."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt.emulation import EmulatorProcess
+from cellwatt.record import Recording
+from tests.system.running import Audience, Daemon, balanced, free_port, running
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+
+
+def ur(name: str, address: str, **settings: str) -> str:
+    host, port = address.split(":")
+    more = "".join(f", {k}: {v}" for k, v in settings.items())
+    return f"  {name}: {{driver: ur, host: {host}, port: {port}{more}}}\n"
+
+
+async def test_subscriber_gets_what_is_recorded(tmp_path: Path) -> None:
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
+        async with running(tmp_path, f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n") as (
+            daemon,
+            audience,
+        ):
+            await audience.until(lambda a: a.received["raw/arm/rtde"] > 2000 and len(a.results["interval"]) > 3)
+            assert balanced(audience.source("arm"))
+            assert await daemon.stop() == 0
+    recorded = Recording.open(tmp_path / "record").batches("arm", "rtde")
+    got = audience.batches["raw/arm/rtde"]
+    first = got[0].sequence
+    values = np.concatenate([b.values for b in got])
+    times = np.concatenate([b.time for b in got])
+    mine = slice(first, first + len(values))
+    np.testing.assert_array_equal(recorded.values[mine], values)
+    np.testing.assert_array_equal(recorded.time[mine], times)
+    assert len(recorded) == first + len(values), "the stop lost nothing that was read"
+    assert not audience.gaps
+
+
+async def test_replay_gives_the_same_frames(tmp_path: Path) -> None:
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device,
+        EmulatorProcess("power_board", "--listen", "pty", "--fault", '{"kind": "loss", "probability": 0.02}') as board,
+    ):
+        sources = f"sources:\n{ur('arm', device.address)}  board: {{driver: power_board, port: {board.address}}}\n"
+        async with running(tmp_path, sources + "stages: {segment: {arm: arm}}\n") as (daemon, audience):
+            await audience.until(lambda a: a.received["frame"] > 200)
+            assert await daemon.stop() == 0
+    for speed in ("0", "20"):
+        command = [sys.executable, "-m", "cellwatt.commands", "replay", str(tmp_path / "record")]
+        command += ["--settings", str(daemon.file), "--speed", speed, "--verify", "--json"]
+        process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+        out, _ = await process.communicate()
+        lines = out.decode().splitlines()
+        summary = json.loads(lines[-1])
+        assert summary["identical"], summary
+        assert process.returncode == 0
+        replayed = [json.loads(line) for line in lines[:-1]]
+        live = [i for i in audience.results["interval"] if i.closed]
+        again = [i for i in replayed if i["kind"] == "interval" and i["closed"]]
+        assert [i["start"] for i in again][-len(live) :] == [i.start for i in live]
+
+
+async def test_ready_and_alive_for_systemd_with_every_device_down(tmp_path: Path) -> None:
+    path = tmp_path / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(path))
+        listener.setblocking(False)
+        sources = "sources:\n" + "".join(ur(f"arm_{i}", f"127.0.0.1:{free_port()}") for i in range(3))
+        daemon = Daemon(tmp_path, sources)
+        await daemon.start(NOTIFY_SOCKET=str(path))
+        try:
+            loop = asyncio.get_running_loop()
+
+            async def message() -> str:
+                return (await asyncio.wait_for(loop.sock_recv(listener, 4096), 20)).decode()
+
+            said = [await message()]
+            while "READY=1" not in said[-1]:
+                said.append(await message())
+            while "WATCHDOG=1" not in said[-1]:
+                said.append(await message())
+            async with Audience(daemon) as audience:
+                await audience.until(lambda a: len([x for x in a.alarms if x.kind == "source_down"]) == 3)
+            assert await daemon.stop() == 0
+            while "STOPPING=1" not in said[-1]:
+                said.append(await message())
+        finally:
+            await daemon.kill()
+
+
+async def test_reload_touches_only_what_changed(tmp_path: Path) -> None:
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as one,
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as two,
+    ):
+        kept = ur("kept", one.address)
+        text = f"sources:\n{kept}{ur('moved', two.address)}stages: {{segment: {{arm: kept}}}}\n"
+        async with running(tmp_path, text) as (daemon, audience):
+            await audience.until(Audience.all_up)
+            daemon.write(
+                f"sources:\n{kept}{ur('moved', two.address, rate='250 Hz')}stages: {{segment: {{arm: kept}}}}\n"
+            )
+            daemon.hang_up()
+            await audience.until(lambda a: any(e.kind == "reloaded" for e in a.events))
+            await audience.until(lambda a: a.source("moved").get("streams", {})["rtde"]["nominal_hz"] == 250.0)
+            mark = audience.received["raw/moved/rtde"]
+            await audience.until(lambda a: a.received["raw/moved/rtde"] > mark + 200)
+            text = next(e.text for e in audience.events if e.kind == "reloaded")
+            assert "source moved" in text
+            assert "kept" not in text
+            assert audience.source("kept")["missed"] == {}
+            assert audience.source("kept")["counters"].get("restarts", 0) == 0
+            steps = np.diff(np.concatenate([b.sequence + np.arange(len(b)) for b in audience.batches["raw/kept/rtde"]]))
+            assert (steps == 1).all()
+            numbers = np.concatenate([f.sequence + np.arange(len(f)) for f in audience.frames])
+            assert (np.diff(numbers) == 1).all(), "frames stay numbered without holes or twins"
+            daemon.file.write_text("sources: [nonsense\n")
+            daemon.hang_up()
+            mark = audience.received["raw/kept/rtde"]
+            await audience.until(lambda a: a.received["raw/kept/rtde"] > mark + 500)
+            assert "not reloaded" in daemon.log
+            assert await daemon.stop() == 0
+
+
+async def test_wrong_settings_never_start(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path, "sources: {arm: {driver: urr, host: 127.0.0.1}}\n")
+    await daemon.start()
+    assert daemon.process is not None
+    assert await asyncio.wait_for(daemon.process.wait(), 20) == 2
+    assert "did you mean 'ur'" in daemon.log
+    assert "Traceback" not in daemon.log
+
+
+async def test_killed_daemon_loses_at_most_a_tenth_of_a_second(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
+        text = f"sources:\n{ur('arm', device.address)}"
+        for round_number in range(5):
+            folder = tmp_path / str(round_number)
+            folder.mkdir()
+            async with running(folder, text) as (daemon, audience):
+                await audience.until(lambda a: a.received["raw/arm/rtde"] > 500)
+                await asyncio.sleep(rng.uniform(0, 0.3))
+                assert daemon.process is not None
+                os.kill(daemon.process.pid, signal.SIGKILL)
+                await daemon.process.wait()
+                await asyncio.sleep(0.3)  # what was in flight to the subscriber
+                last = audience.batches["raw/arm/rtde"][-1].time[-1]
+            recorded = Recording.open(folder / "record").batches("arm", "rtde")
+            assert (last - recorded.time[-1]) * 1e-9 <= 0.1
+            start = time.monotonic()
+            async with running(folder, text) as (daemon, audience):
+                await audience.until(lambda a: a.status.get("recorder", {}).get("recovered"), 10)
+                assert time.monotonic() - start < 10
+                assert await daemon.stop() == 0
+            names = sorted(p.name for p in (folder / "record").iterdir())
+            assert all(n.endswith(".mcap") for n in names), names
