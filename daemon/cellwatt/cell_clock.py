@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from typing import NamedTuple
 
 _MAX_SLEW = 500e-6
 """Largest deviation of the cell's second from the host's, 1."""
-_HORIZON_NS = 2_000_000_000
-"""A deviation is slewed away over two turns of ``discipline``, so that one late turn cannot make it swing."""
+_MAX_TURN = 0.05e-6
+"""Fastest change of the slew, 1/s: the clock models of the devices follow it without losing their bounds."""
+_HORIZON = 20.0
+"""Small deviations are slewed away within about so many s."""
 _STEP_NS = 1_000_000
 """The kernel slews CLOCK_REALTIME and CLOCK_MONOTONIC alike; a change of their difference above this is a step."""
-
-
-class Correction(NamedTuple):
-    """What one turn of ``CellClock.discipline`` found and did.
-
-    ``step_ns`` is how far somebody set the host's wall clock since the turn before, 0 if nobody did;
-    ``slew_change_ppm`` how much faster the cell's time runs from now on than before.
-    """
-
-    step_ns: int
-    slew_change_ppm: float
 
 
 class CellClock:
     """UTC in ns, anchored to the host's wall clock once and carried on by CLOCK_MONOTONIC.
 
     Call ``discipline`` once a second: it compares with the host's wall clock and slews towards it by at most
-    500 ppm. A step of the wall clock is reported and then only slewed after, never jumped after. ``wall`` and
-    ``monotonic`` are the host's clocks, ns.
+    500 ppm, taken up and given back at 0.05 ppm a second. A step of the wall clock is reported and slewed
+    after, never jumped after. ``wall`` and ``monotonic`` are the host's clocks, ns.
     """
 
     def __init__(
@@ -57,30 +48,38 @@ class CellClock:
         elapsed = self._monotonic() - at
         return zero + elapsed + int(elapsed * slew)
 
-    def discipline(self) -> Correction:
-        """Compare with the host's wall clock and set the slew for the next second."""
-        at, wall = self._compare()
-        before, zero, old = self._line
-        now = zero + at - before + int((at - before) * old)
-        difference = wall - at
-        step = difference - self._difference
+    def discipline(self) -> int:
+        """Compare with the host's wall clock and set the slew for the next second.
+
+        Gives by how much somebody set the wall clock since the last call, ns; 0 if nobody did.
+        """
+        at, utc = self._compare()
+        before, zero, slew = self._line
+        now = zero + at - before + int((at - before) * slew)
+        self.utc_error_ns = now - utc
+        self._line = (at, now, _next_slew(slew, self.utc_error_ns / 1e9, (at - before) / 1e9))
+        step = utc - at - self._difference
+        self._difference = utc - at
         if abs(step) < _STEP_NS:
-            step = 0
-        else:
-            self.steps += 1
-        self._difference = difference
-        self.utc_error_ns = now - wall
-        slew = max(-_MAX_SLEW, min(_MAX_SLEW, -self.utc_error_ns / _HORIZON_NS))
-        self._line = (at, now, slew)
-        return Correction(step, (slew - old) * 1e6)
+            return 0
+        self.steps += 1
+        return step
 
     def _compare(self) -> tuple[int, int]:
         """CLOCK_MONOTONIC and the wall clock at one moment, ns: the closest of a few readings."""
         readings = []
         for _ in range(3):
             before = self._monotonic()
-            wall = self._wall()
+            utc = self._wall()
             after = self._monotonic()
-            readings.append((after - before, (before + after) // 2, wall))
-        _, at, wall = min(readings)
-        return at, wall
+            readings.append((after - before, (before + after) // 2, utc))
+        _, at, utc = min(readings)
+        return at, utc
+
+
+def _next_slew(slew: float, error: float, elapsed: float) -> float:
+    """The slew that removes an error, s, and can still be given back in time, as far as ``elapsed`` s let it turn."""
+    size = min(_MAX_SLEW, math.sqrt(1.6 * _MAX_TURN * abs(error)), abs(error) / _HORIZON)
+    wanted = -math.copysign(size, error)
+    turn = _MAX_TURN * min(elapsed, 1.0)
+    return max(slew - turn, min(slew + turn, wanted))

@@ -1,5 +1,6 @@
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -42,9 +43,9 @@ def test_follows_the_host_while_nobody_sets_its_clock():
     clock = clock_on(host)
     for _ in range(10):
         host.monotonic_ns += SECOND
-        assert clock.discipline() == (0, 0.0)
+        assert clock.discipline() == 0
         assert clock.now() == host.wall()
-        assert clock.utc_error_ns == 0
+        assert clock.utc_error_ns == clock.slew_ppm == clock.steps == 0
 
 
 @pytest.mark.parametrize("step", [3 * SECOND, -3 * SECOND, 2_000_000, -3600 * SECOND])
@@ -56,50 +57,40 @@ def test_a_step_of_the_wall_clock_is_reported_and_not_followed_by_a_jump(step):
     before = clock.now()
     host.set_by += step
 
-    correction = clock.discipline()
+    assert clock.discipline() == step
 
-    assert correction.step_ns == step
     assert clock.steps == 1
     assert clock.utc_error_ns == -step
     assert clock.now() == before
-    assert clock.discipline().step_ns == 0
+    assert clock.discipline() == 0
 
 
-def test_a_deviation_is_slewed_away_at_no_more_than_500_ppm():
+@pytest.mark.parametrize(("step", "within"), [(20_000_000, 2000), (-SECOND, 12_000), (20 * SECOND, 60_000)])
+def test_a_deviation_is_slewed_away_gently(step, within):
     host = Host()
     clock = clock_on(host)
-    host.set_by = 5_000_000
-    passed = 0
-    for _ in range(40):
-        clock.discipline()
-        before = clock.now()
+    host.set_by = step
+    slews = [0.0]
+    for _ in range(within):
         host.monotonic_ns += SECOND
-        passed = clock.now() - before
-        assert SECOND <= passed <= SECOND + 500_000
-    clock.discipline()
-    assert abs(clock.utc_error_ns) < 1_000
-    assert abs(clock.slew_ppm) < 1
+        clock.discipline()
+        slews.append(clock.slew_ppm)
+        assert clock.utc_error_ns * -step >= -abs(step) * 20_000  # it does not swing past by more than 20 µs
+    assert abs(clock.utc_error_ns) < 20_000
+    assert abs(clock.slew_ppm) < 0.05
+    turns = [abs(b - a) for a, b in pairwise(slews)]
+    assert max(turns) <= 0.0501
+    assert max(map(abs, slews)) <= 500
 
 
-def test_a_late_turn_does_not_make_the_slew_overshoot():
+def test_a_late_turn_does_not_make_the_slew_swing():
     host = Host()
     clock = clock_on(host)
-    host.set_by = 800_000
-    clock.discipline()
-    host.monotonic_ns += 2 * SECOND
-    clock.discipline()
-    assert -800_000 <= clock.utc_error_ns <= 0
-
-
-def test_a_change_of_slew_is_reported():
-    host = Host()
-    clock = clock_on(host)
-    host.set_by = SECOND
-    assert clock.discipline().slew_change_ppm == pytest.approx(500)
-    assert clock.slew_ppm == pytest.approx(500)
-    host.monotonic_ns += SECOND
-    host.set_by = 0
-    assert clock.discipline().slew_change_ppm == pytest.approx(-750, abs=1)
+    host.set_by = 20_000_000
+    for k in range(2000):
+        host.monotonic_ns += (5 if k % 20 == 0 else 1) * SECOND
+        clock.discipline()
+    assert abs(clock.utc_error_ns) < 50_000
 
 
 @given(

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cellwatt.cell_clock import CellClock
 from cellwatt.clock import ClockModel, middle
 from cellwatt.clock.lines import MAX_DRIFT, Facts, possible
 
@@ -178,6 +179,29 @@ def test_a_better_estimate_never_turns_the_time_back():
         given_out.append(int(time[0]) - EPOCH)
     assert np.diff(given_out).min() >= MILLISECOND - 1000  # half the device's pace: no heap of equal times
     assert given_out[-1] == pytest.approx(2 * SECOND, abs=10 * MILLISECOND)
+
+
+@pytest.mark.parametrize("step", [20, -20])
+def test_the_cell_clock_slews_after_a_step_of_the_host_without_breaking_the_map(step):
+    host = {"monotonic": 0, "set_by": 0}
+    clock = CellClock(lambda: EPOCH + host["monotonic"] + host["set_by"], lambda: host["monotonic"])
+    model = ClockModel(least_delay=(0.0, 0.001))
+    held = []
+    for k in range(24_000):  # 240 s of a steady device at 100 Hz
+        host["monotonic"] = device = k * 10 * MILLISECOND
+        if k == 3000:
+            host["set_by"] = step * SECOND
+        if k % 100 == 0:
+            clock.discipline()
+        true = clock.now()
+        host["monotonic"] += 300_000 + (k * 7919 % 1000) * 1000
+        if k % 100 == 50:
+            model.bracket(device, true - 100_000)
+        time, bound = model.stamp(times(device), clock.now())
+        held.append(abs(int(time[0]) - true) <= int(bound[0]))
+    assert abs(clock.slew_ppm) > 10
+    assert all(held)
+    assert model.resets == 0
 
 
 def test_a_settings_mistake_is_refused():

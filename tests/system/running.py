@@ -96,6 +96,7 @@ class Audience:
         self.events: list[Event] = []
         self.gaps: list[Gap] = []
         self.status: dict[str, Any] = {}
+        self.unbalanced: list[tuple[str, dict[str, Any]]] = []
         self.received: Counter[str] = Counter()
         self._changed = asyncio.Event()
 
@@ -120,6 +121,8 @@ class Audience:
                 self.received["frame"] += len(content)
             elif isinstance(content, Health):
                 self.status = dict(content.status)
+                sources = self.status["sources"].items()
+                self.unbalanced += [(name, s) for name, s in sources if s["residue"] or not balanced(s)]
             elif isinstance(content, Gap):
                 self.gaps.append(content)
             elif isinstance(content, Event):

@@ -47,12 +47,13 @@ class ClockModel:
 
     ``least_delay`` (lowest, highest) in s says what the least delay on the way may be: no sample takes less
     than the lowest, and in 8 s of arrivals at least one takes no more than the highest. Only brackets tell
-    the offset from below better than that. ``wander`` is the fastest change of the device's drift, ppm/s;
+    the offset from below better than that. ``wander`` is the fastest change of the drift, ppm/s, by default 0.1 for
+    the device and 0.05 for the cell's own slew;
     ``resolution`` the step in s to which the device rounds its time down.
     """
 
     def __init__(
-        self, least_delay: tuple[float, float] = (0.0, 0.010), *, wander: float = 0.1, resolution: float = 0.0
+        self, least_delay: tuple[float, float] = (0.0, 0.010), *, wander: float = 0.15, resolution: float = 0.0
     ) -> None:
         low, high = least_delay
         if not 0.0 <= low <= high:
@@ -149,7 +150,7 @@ class ClockModel:
         """Where in the block the device's clock stepped, and how."""
         first, last = int(device_time[0]), int(device_time[-1])
         steps = [(0, _BACK)] if self._last is not None and first <= self._last else []
-        gaps = np.diff(device_time) if len(device_time) > 1 else None
+        gaps = device_time[1:] - device_time[:-1] if len(device_time) > 1 else None
         if gaps is not None and gaps.min() <= 0:
             steps += [(int(k) + 1, _BACK) for k in np.flatnonzero(gaps <= 0)]
         if steps or self._zero is None or self._last is None:
@@ -231,7 +232,7 @@ class ClockModel:
         floor = self._last_time + 1
         if self._last is not None:
             floor = max(floor, min(floor + (int(device_time[0]) - self._last) // 2, arrival))
-        if int(time[0]) >= floor and (len(time) == 1 or int(np.diff(time).min()) > 0):
+        if int(time[0]) >= floor and (len(time) == 1 or int((time[1:] - time[:-1]).min()) > 0):
             return time, bound
         since = (device_time - device_time[0]).astype(np.float64)
         rate = min(0.5, max(0, arrival - floor) / max(since[-1], 1.0))

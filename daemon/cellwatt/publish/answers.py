@@ -155,13 +155,14 @@ class Answers:
         self._questions.put(lambda: reply(query))
 
     def _serve(self) -> None:
+        import zenoh
+
         while (work := self._questions.get()) is not None:
             try:
                 work()
-            except Exception:
-                # A consumer's question, or the loss of its link, must not end the answers to all others.
-                self._count("questions failed")
-                log.exception("zenoh: a question could not be answered")
+            except zenoh.ZError as error:  # who asked is gone
+                self._count("answers lost")
+                log.info("zenoh: an answer could not be given: %s", error)
 
     def _reply(self, query: zenoh.Query) -> None:
         with query:
@@ -179,6 +180,12 @@ class Answers:
             answer = self.about(name, asked)
         except CellwattError as error:
             query.reply_err(encode_json({"error": str(error)}), encoding=JSON)
+            return
+        except Exception as error:
+            # One question that meets a broken record must not end the answers to all others.
+            self._count("questions failed")
+            log.exception("zenoh: the question %s could not be answered", query.selector)
+            query.reply_err(encode_json({"error": f"{type(error).__name__}: {error}"}), encoding=JSON)
             return
         key = self._keys.question(name)
         if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
 
@@ -39,18 +40,16 @@ class Table:
         self._header = header
         self._held: list[pa.RecordBatch] = []
         self._writer: Any = None
+        self._stack = ExitStack()
 
     def __enter__(self) -> Table:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        try:
+        with self._stack:
             if kind is None:
                 self._flush()
                 self._describe()
-        finally:
-            if self._writer is not None:
-                self._writer.close()
 
     def add_batch(self, batch: Batch) -> None:
         """Append raw samples: with sequence, arrival, device time, bound and quality."""
@@ -111,9 +110,10 @@ class Table:
             with self.path.open("w", newline="") as file:
                 csv.writer(file, lineterminator="\n").writerow(schema.names)
             options = pyarrow.csv.WriteOptions(include_header=False)
-            return pyarrow.csv.CSVWriter(self.path.open("ab"), schema, write_options=options)
-        about = {"cellwatt": json.dumps(self._about())}
-        return pyarrow.parquet.ParquetWriter(self.path, schema.with_metadata(about), compression="zstd")
+            out = self._stack.enter_context(self.path.open("ab"))
+            return self._stack.enter_context(pyarrow.csv.CSVWriter(out, schema, write_options=options))
+        about = schema.with_metadata({"cellwatt": json.dumps(self._about())})
+        return self._stack.enter_context(pyarrow.parquet.ParquetWriter(self.path, about, compression="zstd"))
 
     def _describe(self) -> None:
         if self.path.suffix == ".csv" and self._writer is not None:

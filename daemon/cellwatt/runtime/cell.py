@@ -247,14 +247,14 @@ class Cell:
                 self._look()
 
     def _keep_time(self) -> None:
-        correction = self.clock.discipline()
-        if correction.step_ns:
+        step = self.clock.discipline() * 1e-9
+        if step:
             text = (
-                f"the host's wall clock was set by {correction.step_ns * 1e-9:+.3f} s; "
+                f"the host's wall clock was set by {step:+.3f} s; "
                 "the cell's time does not jump but follows by at most 500 ppm"
             )
             log.warning("%s", text)
-            self._tell(Event(self.clock.now(), None, "wall_clock_step", text, {"step_s": correction.step_ns * 1e-9}))
+            self._tell(Event(self.clock.now(), None, "wall_clock_step", text, {"step_s": step}))
 
     def _look(self) -> None:
         self._status = self._measure()

@@ -154,7 +154,7 @@ def _identity(packet: Packet, port: ListeningPort) -> Identity:
             f"the adapter keeps bytes for {port.latency} ms, which blurs the clock model: "
             "set its latency_timer to 1 (docs/drivers/power_board.md)"
         )
-    return Identity(maker="power board", model=f"board {packet.board}", serial=str(packet.board), notes=notes)
+    return Identity(maker="", model=f"power board {packet.board}", serial=str(packet.board), notes=notes)
 
 
 class Listening:

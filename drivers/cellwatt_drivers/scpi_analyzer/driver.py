@@ -217,7 +217,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     def _reading(self, values: list[Value], answer: Answer) -> Reading:
         row = np.array([[v.number for v in values]]) * self._scale
-        overloaded = {f for f, v in zip(self.settings.functions, values, strict=True) if v.overload}
+        overloaded: set[str] = {f for f, v in zip(self.settings.functions, values, strict=True) if v.overload}
         quality = Quality.GOOD
         if overloaded:
             quality = Quality.CLIPPED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,7 +77,8 @@ class EmulatedAnalyzer:
         for pattern, action in self._tree:
             if pattern.fullmatch(header):
                 return action(parameter)
-        return self._fail(NO_HEADER)
+        self._fail(NO_HEADER)
+        return None
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         return {
@@ -192,6 +193,6 @@ def _word(word: str) -> str:
     return re.escape(short) + (f"(?:{rest.upper()})?" if rest else "") + ("1?" if number else "")
 
 
-def known_functions(names: Sequence[str]) -> set[str]:
-    """The names among ``names`` that the analyzer measures."""
-    return set(names) & _FUNCTIONS
+def known_functions(names: Iterable[str]) -> set[str]:
+    """Those of the names that the analyzer measures."""
+    return set(_FUNCTIONS.intersection(names))

@@ -27,7 +27,7 @@ class ScpiAnalyzerEmulator(Emulator):
 
     Faults on answers to ``DATA?``: ``loss`` (not sent), ``half_frame`` (cut, without its end), ``delay`` (late
     by ``seconds``), ``garbage`` (a line of random bytes ahead of it). At the next line received, ``stall``
-    leaves everybody waiting for ``seconds``; ``disconnect`` closes the port for ``seconds``, on a
+    leaves the asker waiting for ``seconds``; ``disconnect`` closes the port for ``seconds``, on a
     pseudo-terminal it lets all bytes be lost. ``made`` counts queries for data, ``sent`` whole answers to them.
     """
 
@@ -78,16 +78,18 @@ class ScpiAnalyzerEmulator(Emulator):
             while True:
                 outage = await self._outages.get()
                 server.close()
-                self._hang_up()
+                await self._hang_up()
                 await asyncio.sleep(outage.seconds)
                 server = await asyncio.start_server(self._accept, *bound)
         finally:
             server.close()
-            self._hang_up()
+            await self._hang_up()
 
-    def _hang_up(self) -> None:
+    async def _hang_up(self) -> None:
         for task in self._talking:
             task.cancel()
+        await asyncio.gather(*self._talking, return_exceptions=True)
+        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

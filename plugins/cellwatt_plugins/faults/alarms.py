@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt.results import Alarm, Interval
+from cellwatt_plugins.faults.criteria import Verdict
 from cellwatt_plugins.faults.follow import Place
 from cellwatt_plugins.faults.isolate import Suspect, suspects
 from cellwatt_plugins.faults.judge import Finding
@@ -64,10 +65,7 @@ class AlarmBook:
         if final and finding.course == "follows":
             out += self._known_again(finding)
         for joint, verdict in finding.verdicts.items():
-            other = "encoder_fault" if verdict == "joint_and_encoder_fault" else "joint_and_encoder_fault"
-            if (joint, other) in self._up:
-                out.append(self._clear(joint, other, finding, f"Joint {joint}: now seen as {verdict.replace('_', ' ')}"))
-            out += self._raise(joint, verdict, finding, ())
+            out += self._encoder(joint, verdict, finding)
         if finding.code is not None:
             self._codes[finding.place] = finding
             out += self._joints(finding)
@@ -75,20 +73,39 @@ class AlarmBook:
             out += self._count_clean(finding)
         return out
 
+    def _encoder(self, joint: int, verdict: Verdict, finding: Finding) -> list[Alarm]:
+        """An encoder that deviates; once power has differed too, the stronger verdict stays."""
+        both = self._up.get((joint, "joint_and_encoder_fault"))
+        if verdict == "encoder_fault" and both is not None:
+            both.clean = 0
+            return []
+        out: list[Alarm] = []
+        if verdict == "joint_and_encoder_fault" and (joint, "encoder_fault") in self._up:
+            out.append(self._clear(joint, "encoder_fault", finding, f"Joint {joint}: power differs too, see its new alarm"))
+        return [*out, *self._raise(joint, verdict, finding, ())]
+
     def _joints(self, finding: Finding) -> list[Alarm]:
         """Joint faults that the codes of this task's intervals speak for, raised; those explained away, cleared."""
-        blamed = self._blamed(finding)
+        if not finding.code:
+            return []
         out: list[Alarm] = []
-        if finding.code:
-            for suspect in blamed:
-                if suspect.joint in self._moving(finding):
-                    out += self._raise(suspect.joint, "joint_fault", finding, suspect.alternatives, suspect.score)
-        names = {s.joint for s in blamed}
+        names = set()
+        for suspect in self._blamed(finding):
+            joint, alternatives = self._named(suspect)
+            names.add(joint)
+            if joint in self._moving(finding):
+                out += self._raise(joint, "joint_fault", finding, alternatives, suspect.score)
         for joint, kind in list(self._up):
-            if kind == "joint_fault" and joint not in names and names and finding.code:
+            if kind == "joint_fault" and joint not in names:
                 text = f"Joint {joint} is cleared: joint {min(names)} explains its deviations better"
                 out.append(self._clear(joint, kind, finding, text))
         return out
+
+    def _named(self, suspect: Suspect) -> tuple[int, tuple[int, ...]]:
+        """The joint to name and its alternatives: among equals, the one whose alarm is up stays."""
+        equals = (suspect.joint, *suspect.alternatives)
+        joint = next((j for j in equals if (j, "joint_fault") in self._up), suspect.joint)
+        return joint, tuple(sorted(j for j in equals if j != joint))
 
     def _blamed(self, finding: Finding) -> list[Suspect]:
         """The joints that explain the newest codes of the task's intervals, since the first that deviates."""

@@ -22,16 +22,17 @@ SHIFT = 0.15
 """An onset that encoder noise or a jolt has put too early or late is put right by up to so many s …"""
 FITS = 0.25
 """… where positions then agree to this share of the position tolerance."""
-SPEED_SHARE, SPEED_FLOOR = 0.05, 0.02
-ACCELERATION_SHARE, ACCELERATION_FLOOR = 0.15, 0.3
+SPEED_SHARE, SPEED_FLOOR = 0.03, 0.01
+ACCELERATION_SHARE, ACCELERATION_FLOOR = 0.06, 0.15
 """The motion follows the reference while it agrees to these shares of the peaks plus floors (rad/s, rad/s²)."""
 STEP_SIDE = 4
 STEP_SHARE = 0.7
 STEP_CALM = 0.5
-"""A step of the base level: the median of so many frames on each side differs, most of it between neighbours, while
-the reference changes by less than ``STEP_CALM`` of it."""
-HALF = 2
-"""Frames to each side over which speed and acceleration are taken."""
+STEP_FLAT = 0.25
+"""A step of the base level: so many frames on each side differ, most of it between neighbours, while the reference
+changes by less than ``STEP_CALM`` of it and the residual on either side by less than ``STEP_FLAT`` of it."""
+WINDOW = 0.04
+"""Time to each side over which speed and acceleration are taken, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +134,10 @@ def steps(residual: Float, limit: Float, swing: Float) -> Float:
     while k < len(residual) - STEP_SIDE:
         jump = float(residual[k + 1] - residual[k - 1])
         if abs(jump) > STEP_SHARE * limit[k] and swing[k] < STEP_CALM * abs(jump):
-            rise = float(np.median(residual[k + 1 : k + 1 + STEP_SIDE]) - np.median(residual[k - STEP_SIDE : k]))
-            if abs(rise) > limit[k] and STEP_SHARE < jump / rise < 1 / STEP_SHARE:
+            before, after = residual[k - STEP_SIDE : k], residual[k + 1 : k + 1 + STEP_SIDE]
+            rise = float(np.median(after) - np.median(before))
+            flat = max(np.ptp(before), np.ptp(after)) < STEP_FLAT * abs(rise)
+            if flat and abs(rise) > limit[k] and STEP_SHARE < jump / rise < 1 / STEP_SHARE:
                 level[k + 1 :] += rise
                 k += STEP_SIDE
         k += 1
@@ -146,15 +149,16 @@ def _follows(
 ) -> Bools:
     """Whether the moving joints have followed the reference so far; not yet known for the last frames."""
     follows = np.zeros(len(t), dtype=bool)
-    if len(t) <= 2 * HALF:
+    n = max(1, round(WINDOW / float(np.median(np.diff(t))))) if len(t) > 1 else 1
+    if len(t) <= 2 * n:
         return follows
-    inner = slice(HALF, -HALF)
-    half = (t[2 * HALF :] - t[: -2 * HALF]) / 2
+    inner = slice(n, -n)
+    half = (t[2 * n :] - t[: -2 * n]) / 2
     same = np.ones(len(half), dtype=bool)
     for joint, pattern in reference.position.items():
         q = measured[:, joint - 1]
-        speed = (q[2 * HALF :] - q[: -2 * HALF]) / (2 * half)
-        acceleration = (q[2 * HALF :] - 2 * q[inner] + q[: -2 * HALF]) / half**2
+        speed = (q[2 * n :] - q[: -2 * n]) / (2 * half)
+        acceleration = (q[2 * n :] - 2 * q[inner] + q[: -2 * n]) / half**2
         speeds, accelerations = _motion(pattern, t[inner], half, reach)
         same &= _near(speed, speeds, SPEED_SHARE, SPEED_FLOOR)
         same &= _near(acceleration, accelerations, ACCELERATION_SHARE, ACCELERATION_FLOOR)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import select
 import socket
@@ -28,6 +29,16 @@ def wait_until(condition: Callable[[], Any], what: str, timeout: float = PATIENC
     while not (found := condition()):
         assert time.monotonic() < end, f"not within {timeout} s: {what}"
         time.sleep(0.01)
+    return found
+
+
+async def eventually(condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
+    """The same on an event loop."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + timeout
+    while not (found := condition()):
+        assert loop.time() < end, f"not within {timeout} s: {what}"
+        await asyncio.sleep(0.005)
     return found
 
 

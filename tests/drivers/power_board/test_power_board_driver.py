@@ -48,7 +48,7 @@ async def test_single_phase_and_explicit_frames() -> None:
         outlet = supervised.outlet
         assert np.all(outlet.values("supply.power") == outlet.values("phase_1.power"))
         assert np.all(outlet.values("supply.current") == outlet.values("phase_1.current"))
-        assert outlet.identities[0].model == "board 7"
+        assert outlet.identities[0].model == "power board 7"
         assert outlet.account.counters["frames: modem status"] == 1
 
 
@@ -163,7 +163,7 @@ async def test_identify_says_who_is_there() -> None:
         outlet = Outlet()
         driver = PowerBoardDriver("board", PowerBoardSettings(port=port, phases=2), outlet)
         identity = await asyncio.wait_for(driver.identify(), 20)
-        assert (identity.model, identity.serial) == ("board 42", "42")
+        assert (identity.model, identity.serial) == ("power board 42", "42")
         assert identity.notes["payload"] == "2 phases, 2 samples a packet"
         assert outlet.account.expected == 0
         assert emulator.counts["heard"] == 0

@@ -147,7 +147,7 @@ async def test_first_board_heard_is_the_one(line: VirtualPort) -> None:
         line.write(frame(1, board=3) + frame(5, board=4) + frame(2, board=3))
         await until(lambda: outlet.account.received == 2)
         assert outlet.account.counters["other boards"] == 1
-        assert outlet.identities[0].model == "board 3"
+        assert outlet.identities[0].model == "power board 3"
 
 
 async def test_several_boards_share_a_port(line: VirtualPort) -> None:

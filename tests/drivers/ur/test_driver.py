@@ -351,7 +351,7 @@ async def test_silence_and_a_closed_door_are_connection_errors():
         with pytest.raises(ConnectError, match="does not answer within"):
             await Watched(address, timeout=0.2).driver.run()
     async with somebody(b"", None, refuse=True) as address:
-        with pytest.raises(ConnectError, match="closed|broke"):
+        with pytest.raises(ConnectError, match=r"closed|broke"):
             await Watched(address).driver.run()
     with pytest.raises(ConnectError, match="is the robot on"):
         await Watched(address).driver.run()
@@ -433,7 +433,7 @@ async def test_cancelling_releases_the_connection():
                 "channels": [f"output_double_register_{i}" for i in range(48)]
                 + [f"output_int_register_{i}" for i in range(48)]
             },
-            "",
+            "a controller takes 2048",
         ),
         ({"client": "rtde"}, "native"),
         ({"client": "ur_rtde", "port": 30005}, "always uses port 30004"),

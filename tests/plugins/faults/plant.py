@@ -113,6 +113,8 @@ def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0, noise: fl
     starts = np.cumsum([0, *map(len, ways)])[1:-1] / rate
     q = np.concatenate(ways)
     owner = np.concatenate([np.full(len(w), i - 1) for i, w in enumerate(ways)])
+    ahead = round(0.3 * rate)  # what a cycle changes is there before its first move
+    owner = np.concatenate([owner[ahead:], np.full(ahead, owner[-1])])
     true, extra = q.copy(), np.zeros_like(q)
     for i, cycle in enumerate(cycles):
         mine = owner == i

@@ -1,0 +1,347 @@
+"""The sink over real sessions: what a plain Zenoh consumer sees."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
+from typing import Any
+
+import pyarrow as pa
+import pytest
+import zenoh
+
+from cellwatt import Event, Prediction, SinkError
+from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.publish.encode import decode
+from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.publish.mark import Mark
+from tests.daemon.publish.fake_cell import EPOCH, FakeView, alarm, batch, frames
+from tests.daemon.publish.processes import eventually, free_port
+
+ROOT = "cellwatt/plant-1/weld-3"
+
+
+class Consumer:
+    """A plain session that keeps all it hears of the cell."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self.samples: list[zenoh.Sample] = []
+        session.declare_subscriber(f"{ROOT}/**", self.samples.append)
+
+    def keys(self) -> list[str]:
+        return [str(s.key_expr).removeprefix(f"{ROOT}/") for s in self.samples]
+
+    async def until(self, count: int) -> list[zenoh.Sample]:
+        await eventually(lambda: len(self.samples) >= count, f"{count} messages, heard {self.keys()}")
+        return self.samples
+
+    async def ask(self, path: str, **more: Any) -> list[zenoh.Reply]:
+        return await asyncio.to_thread(lambda: list(self.session.get(f"{ROOT}/{path}", timeout=10.0, **more)))
+
+    async def ask_json(self, path: str) -> Any:
+        (reply,) = await self.ask(path)
+        return json.loads(reply.ok.payload.to_bytes())
+
+
+@asynccontextmanager
+async def serving(sink: ZenohSink) -> AsyncIterator[asyncio.Task[None]]:
+    task = asyncio.create_task(sink.run())
+    try:
+        yield task
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError, SinkError):
+            await task
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def view() -> FakeView:
+    return FakeView()
+
+
+@pytest.fixture
+def sink(endpoint: str, view: FakeView) -> ZenohSink:
+    return ZenohSink("zenoh", ZenohSettings(listen=(endpoint,)), view)
+
+
+@pytest.fixture
+async def consumer(sink: ZenohSink, endpoint: str) -> AsyncIterator[Consumer]:
+    async with serving(sink):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            found = Consumer(session)
+            await hears(found, sink)
+            yield found
+        finally:
+            session.close()
+
+
+async def hears(consumer: Consumer, sink: ZenohSink) -> None:
+    """Until the subscription has reached the sink."""
+    async with asyncio.timeout(20):
+        while not consumer.samples:
+            sink.health({})
+            await asyncio.sleep(0.02)
+        await asyncio.sleep(0.1)  # what health is still on its way
+    consumer.samples.clear()
+
+
+async def test_each_item_has_its_key_encoding_and_mark(consumer: Consumer, sink: ZenohSink) -> None:
+    sink.offer(Prediction("power", 3, (5,), {"power": (1.0,)}, {"power": "W"}))
+    sink.offer(alarm(1))
+    sink.offer(Event(EPOCH, "arm", "connected", "UR10e"))
+    await consumer.until(3)
+    sink.offer(frames(8, 2))
+    await consumer.until(4)
+    sink.offer(batch(20, 5))
+    samples = await consumer.until(5)
+    assert consumer.keys() == ["prediction/power", "alarm/error/joint_fault", "event", "frame", "raw/arm/samples"]
+    assert [str(s.encoding) for s in samples] == ["application/json"] * 3 + ["application/vnd.apache.arrow.stream"] * 2
+    marks = [Mark.decode(s.attachment.to_bytes()) for s in samples]
+    assert [(m.sequence, m.count, m.backfill) for m in marks] == [(0, 1, False)] * 3 + [(8, 2, False), (20, 5, False)]
+    assert marks[4].session == EPOCH
+    decoded = decode(samples[4].payload.to_bytes(), marks[4])
+    assert decoded.values.tolist() == batch(20, 5).values.tolist()
+    assert json.loads(samples[1].payload.to_bytes())["mark"] == {"session": marks[1].session, "sequence": 0}
+
+
+async def test_health_tells_the_numbers_that_were_reached(consumer: Consumer, sink: ZenohSink) -> None:
+    sink.offer(batch(0, 5))
+    sink.offer(alarm(1))
+    await consumer.until(2)
+    sink.health({"state": "green"})
+    body = json.loads((await consumer.until(3))[-1].payload.to_bytes())
+    assert body["status"] == {"state": "green"}
+    assert body["session"] == EPOCH
+    assert body["positions"]["raw/arm/samples"] == [EPOCH, 5]
+    assert body["positions"]["alarm"][1] == 1
+
+
+async def test_a_late_comer_gets_the_active_alarms_and_not_the_cleared_ones(
+    consumer: Consumer, sink: ZenohSink
+) -> None:
+    for number in (1, 2, 3):
+        sink.offer(alarm(number))
+    sink.offer(alarm(2, active=False))
+    await consumer.until(4)
+    assert json.loads(consumer.samples[3].payload.to_bytes())["active"] is False
+    # The default consolidation keeps one reply a key: two alarms of one kind must still both arrive.
+    replies = await consumer.ask("alarm/**")
+    assert sorted(json.loads(r.ok.payload.to_bytes())["id"] for r in replies) == ["alarm-1", "alarm-3"]
+    assert all(Mark.decode(r.ok.attachment.to_bytes()).backfill for r in replies)
+    assert sorted(str(r.ok.key_expr) for r in replies)[0] == f"{ROOT}/alarm/error/joint_fault/alarm-1"
+    assert await consumer.ask("alarm/warning/**") == []
+    assert len(await consumer.ask("alarm/error/**")) == 2
+    over = await consumer.ask("alarm/**?cleared=1")
+    assert sorted(json.loads(r.ok.payload.to_bytes())["id"] for r in over) == ["alarm-1", "alarm-2", "alarm-3"]
+    (one,) = await consumer.ask("alarm/error/joint_fault")
+    assert str(one.ok.key_expr) == f"{ROOT}/alarm/error/joint_fault"
+
+
+async def test_whoever_follows_one_severity_hears_of_a_change(consumer: Consumer, sink: ZenohSink) -> None:
+    sink.offer(alarm(1, severity="error"))
+    sink.offer(alarm(1, severity="warning"))
+    await consumer.until(3)
+    assert sorted(consumer.keys()) == [
+        "alarm/error/joint_fault",
+        "alarm/error/joint_fault",
+        "alarm/warning/joint_fault",
+    ]
+    marks = {Mark.decode(s.attachment.to_bytes()).sequence for s in consumer.samples}
+    assert marks == {0, 1}
+
+
+async def test_questions(consumer: Consumer, sink: ZenohSink, view: FakeView) -> None:
+    view.record(batch(0, 10))
+    assert (await consumer.ask_json("@/config"))["password"] == "${SECRET}"
+    assert await consumer.ask_json("@/schema") == view.schema()
+    assert await consumer.ask_json("@/recordings") == view.recordings()
+    assert (await consumer.ask_json("@/status"))["session"] == EPOCH
+    everything = await consumer.ask("@/*")
+    assert {str(r.ok.key_expr).rsplit("/", 1)[1] for r in everything} == {"status", "config", "schema", "recordings"}
+    (refused,) = await consumer.ask("@/stat")
+    assert "there is no question 'stat'" in json.loads(refused.err.payload.to_bytes())["error"]
+    assert [str(r.ok.key_expr) for r in await consumer.ask("**")] == [], "questions are asked by name, never by **"
+
+
+async def test_history_is_answered_on_its_backfill_key(consumer: Consumer, view: FakeView) -> None:
+    view.record(batch(0, 10))
+    asked = "@/history?source=arm;stream=samples;first=4;count=3"
+    (plain,) = await consumer.ask(asked)
+    assert str(plain.ok.key_expr) == f"{ROOT}/@/history"
+    (reply,) = await consumer.ask(asked, accept_replies=zenoh.ReplyKeyExpr.ANY)
+    assert str(reply.ok.key_expr) == f"{ROOT}/backfill/raw/arm/samples"
+    assert Mark.decode(reply.ok.attachment.to_bytes()) == Mark(EPOCH, 4, 3, EPOCH, backfill=True)
+    table = pa.ipc.open_stream(reply.ok.payload.to_bytes()).read_all()
+    assert [row[0] for row in table["values"].to_pylist()] == [4, 5, 6]
+    (nothing,) = await consumer.ask("@/history?source=arm;stream=samples;first=40")
+    assert "nothing is recorded" in json.loads(nothing.err.payload.to_bytes())["error"]
+
+
+async def test_results_of_the_past(consumer: Consumer, sink: ZenohSink) -> None:
+    for number in range(5):
+        sink.offer(alarm(number))
+    (reply,) = await consumer.ask("@/results?kind=alarm;first=2")
+    assert [a["id"] for a in json.loads(reply.ok.payload.to_bytes())] == ["alarm-2", "alarm-3", "alarm-4"]
+
+
+async def test_a_record_that_breaks_is_an_answer_not_an_end(
+    consumer: Consumer, view: FakeView, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(view, "history", lambda *_: 1 / 0)
+    (reply,) = await consumer.ask("@/history?source=arm;stream=samples")
+    assert json.loads(reply.err.payload.to_bytes()) == {"error": "ZeroDivisionError: division by zero"}
+    assert "weld-3/@/history?source=arm;stream=samples could not be answered" in caplog.text
+    assert (await consumer.ask_json("@/status"))["session"] == EPOCH
+
+
+async def test_liveliness_comes_and_goes_with_the_cell(sink: ZenohSink, endpoint: str) -> None:
+    seen: list[tuple[str, str]] = []
+    async with serving(sink):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            session.liveliness().declare_subscriber(
+                "cellwatt/*/*", lambda s: seen.append((str(s.key_expr), str(s.kind))), history=True
+            )
+            await eventually(lambda: seen, "the token")
+        except BaseException:
+            session.close()
+            raise
+    await eventually(lambda: len(seen) == 2, "the end of the token")
+    session.close()
+    assert seen == [(ROOT, "SampleKind.PUT"), (ROOT, "SampleKind.DELETE")]
+
+
+async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str) -> None:
+    sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,), publish={"raw": False, "frames": False}), view)
+    async with serving(sink):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            consumer = Consumer(session)
+            await hears(consumer, sink)
+            sink.offer(batch(0, 5))
+            sink.offer(frames(0, 5))
+            sink.offer(alarm(1))
+            await consumer.until(1)
+            assert consumer.keys() == ["alarm/error/joint_fault"]
+        finally:
+            session.close()
+    assert sink.account.expected == 1
+
+
+async def test_stopping_drains_what_waits(sink: ZenohSink, endpoint: str) -> None:
+    session: zenoh.Session | None = None
+    try:
+        async with serving(sink):
+            session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+            consumer = Consumer(session)
+            await hears(consumer, sink)
+            for first in range(0, 3000, 3):
+                sink.offer(batch(first, 3))
+        assert sink.account.received == 3000
+        assert sink.account.residue == 0
+        last = lambda: Mark.decode(consumer.samples[-1].attachment.to_bytes())  # noqa: E731
+        await eventually(lambda: consumer.samples and last().end == 3000, "the last sample")
+    finally:
+        if session is not None:
+            session.close()
+
+
+async def test_a_dead_router_holds_up_nobody_and_its_drops_are_counted_exactly(endpoint: str, view: FakeView) -> None:
+    sink = ZenohSink("zenoh", ZenohSettings(mode="client", connect=(endpoint,), queue=10), view)
+    async with serving(sink) as task:
+        loop = asyncio.get_running_loop()
+        worst = 0.0
+        for first in range(0, 200, 2):
+            began = loop.time()
+            sink.offer(batch(first, 2))
+            sink.health({})
+            worst = max(worst, loop.time() - began)
+            await asyncio.sleep(0)
+        sink.offer(alarm(1))
+        assert not task.done()
+    assert worst < 1.0
+    assert sink.account.dropped == {"queue: raw": 2 * 91, "shut down": 2 * 9 + 1}
+    assert sink.account.residue == 0
+
+
+async def test_what_waits_for_a_router_is_published_once_it_is_there(endpoint: str, view: FakeView) -> None:
+    sink = ZenohSink("zenoh", ZenohSettings(mode="client", connect=(endpoint,)), view)
+    async with serving(sink):
+        sink.offer(alarm(1))
+        with await asyncio.to_thread(open_session, LinkSettings(mode="router", listen=(endpoint,))) as session:
+            consumer = Consumer(session)
+            await eventually(lambda: sink.account.received, "the alarm that waited")
+            assert len(await consumer.ask("alarm/**")) == 1
+            sink.offer(alarm(2))
+            await eventually(lambda: "alarm/error/joint_fault" in consumer.keys(), "an alarm")  # noqa: SIM118
+
+
+async def test_what_cannot_be_opened_is_a_sink_error(view: FakeView, endpoint: str) -> None:
+    with open_session(LinkSettings(listen=(endpoint,))):
+        sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,)), view)
+        with pytest.raises(SinkError, match="Address already in use"):
+            await sink.run()
+    async with serving(sink) as task:  # the daemon runs it again
+        sink.offer(alarm(1))
+        await eventually(lambda: sink.account.received, "the alarm")
+        assert not task.done()
+
+
+async def test_an_item_that_cannot_be_encoded_costs_only_itself(
+    consumer: Consumer, sink: ZenohSink, caplog: pytest.LogCaptureFixture
+) -> None:
+    sink.offer(replace(batch(0, 3), values=batch(0, 2).values))
+    await eventually(lambda: sink.account.dropped, "the refusal")
+    sink.offer(batch(3, 2))
+    await consumer.until(1)
+    assert Mark.decode(consumer.samples[0].attachment.to_bytes()).sequence == 3
+    assert "an item of raw/arm/samples cannot be encoded" in caplog.text
+    assert sink.account.dropped == {"not encodable": 3}
+    assert sink.account.residue == 0
+
+
+async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str) -> None:
+    sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,), namespace="europe/north"), view)
+    async with serving(sink):
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            (reply,) = await asyncio.to_thread(lambda: list(session.get(f"europe/north/{ROOT}/@/status")))
+            assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
+        finally:
+            session.close()
+
+
+@pytest.fixture
+def links_are_quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr("cellwatt.publish.publisher._UNCONNECTED", 0.2)
+    return
+
+
+@pytest.mark.usefixtures("links_are_quick")
+async def test_a_peer_that_reaches_nobody_says_so_once(
+    view: FakeView, endpoint: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    sink = ZenohSink("zenoh", ZenohSettings(connect=(endpoint,)), view)
+    async with serving(sink):
+        async with asyncio.timeout(20):
+            while "no link for" not in caplog.text:
+                sink.health({})
+                await asyncio.sleep(0.05)
+        with await asyncio.to_thread(open_session, LinkSettings(listen=(endpoint,))):
+            async with asyncio.timeout(20):
+                while "connected again" not in caplog.text:
+                    sink.health({})
+                    await asyncio.sleep(0.05)
+    assert caplog.text.count("no link for") == 1
+    assert f"{endpoint}: nobody answers" in caplog.text

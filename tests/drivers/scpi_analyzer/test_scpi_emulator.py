@@ -1,0 +1,153 @@
+"""The instrument behind the emulator, and the emulator's port, without our driver."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+
+import numpy as np
+import pytest
+
+from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer
+from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
+
+from .rig import STILL, emulated
+
+
+@pytest.fixture
+def analyzer():
+    return EmulatedAnalyzer(STILL, "Rohde&Schwarz,HMC8015,1,HW1,SW1")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "CHAN1:MEAS:FUNC?",
+        "chan1:meas:func?",
+        ":CHANnel1:MEASurement:FUNCtions?",
+        "CHAN:MEAS:FUNC?",
+        "CHAN1:MEAS:FORM ASC;FUNC?",
+        "CHAN1:MEAS:FORM ASC;:CHAN1:MEAS:FUNC?",
+        "CHAN1:MEAS:FORM ASC;*CLS;FUNC?",
+    ],
+)
+def test_spellings_of_one_query(analyzer, line):
+    assert analyzer.execute(line, 0.0) == "URMS,IRMS,P,FPLL,URAN,IRAN,S,Q,LAMB,PHI"
+    assert not analyzer.errors
+
+
+@pytest.mark.parametrize(
+    "line", ["CHANN1:MEAS:FUNC?", "CHAN2:MEAS:FUNC?", "MEAS:FUNC?", "CHAN1:MEAS:FORM ASC;MEAS:FUNC?"]
+)
+def test_other_spellings_are_undefined(analyzer, line):
+    assert analyzer.execute(line, 0.0) is None
+    assert analyzer.execute("SYST:ERR?", 0.0) == '-113,"Undefined header"'
+    assert analyzer.execute("SYST:ERR?", 0.0) == '0,"No error"'
+
+
+def test_data_follow_the_selected_functions(analyzer):
+    assert analyzer.execute("CHAN1:MEAS:FUNC P,URMS,Lambda", 1.0) is None
+    assert analyzer.execute("CHAN1:MEAS:FUNC?", 1.0) == "P,URMS,LAMB"
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 1.0) == "5.0000E+02,2.3000E+02,8.6957E-01"
+
+
+def test_two_queries_on_a_line_give_one_answer(analyzer):
+    assert analyzer.execute("*IDN?;CHAN1:MEAS:FUNC:COUN?", 0.0) == "Rohde&Schwarz,HMC8015,1,HW1,SW1;10"
+
+
+@pytest.mark.parametrize(
+    ("line", "error"),
+    [
+        ("CHAN1:MEAS:FUNC POWER", '-224,"Illegal parameter value"'),
+        ("CHAN1:MEAS:FUNC", '-109,"Missing parameter"'),
+        ("INT:MODE SOMETIMES", '-224,"Illegal parameter value"'),
+    ],
+)
+def test_what_it_refuses(analyzer, line, error):
+    analyzer.execute(line, 0.0)
+    assert analyzer.execute("SYST:ERR?", 0.0) == error
+    assert analyzer.functions[0] == "URMS"
+
+
+def test_the_error_queue_has_an_end(analyzer):
+    for _ in range(40):
+        analyzer.execute("NONSENSE", 0.0)
+    answers = [analyzer.execute("SYST:ERR?", 0.0) for _ in range(17)]
+    assert answers[15] == '-350,"Queue overflow"'
+    assert answers[16] == '0,"No error"'
+
+
+def test_a_measurement_stands_for_a_tenth_of_a_second():
+    class Ramp:
+        def at(self, t):
+            return {"supply.power": 1000.0 * t}
+
+        def disturb(self, change):
+            raise ValueError
+
+    analyzer = EmulatedAnalyzer(Ramp(), "x")
+    analyzer.execute("CHAN1:MEAS:FUNC P", 0.0)
+    # The mean of 1000 t over 0.9 … 1.0 s is 950, and stays until 1.1 s.
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 1.001) == "9.5000E+02"
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 1.099) == "9.5000E+02"
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 1.101) == "1.0500E+03"
+
+
+def test_the_integrator_adds_power_times_time(analyzer):
+    analyzer.execute("CHAN1:MEAS:FUNC WH,TIME", 0.05)
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 10.05) == "0.000000E+00,0.0000E+00"
+    analyzer.execute("INT:MODE MAN;:INT:STAT ON;STAR", 10.05)
+    # 500 W for an hour are 500 Wh, also when nobody asked meanwhile.
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 3610.05) == "5.000000E+02,3.6000E+03"
+    analyzer.execute("INT:STOP", 3610.05)
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 4000.0) == "5.000000E+02,3.6000E+03"
+    analyzer.execute("INT:RES", 4000.0)
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 4000.0) == "0.000000E+00,0.0000E+00"
+
+
+def test_overload_and_nothing_measured(analyzer):
+    analyzer.execute("CHAN1:MEAS:FUNC URMS,IRMS", 0.0)
+    analyzer.overload = {"IRMS"}
+    assert analyzer.execute("CHAN1:MEAS:DATA?", 1.0) == "2.3000E+02,9.9000E+37"
+    dead = EmulatedAnalyzer(type(STILL)({}), "x")
+    dead.execute("CHAN1:MEAS:FUNC LAMB,FU", 0.0)
+    assert dead.execute("CHAN1:MEAS:DATA?", 1.0) == "9.9100E+37,9.9100E+37"
+
+
+def test_alternating_current_is_measured_as_root_mean_square():
+    class Sine:
+        def at(self, t):
+            wave = np.sin(2 * math.pi * 50.0 * t)
+            return {"supply.voltage": 325.0 * wave, "supply.current": 2.0 * wave, "supply.power": 650.0 * wave**2}
+
+        def disturb(self, change):
+            raise ValueError
+
+    analyzer = EmulatedAnalyzer(Sine(), "x")
+    analyzer.execute("CHAN1:MEAS:FUNC URMS,IRMS,P,LAMB", 0.0)
+    found = [float(x) for x in analyzer.execute("CHAN1:MEAS:DATA?", 1.0).split(",")]
+    assert found == pytest.approx([325 / math.sqrt(2), 2 / math.sqrt(2), 325.0, 1.0], rel=1e-3)
+
+
+async def test_lines_over_tcp_with_either_end():
+    async with emulated() as (emulator, place):
+        host, _, port = place.rpartition(":")
+        reader, writer = await asyncio.open_connection(host, int(port))
+        writer.write(b"*IDN?\r\nCHAN1:MEAS:FUNC P\nCHAN1:MEAS:DATA?\n")
+        lines = [await asyncio.wait_for(reader.readline(), 5) for _ in range(2)]
+        writer.close()
+        assert lines == [b"Rohde&Schwarz,HMC8015,000000001,HW10000000,SW1.403\n", b"5.0000E+02\n"]
+        assert emulator.counts == {"made": 1, "sent": 1}
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [({"overload": "IRMS,VOLTS"}, "does not measure: VOLTS"), ({"speed": "1"}, "unknown options: speed")],
+)
+def test_wrong_options_are_refused(options, why):
+    with pytest.raises(ValueError, match=why):
+        ScpiAnalyzerEmulator(STILL, "", options=options)
+
+
+def test_it_listens_on_the_usual_port():
+    assert ScpiAnalyzerEmulator(STILL, "").address == "127.0.0.1:5025"

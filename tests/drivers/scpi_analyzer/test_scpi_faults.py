@@ -1,0 +1,139 @@
+"""Each fault by itself: what the driver counts is what the emulator did, and it goes on."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from cellwatt.emulation import Fault
+from cellwatt.errors import ConnectError
+from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
+from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
+
+from .rig import Outlet, emulated, running, settings
+
+IGNORED = ("repeats", "merged ticks")
+
+
+@asynccontextmanager
+async def struck(
+    fault: Fault, *, times: int, address: str = "127.0.0.1:0", **changes: object
+) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Outlet]]:
+    """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
+    changes = {"timeout": "150 ms", "rate": "50 Hz"} | changes
+    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, outlet, task):
+        await outlet.until(lambda: len(outlet.readings) > 3 or task.done())
+        emulator.inject(fault)
+        await outlet.until(lambda: emulator.injector.counts[fault.kind] >= times or task.done())
+        if fault.kind not in {"stall", "disconnect"}:
+            emulator.inject(Fault(fault.kind, probability=0))
+        seen = len(outlet.readings)
+        await outlet.until(lambda: len(outlet.readings) > seen + 10 or task.done())
+        if task.done():
+            await task
+        yield emulator, outlet
+
+
+def counters(outlet: Outlet) -> dict[str, int]:
+    return {k: n for k, n in outlet.account.counters.items() if k not in IGNORED}
+
+
+ADDRESSES = pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
+
+
+@ADDRESSES
+@pytest.mark.parametrize("kind", ["loss", "half_frame"])
+async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
+    async with struck(Fault(kind, probability=0.2), times=5, address=address) as (emulator, outlet):
+        n = emulator.counts[kind]
+        assert counters(outlet) == {"timeouts": n, "reconnects": n}
+        assert outlet.account.missed["timeout"] == n
+        assert outlet.account.missed["disconnected"] > 0
+        assert emulator.counts["made"] - emulator.counts["sent"] == n
+        assert outlet.kinds() == ["reopened"] * n
+
+
+@ADDRESSES
+async def test_late_answers_never_shift(address):
+    async with struck(Fault("delay", probability=0.2, seconds=0.25), times=5, address=address) as (emulator, outlet):
+        n = emulator.counts["delay"]
+        assert counters(outlet) == {"timeouts": n, "reconnects": n}
+        # A shifted answer would be an identification or an error entry in place of values.
+        assert outlet.account.missed["malformed"] == 0
+
+
+@ADDRESSES
+async def test_garbage_is_counted_and_shifts_nothing(address):
+    async with struck(Fault("garbage", probability=0.2), times=5, address=address) as (emulator, outlet):
+        n = emulator.counts["garbage"]
+        assert counters(outlet) == {"malformed": n, "reconnects": n}
+        assert outlet.account.missed["malformed"] == n
+
+
+async def test_a_stall_is_ridden_out():
+    async with struck(Fault("stall", seconds=0.4), times=1) as (_, outlet):
+        assert counters(outlet) == {"timeouts": 1, "reconnects": 1}
+
+
+async def test_a_short_stall_costs_polls_and_no_connection():
+    async with struck(Fault("stall", seconds=0.1), times=1, timeout="2 s") as (_, outlet):
+        assert counters(outlet) == {}
+        assert outlet.account.missed["slow answers"] >= 3
+
+
+async def test_a_closed_connection_is_opened_anew():
+    async with struck(Fault("disconnect", seconds=0.0), times=1) as (_, outlet):
+        assert counters(outlet) == {"reconnects": 1}
+        assert outlet.account.missed["connection lost"] == 1
+        assert len(outlet.identities) == 2
+
+
+async def test_an_outage_ends_the_run_and_the_next_one_counts_the_gap():
+    outlet = Outlet()
+    lost: list[ConnectError] = []
+
+    async def supervise(driver: ScpiAnalyzerDriver) -> None:
+        while True:
+            try:
+                await driver.run()
+            except ConnectError as error:
+                lost.append(error)
+                await asyncio.sleep(0.02)
+
+    async with emulated() as (emulator, place):
+        driver = ScpiAnalyzerDriver("supply", settings(place, rate="50 Hz"), outlet)
+        task = asyncio.create_task(supervise(driver))
+        await outlet.until(lambda: len(outlet.readings) > 3)
+        emulator.inject(Fault("disconnect", seconds=0.3))
+        await outlet.until(lambda: bool(lost))
+        seen = len(outlet.readings)
+        await outlet.until(lambda: len(outlet.readings) > seen + 3)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+    assert "cannot be opened" in str(lost[0])
+    assert outlet.account.missed["connection lost"] == 1
+    assert outlet.account.missed["disconnected"] >= 10
+    assert outlet.account.residue == 0
+
+
+async def test_all_faults_together_leave_the_account_even():
+    kinds = ("loss", "half_frame", "garbage", "delay")
+    async with struck(Fault("loss", probability=0.1), times=1) as (emulator, outlet):
+        for kind in kinds:
+            emulator.inject(Fault(kind, probability=0.1, seconds=0.25))
+        emulator.inject(Fault("disconnect"))
+        await outlet.until(lambda: all(emulator.injector.counts[k] >= 2 for k in kinds))
+        for kind in kinds:
+            emulator.inject(Fault(kind, probability=0))
+        seen = len(outlet.readings)
+        await outlet.until(lambda: len(outlet.readings) > seen + 10)
+    counts = emulator.counts
+    assert outlet.account.counters["timeouts"] == counts["loss"] + counts["half_frame"] + counts["delay"]
+    # Garbage ahead of an answer that was late anyway is never looked at.
+    assert counts["garbage"] - counts["delay"] <= outlet.account.counters["malformed"] <= counts["garbage"]
+    assert outlet.account.missed["connection lost"] == 1
+    assert outlet.account.residue == 0

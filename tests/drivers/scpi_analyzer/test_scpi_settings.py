@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSettings
+
+from .rig import Outlet
+
+
+def test_the_stream_follows_the_functions():
+    settings = ScpiAnalyzerSettings.model_validate(
+        {"host": "192.0.2.1", "functions": ["P", "WH", "URMS"], "rate": "5 Hz"}
+    )
+    (stream,) = ScpiAnalyzerDriver("supply", settings, Outlet()).streams
+    assert [(c.name, c.unit, c.method) for c in stream.channels] == [
+        ("supply.power", "W", "average"),
+        ("supply.energy", "J", "hold"),
+        ("supply.voltage", "V", "linear"),
+    ]
+    assert (stream.rate, stream.clock) == (5.0, "host")
+
+
+@pytest.mark.parametrize(
+    ("found", "why"),
+    [
+        ({}, "either 'host' or 'serial'"),
+        ({"host": "192.0.2.1", "serial": "/dev/ttyACM0"}, "either 'host' or 'serial'"),
+        ({"host": "192.0.2.1", "functions": []}, "at least one function"),
+        ({"host": "192.0.2.1", "functions": ["P", "P"]}, "each once"),
+        ({"host": "192.0.2.1", "functions": ["POWER"]}, "URMS"),
+        ({"host": "192.0.2.1", "integrate": True}, "add WH to functions"),
+        ({"host": "192.0.2.1", "rate": "10"}, "number with its unit"),
+        ({"host": "192.0.2.1", "rate": "0 Hz"}, "above zero"),
+        ({"host": "192.0.2.1", "timeout": "0 s"}, "greater than 0"),
+        ({"host": "192.0.2.1", "port": 70000}, "less than or equal"),
+        ({"serial": "/dev/ttyACM0", "baud": 0}, "greater than 0"),
+        ({"host": "192.0.2.1", "speed": 1}, "Extra inputs"),
+    ],
+)
+def test_wrong_settings_say_what_is_wrong(found, why):
+    with pytest.raises(ValidationError, match=why):
+        ScpiAnalyzerSettings.model_validate(found)

@@ -1,0 +1,148 @@
+"""Devices that misbehave: each fault alone, and all of them at once for as long as one likes."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import random
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt.emulation import EmulatorProcess, Fault
+from cellwatt.record import Recording
+from tests.system.running import Audience, Daemon, balanced, running
+
+pytestmark = pytest.mark.system
+
+STORM = float(os.environ.get("CELLWATT_STORM_SECONDS", "600"))
+ONE_SHOT = {"stall", "disconnect", "clock_jump"}
+KINDS = {
+    "arm": ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump"),
+    "board": (
+        "loss", "half_frame", "garbage", "duplicate", "reorder", "delay", "stall", "disconnect", "clock_jump",
+    ),
+    "second": ("delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect"),
+    "mains": ("delay", "stall", "disconnect", "garbage", "half_frame", "loss"),
+}  # fmt: skip
+RARE = {("arm", "half_frame"), ("arm", "garbage"), ("mains", "garbage"), ("mains", "half_frame"), ("mains", "loss")}
+"""These cost the connection, or a time-out, each time they strike."""
+
+
+@dataclass
+class Cell:
+    daemon: Daemon
+    audience: Audience
+    devices: dict[str, EmulatorProcess] = field(default_factory=dict)
+
+
+@contextlib.asynccontextmanager
+async def cell(folder: Path) -> AsyncIterator[Cell]:
+    link = folder / "tty"
+    async with contextlib.AsyncExitStack() as stack:
+        devices = {
+            "arm": EmulatorProcess("ur", "--listen", "127.0.0.1:0"),
+            "board": EmulatorProcess("power_board", "--listen", "pty", "--option", f"link={link}"),
+            "second": EmulatorProcess("yaskawa", "--listen", "127.0.0.1:0", "--option", "answer_ms=3"),
+            "mains": EmulatorProcess("scpi_analyzer", "--listen", "127.0.0.1:0"),
+        }
+        for device in devices.values():
+            await stack.enter_async_context(device)
+        place = {n: d.address.rsplit(":", 1) for n, d in devices.items()}
+        text = f"""
+sources:
+  arm: {{driver: ur, host: {place["arm"][0]}, port: {place["arm"][1]}}}
+  board: {{driver: power_board, port: {link}, silence: 1 s}}
+  second:
+    {{driver: yaskawa, host: {place["second"][0]}, port: {place["second"][1]},
+     pulses_per_degree: [1341.4, 1341.4, 1341.4, 1000, 1000, 622]}}
+  mains: {{driver: scpi_analyzer, host: {place["mains"][0]}, port: {place["mains"][1]}}}
+stages: {{segment: {{arm: arm}}}}
+"""
+        daemon, audience = await stack.enter_async_context(running(folder, text))
+        await audience.until(Audience.all_up)
+        yield Cell(daemon, audience, devices)
+
+
+def strike(name: str, kind: str, rng: random.Random) -> Fault:
+    if kind in ONE_SHOT:
+        return Fault(kind, seconds=rng.choice([0.2, 0.5, 1.0]))  # type: ignore[arg-type]
+    probability = 0.002 if (name, kind) in RARE else 0.05
+    return Fault(kind, probability, seconds=0.05, duration=1.0)  # type: ignore[arg-type]
+
+
+def undisturbed(source: dict[str, object]) -> bool:
+    counters = source["counters"]
+    assert isinstance(counters, dict)
+    return not counters.get("restarts") and not source["dropped"]
+
+
+@pytest.mark.timeout(200)
+@pytest.mark.parametrize("name", list(KINDS))
+async def test_each_fault_alone(tmp_path: Path, name: str) -> None:
+    rng = random.Random(5)
+    async with cell(tmp_path) as running_cell:
+        audience, device = running_cell.audience, running_cell.devices[name]
+        for kind in KINDS[name]:
+            before = (await device.counts()).get(kind, 0)
+            await device.inject(strike(name, kind, rng) if kind in ONE_SHOT else Fault(kind, 0.2, seconds=0.05))  # type: ignore[arg-type]
+            end = time.monotonic() + 20
+            while (await device.counts()).get(kind, 0) <= before:
+                assert time.monotonic() < end, f"{kind} never struck"
+                await asyncio.sleep(0.05)
+            if kind not in ONE_SHOT:
+                await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
+            mark = audience.source(name)["received"]
+            await audience.until(lambda a, mark=mark: a.source(name)["received"] > mark + 20, 30)
+        for other in KINDS.keys() - {name}:
+            assert undisturbed(audience.source(other)), (other, audience.source(other))
+        assert not audience.unbalanced
+        assert not audience.gaps
+        assert await running_cell.daemon.stop() == 0
+
+
+async def storm(folder: Path, seconds: float, seed: int) -> None:
+    rng = random.Random(seed)
+    async with cell(folder) as running_cell:
+        audience = running_cell.audience
+        start = time.monotonic()
+        while time.monotonic() - start < seconds:
+            name = rng.choice(list(KINDS))
+            await running_cell.devices[name].inject(strike(name, rng.choice(KINDS[name]), rng))
+            await asyncio.sleep(rng.uniform(0.1, 0.6))
+        for name, device in running_cell.devices.items():
+            for kind in set(KINDS[name]) - ONE_SHOT:
+                await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
+        marks = {n: audience.source(n)["received"] for n in KINDS}
+        await audience.until(lambda a: all(a.source(n)["received"] > m + 20 for n, m in marks.items()), 60)
+        assert not audience.unbalanced, audience.unbalanced[:3]
+        assert not audience.gaps
+        assert audience.status["loop_lag_ms"] < 1000
+        assert await running_cell.daemon.stop() == 0
+        assert all(balanced(audience.source(n)) for n in KINDS)
+        assert "Traceback" not in running_cell.daemon.log
+        assert all(audience.source(n)["counters"].get("driver bugs", 0) == 0 for n in KINDS)
+    recording = Recording.open(folder / "record")
+    assert not recording.damage
+    for topic, got in audience.batches.items():
+        _, source, stream = topic.split("/")
+        recorded = recording.batches(source, stream)
+        values = np.concatenate([b.values for b in got])
+        np.testing.assert_array_equal(recorded.values[got[0].sequence :][: len(values)], values)
+        assert (np.diff(recorded.time) > 0).all(), f"{topic}: time stepped back"
+
+
+@pytest.mark.timeout(120)
+async def test_all_faults_together(tmp_path: Path) -> None:
+    await storm(tmp_path, 20, seed=1)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(STORM + 200)
+async def test_all_faults_together_for_long(tmp_path: Path) -> None:
+    await storm(tmp_path, STORM, seed=2)
