@@ -161,7 +161,9 @@ class Subscriber:
         import pyarrow  # noqa: F401  # so that the first message does not wait for it
 
         self._session = open_session(self._link, self._stopped.is_set)
-        self._thread = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=True)
+        # No daemon thread: the threads in which Zenoh calls back inherit that, and one of them inside Zenoh
+        # while the interpreter ends aborts the process.
+        self._thread = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
         self._thread.start()
         for wanted in dict.fromkeys((*self._want, HEALTH)):
             self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._enqueue)

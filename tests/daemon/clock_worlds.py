@@ -41,6 +41,7 @@ class World:
     stall_for: float = 0.0
     long_stalls: tuple[tuple[float, float], ...] = ()
     bracket_every: float = 0.0
+    bracket_jitter: float = 0.0
     bracket_delay: float = 0.0003
     steps: tuple[tuple[float, float | None], ...] = ()
     seed: int = 0
@@ -112,6 +113,7 @@ def brackets(world: World, t: np.ndarray, rng: np.random.Generator) -> dict[int,
     if not world.bracket_every:
         return {}
     asked = np.arange(0.0, t[-1] - 1.0, world.bracket_every)
+    asked += rng.uniform(0.0, world.bracket_jitter, len(asked))
     answered = asked + rng.exponential(world.bracket_delay, len(asked))
     first_after = np.searchsorted(t, answered)
     return {int(k): EPOCH + int(a * 1e9) for k, a in zip(first_after, asked, strict=True)}
@@ -164,6 +166,7 @@ _RADIO = {"rate": 123.0, "least": 0.010, "jitter": 0.009, "settings": RADIO, "se
 NAMED = (
     World("rtde loopback, brackets", **_RTDE),
     World("rtde loopback, no brackets", settings=LAN),
+    World("rtde loopback, brackets at uneven times", bracket_jitter=0.1, **_RTDE),
     World("rtde, reader stalls 30 of 100 ms", stall_every=0.1, stall_for=0.03, **_RTDE),
     World("rtde, stalls of seconds", long_stalls=((7.0, 1.5), (25.0, 3.0), (40.0, 4.0)), **_RTDE),
     World("rtde, drift wanders", drift_ppm=-150.0, wander_ppm=45.0, wander_period=3000.0, seconds=120.0, **_RTDE),

@@ -46,7 +46,9 @@ def test_the_stated_bound_holds_the_true_time_in_random_worlds(seed):
 
 
 def test_brackets_tighten_the_bound_to_the_round_trip():
-    with_brackets, without = run(NAMED[0]), run(NAMED[1])
+    by_name = {world.name: world for world in NAMED}
+    with_brackets = run(by_name["rtde loopback, brackets at uneven times"])
+    without = run(by_name["rtde loopback, no brackets"])
     assert with_brackets.bound_p50 < 0.0005
     assert with_brackets.bound_p50 < without.bound_p50 < 0.003
 

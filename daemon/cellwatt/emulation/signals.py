@@ -58,16 +58,16 @@ class RecordedSignals:
 def load_signals(path: Path, *, loop: bool = False) -> RecordedSignals:
     """A CSV (comma, semicolon or blank separated, header row) or Parquet file as signals.
 
-    The first of the columns ``t``, ``time``, ``timestamp`` is the time in s. Raises ``RecordingError``
+    The first of the columns ``timestamp``, ``t``, ``time`` is the time in s. Raises ``RecordingError``
     where there is none, it does not rise, or the file cannot be read.
     """
     try:
         names, table = _parquet(path) if path.suffix == ".parquet" else _csv(path)
     except (OSError, ValueError) as error:
         raise RecordingError(f"{path}: cannot be read as a table: {error}") from error
-    clock = next((n for n in ("t", "time", "timestamp") if n in names), None)
+    clock = next((n for n in ("timestamp", "t", "time") if n in names), None)
     if clock is None:
-        raise RecordingError(f"{path}: no column named t, time or timestamp; there are: {', '.join(names[:8])} …")
+        raise RecordingError(f"{path}: no column named timestamp, t or time; there are: {', '.join(names[:8])} …")
     columns = dict(zip(names, table.T, strict=True))
     time = columns.pop(clock)
     if len(time) < 2 or np.any(np.diff(time) <= 0):

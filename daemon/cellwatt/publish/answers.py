@@ -88,7 +88,7 @@ class Answers:
 
     def start(self, session: zenoh.Session) -> None:
         """Declare the questions and begin to answer them."""
-        self._thread = threading.Thread(target=self._serve, name="cellwatt zenoh answers", daemon=True)
+        self._thread = threading.Thread(target=self._serve, name="cellwatt zenoh answers", daemon=False)
         self._thread.start()
         session.declare_queryable(self._keys.question("*"), lambda q: self._enqueue(q, self._reply))
         session.declare_queryable(self._keys.live(f"{ALARM}/**"), lambda q: self._enqueue(q, self._reply_alarms))

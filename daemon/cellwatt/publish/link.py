@@ -32,6 +32,19 @@ _ZENOH_DETAIL = re.compile(r'msg: "((?:[^"\\]|\\.)*)"|Str\("([^"]*)"\)')
 _ZENOH_PLACE = re.compile(r"\s*at /\S+:\d+\.?")
 
 
+_QUEUE: Final = "transport/link/tx/queue"
+_QUEUES: Final = (
+    # One receiver's queue of samples, in batches of 64 kB made when needed: a receiver that is not scheduled for
+    # some milliseconds must not lose any.
+    (f"{_QUEUE}/size/data", 16),
+    # While that is full the first put waits this long, µs; then this receiver's samples are dropped until it takes
+    # some again. So a receiver that hangs holds up the others once, for this long.
+    (f"{_QUEUE}/congestion_control/drop/wait_before_drop", 100_000),
+    # A receiver that takes no results for this long, µs, is cut off and has to ask for what it missed.
+    (f"{_QUEUE}/congestion_control/block/wait_before_close", 1_000_000),
+)
+
+
 class TlsSettings(BaseModel):
     """Certificates in PEM files."""
 
@@ -158,8 +171,7 @@ def _options(settings: LinkSettings, timeout: float) -> Iterator[tuple[str, Any]
         yield "scouting/delay", 0
     # Shared memory gains nothing at our message sizes, costs 30 MB, and put() was seen to take 24 ms with it.
     yield "transport/shared_memory/enabled", False
-    # A receiver that takes no results for this long, µs, is cut off and has to ask for what it missed.
-    yield "transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000
+    yield from _QUEUES
     yield from _tls(settings.tls)
     if settings.user is not None and settings.password is not None:
         yield "transport/auth/usrpwd/user", settings.user

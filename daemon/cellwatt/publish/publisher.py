@@ -42,7 +42,9 @@ class Publisher(threading.Thread):
     def __init__(
         self, link: LinkSettings, keys: CellKeys, outbox: Outbox, answers: Answers, health: Callable[[], bytes]
     ) -> None:
-        super().__init__(name="cellwatt zenoh", daemon=True)
+        # No daemon thread: the threads in which Zenoh calls back would inherit that, and one of them inside
+        # Zenoh while the interpreter ends aborts the process.
+        super().__init__(name="cellwatt zenoh", daemon=False)
         self.done: Future[None] = Future()
         self.done.set_running_or_notify_cancel()
         self._link = link

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 import zlib
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -68,6 +69,17 @@ def open_chunk(body: bytes) -> Opened:
     return Opened(data, start, end, packed_length)
 
 
+_threads = threading.local()
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    """One a thread: making them costs more than a small chunk, and they must not be shared."""
+    found: zstandard.ZstdDecompressor | None = getattr(_threads, "decompressor", None)
+    if found is None:
+        found = _threads.decompressor = zstandard.ZstdDecompressor()
+    return found
+
+
 def _decompress(packed: bytes, compression: bytes, size: int) -> bytes:
     if compression == b"":
         return packed
@@ -77,7 +89,7 @@ def _decompress(packed: bytes, compression: bytes, size: int) -> bytes:
         # A damaged frame may ask for any amount of memory: what it claims is compared first.
         if zstandard.get_frame_parameters(packed).content_size != size:
             raise ValueError("a chunk's size is wrong")
-        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        return _decompressor().decompress(packed, max_output_size=size)
     except zstandard.ZstdError:
         raise ValueError("a chunk cannot be decompressed") from None
 

@@ -22,7 +22,7 @@ CHUNK = 1 << 20
 RETRY = 1.0
 """Pause after a disk error, s."""
 RETAIN_EVERY = 60.0
-"""How often files are compared with the greatest age allowed, s."""
+"""How often files are compared with age and budget, and repairs that failed are tried again, s."""
 
 
 class Entry(NamedTuple):
@@ -86,9 +86,11 @@ class Files:
                 self._unsynced, self._synced_at = False, now
         except OSError as error:
             self._fail(error)
-        if self._settings.age and now - self._retained_at >= RETAIN_EVERY:
+        if now - self._retained_at >= RETAIN_EVERY:
             self._retained_at = now
             self._upkeep.retain()
+            if self.state == "ok":
+                self._upkeep.repair_left()
 
     def rotate(self) -> None:
         """End the open file; the next entry opens a new one. Raises ``OSError``."""

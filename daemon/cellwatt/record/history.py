@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,8 +27,12 @@ from cellwatt.record.writer import Recorder
 
 FLUSH_TIMEOUT = 1.0
 """Longest wait for the newest samples to reach the file, s."""
-CACHED_FILES = 4
+ATTEMPTS = 5
+"""How often a search begins again because the files changed under it."""
+CACHED_FILES = 2
 """Files whose list of chunks is kept in memory."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +64,9 @@ class History:
         """
         topic, stop = topic_of(source, stream), first + count
         with self._lock:
-            found = self._find(topic, session, first, stop)
+            found = self._settled(lambda: self._find(topic, session, first, stop))
             if _end(found, first) < stop and self._recorder.flush(FLUSH_TIMEOUT):
-                found = self._find(topic, session, first, stop)
+                found = self._settled(lambda: self._find(topic, session, first, stop))
             return found
 
     def recordings(self) -> list[dict[str, Any]]:
@@ -77,7 +82,7 @@ class History:
                     "messages": known.messages,
                     "state": known.state,
                 }
-                for known in self._files()
+                for known in self._settled(self._files)
             ]
 
     def _files(self) -> list[Known]:
@@ -95,6 +100,18 @@ class History:
         self._known = fresh
         return list(fresh.values())
 
+    def _settled(self, look: Callable[[], T]) -> T:
+        """Look, and again where files were closed, renamed or removed meanwhile."""
+        for _ in range(ATTEMPTS):
+            before = self._names()
+            found = look()
+            if self._names() == before:
+                break
+        return found
+
+    def _names(self) -> list[Path]:
+        return [kept.path for kept in listing(self._folder, self._recorder.cell)]
+
     def _find(self, topic: str, session: int, first: int, stop: int) -> list[Batch]:
         files = [f for f in self._files() if f.kept.name.session == session and topic in f.firsts]
         begins = [f.firsts[topic][1] for f in files]
@@ -111,10 +128,11 @@ class History:
             chunks, tracks = self._listed(known)
             with FileIO(known.kept.path, "rb") as file:
                 holding = [c for c in chunks if any(number == channel for number, _ in c.indexes)]
-                start = bisect_right(holding, first, key=lambda c: _first_in(file, c, tracks, channel))
+                places = range(len(holding))
+                start = bisect_right(places, first, key=lambda i: _first_from(file, holding, i, tracks, channel))
                 return list(_between(file, holding[max(start - 1, 0) :], tracks, channel, first, stop))
         except (OSError, RecordingError):
-            # Removed to make room, or renamed at this moment: what is left of them is asked for.
+            # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
             return []
 
     def _listed(self, known: Known) -> tuple[Sequence[Chunk], dict[int, Track]]:
@@ -171,10 +189,16 @@ def _batches(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], channel: i
     return [item for item in found if isinstance(item, Batch)]
 
 
-def _first_in(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], channel: int) -> int:
-    """The sequence number with which a stream begins in a chunk; a damaged chunk counts as before everything."""
-    batches = _batches(file, chunk, tracks, channel)
-    return batches[0].sequence if batches else -1
+def _first_from(file: FileIO, chunks: Sequence[Chunk], at: int, tracks: Mapping[int, Track], channel: int) -> int:
+    """The sequence number with which a stream goes on in the first chunk from ``at`` on that can be read."""
+    for chunk in chunks[at:]:
+        try:
+            for item in decoder.items(chunk_data(file, chunk), tracks, {channel}):
+                if isinstance(item, Batch):
+                    return item.sequence
+        except ValueError:
+            continue
+    return sys.maxsize
 
 
 def _between(

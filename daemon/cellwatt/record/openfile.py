@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
-from collections import Counter
+import struct
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -32,12 +33,29 @@ DEFINITIONS = "definitions"
 REPEAT_AFTER = 64
 """Definitions are copied in front of their chunk and again so many chunks later, out of reach of one bad sector."""
 
+_PAIR = struct.Struct("<QQ")
+"""Log time and offset of a message, as its chunk's index holds them."""
+
 
 def create(path: Path) -> FileIO:
     """A new file that only its writer may repair: it is locked until closed. Raises ``OSError``."""
     file = FileIO(path, "xb+")
-    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    lock(file)
     return file
+
+
+def lock(file: FileIO) -> None:
+    """Take a file for oneself; raises ``BlockingIOError`` where another has it.
+
+    On a file system without locks (some network shares) nothing happens: one daemon a folder there.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL):
+            raise
 
 
 class OpenFile:
@@ -68,8 +86,7 @@ class OpenFile:
     def _begin(self) -> None:
         self._pieces: list[bytes] = []
         self._filled = 0
-        self._index: dict[int, list[NDArray[np.uint64]]] = {}
-        self._counts: Counter[int] = Counter()
+        self._index: dict[int, list[bytes]] = {}
         self._defined = False
 
     @property
@@ -94,26 +111,25 @@ class OpenFile:
 
     def add_rows(self, channel: int, rows: NDArray[np.void]) -> None:
         """A block of message records of equal length (see ``rows``) into the chunk."""
-        n, stride = len(rows), rows.itemsize
-        pairs = np.empty((n, 2), "<u8")
-        pairs[:, 0] = rows["log_time"]
-        pairs[:, 1] = self._filled + stride * np.arange(n, dtype=np.uint64)
+        if len(rows) == 1:
+            pairs = _PAIR.pack(rows["log_time"][0], self._filled)
+        else:
+            table = np.empty((len(rows), 2), "<u8")
+            table[:, 0] = rows["log_time"]
+            table[:, 1] = np.arange(self._filled, self._filled + rows.nbytes, rows.itemsize)
+            pairs = table.tobytes()
         self._put(rows.tobytes())
-        self._count(channel, pairs)
+        self._index.setdefault(channel, []).append(pairs)
 
     def add_message(self, channel: int, sequence: int, time: int, data: bytes) -> None:
         """One message into the chunk."""
-        pairs = np.array([[time & 0xFFFFFFFFFFFFFFFF, self._filled]], "<u8")
+        pairs = _PAIR.pack(time & 0xFFFFFFFFFFFFFFFF, self._filled)
         self._put(message(channel, sequence, time, data))
-        self._count(channel, pairs)
+        self._index.setdefault(channel, []).append(pairs)
 
     def _put(self, piece: bytes) -> None:
         self._pieces.append(piece)
         self._filled += len(piece)
-
-    def _count(self, channel: int, pairs: NDArray[np.uint64]) -> None:
-        self._index.setdefault(channel, []).append(pairs)
-        self._counts[channel] += len(pairs)
 
     def write_chunk(self) -> None:
         """Write what was added since the last chunk, in one piece."""
@@ -124,12 +140,12 @@ class OpenFile:
             self._repeat_at = len(self.contents.chunks) + REPEAT_AFTER
         if self._defined or len(self.contents.chunks) == self._repeat_at:
             front, indexed = definitions_copy(self.contents, self.size)
-        index = {channel: b"".join(p.tobytes() for p in pairs) for channel, pairs in self._index.items()}
+        index = {channel: b"".join(pairs) for channel, pairs in self._index.items()}
         body, chunk = chunk_bytes(b"".join(self._pieces), index, self.size + len(front), self._compressor)
         self._write(front + body)
         if indexed is not None:
             self.contents.attachments.append(indexed)
-        self.contents.add_chunk(chunk, self._counts)
+        self.contents.add_chunk(chunk, {channel: len(pairs) // _PAIR.size for channel, pairs in index.items()})
         self._begin()
 
     def finish(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import itertools
 import os
 from collections.abc import Mapping
@@ -24,7 +23,7 @@ from cellwatt.record.container import (
     record_bytes,
 )
 from cellwatt.record.header import DAMAGED, PART, FileName, Header, plain_cell
-from cellwatt.record.openfile import HEADER, definitions_copy, sync_folder
+from cellwatt.record.openfile import HEADER, definitions_copy, lock, sync_folder
 from cellwatt.record.scan import Damage, Scan, read_at, scan
 from cellwatt.record.summary import guess_header
 
@@ -93,7 +92,7 @@ def recover(part: Path) -> Recovery | None:
     """
     try:
         with FileIO(part, "rb+") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(file)
             return _repair(file, part)
     except (FileNotFoundError, BlockingIOError):
         return None

@@ -73,23 +73,25 @@ class RowType:
         layout.append(("values", [("tag", "u1", (2,)), ("bits", "<u8")], (channels,)))
         self.dtype = np.dtype(layout)
         self.size = self.dtype.itemsize
-        self._template = np.zeros(1, self.dtype)
-        self._template["opcode"] = OPCODE_MESSAGE
-        self._template["length"] = self.size - 9
+        template = np.zeros(1, self.dtype)
+        template["opcode"] = OPCODE_MESSAGE
+        template["length"] = self.size - 9
         for name, prefix in prefixes.items():
-            self._template[name] = np.frombuffer(prefix, np.uint8)
+            template[name] = np.frombuffer(prefix, np.uint8)
         for i in range(channels):
-            self._template["values"]["tag"][0, i] = np.frombuffer(
-                protobuf.tag(FIRST_VALUE + i, protobuf.FIXED64), np.uint8
-            )
+            template["values"]["tag"][0, i] = np.frombuffer(protobuf.tag(FIRST_VALUE + i, protobuf.FIXED64), np.uint8)
+        self._template = template.tobytes()
 
     def rows(self, n: int, channel: int, sequence: int) -> Rows:
         """n records with everything that never changes filled in, numbered from ``sequence``."""
-        rows = np.empty(n, self.dtype)
-        rows[:] = self._template[0]
+        # Repeating bytes is some twenty times as fast as numpy's copying of nested structs.
+        rows = np.frombuffer(bytearray(self._template * n), self.dtype)
         rows["channel"] = channel
-        rows["sequence"] = (np.arange(n, dtype=np.uint64) + np.uint64(sequence & 0xFFFFFFFF)).astype(np.uint32)
-        rows["block_left"] = np.arange(n - 1, -1, -1, dtype=np.uint32)
+        if n == 1:
+            rows["sequence"] = sequence & 0xFFFFFFFF
+            return rows
+        rows["sequence"] = np.arange(sequence & 0xFFFFFFFF, (sequence & 0xFFFFFFFF) + n) & 0xFFFFFFFF
+        rows["block_left"] = np.arange(n - 1, -1, -1)
         return rows
 
     def block(self, data: bytes, offset: int) -> Rows:

@@ -25,6 +25,7 @@ from cellwatt.record.header import Header
 from cellwatt.record.openfile import DEFINITIONS, HEADER
 
 _WINDOW = 1 << 20
+_LAST_OPCODE = int(max(Opcode))
 _LOW = 0xFFFFFFFF
 """Sequence numbers stand in messages with their low 32 bits."""
 _MARK = RECORD.size + CHUNK_HEAD.size
@@ -129,7 +130,7 @@ class _Scanner:
             return self._resync(at, "the file ends within a record")
         opcode, length = RECORD.unpack(head)
         after = at + RECORD.size + length
-        if not 0 < opcode <= max(Opcode):
+        if not 0 < opcode <= _LAST_OPCODE:
             return self._resync(at, "these bytes are no record")
         if after > self.found.size:
             return self._resync(at, "the file ends within a record")

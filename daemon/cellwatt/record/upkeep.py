@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import logging
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,11 @@ from cellwatt.record.openfile import OpenFile, sync_folder
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.retention import listing, remove, remove_oldest, surplus
 from cellwatt.record.settings import RecordSettings
+
+log = logging.getLogger(__name__)
+
+MOST_IN_VAIN = 8
+"""Recordings deleted on a full disk before it is clear that this does not help."""
 
 
 def is_full(error: OSError) -> bool:
@@ -36,6 +42,7 @@ class Upkeep:
         self._left: set[Path] = set()
         self._recovered: list[Recovery] = []
         self._removed_files = self._removed_bytes = 0
+        self._in_vain = 0
         self._problem = ""
 
     def start(self) -> None:
@@ -77,15 +84,24 @@ class Upkeep:
 
     def sync_folder(self) -> None:
         """Bring the name of a new file to disk."""
-        self._worker.submit(sync_folder, self._settings.folder)
+        self._submit(sync_folder, self._settings.folder)
 
     def publish(self, file: OpenFile) -> None:
         """Bring a finished file to disk under its final name, then keep to the budget."""
-        self._worker.submit(self._publish, file)
+        self._submit(self._publish, file)
 
     def retain(self) -> None:
         """Remove what is too much or too old."""
-        self._worker.submit(self._retain)
+        self._submit(self._retain)
+
+    def _submit(self, work: Callable[..., None], *arguments: object) -> None:
+        self._worker.submit(work, *arguments).add_done_callback(self._told)
+
+    def _told(self, done: Future[None]) -> None:
+        error = done.exception()
+        if error is not None:
+            log.error("looking after recordings failed", exc_info=error)
+            self._problem = f"{self._settings.folder}: {error}"
 
     def leave(self, part: Path) -> None:
         """A file had to be given up; it is repaired when the disk takes it."""
@@ -93,11 +109,21 @@ class Upkeep:
 
     def repair_left(self) -> None:
         """The disk works again: repair what was given up."""
+        self._in_vain = 0
+        self._problem = ""
         left, self._left = self._left, set()
         self._repair(sorted(left))
 
     def make_room(self) -> bool:
-        """Delete the oldest closed recording, because the disk is full; ``False`` where there is none."""
+        """Delete the oldest closed recording, because the disk is full.
+
+        ``False`` where there is none, or where deleting several did not let a single write succeed: then
+        the room is taken by something else, and no more recordings are given for it.
+        """
+        if self._in_vain >= MOST_IN_VAIN:
+            self._problem = "the disk stays full although recordings were deleted; something else fills it"
+            return False
+        self._in_vain += 1
         try:
             gone = remove_oldest(self._settings.folder, self._cell)
         except OSError as error:
@@ -111,7 +137,12 @@ class Upkeep:
         self._repairing += [self._repairs.submit(self._recover, part) for part in parts]
 
     def _recover(self, part: Path) -> Recovery | None:
-        recovery = recover(part)
+        try:
+            recovery = recover(part)
+        except Exception as error:
+            # Whatever is in a file, it must stop neither the daemon nor the repair of the others.
+            log.exception("%s cannot be repaired", part)
+            recovery = Recovery(part, problem=f"cannot be repaired: {error}; it stays as it is")
         if recovery is not None:
             self._recovered.append(recovery)
             if recovery.problem and part.exists():

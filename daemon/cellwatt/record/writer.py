@@ -25,6 +25,8 @@ from cellwatt.results import Event, Result
 
 IDLE = 0.5
 """How often files are looked after while nothing arrives, s."""
+OVERHEAD = 1000
+"""Bytes that a block takes in memory beside its numbers."""
 
 
 class Recorder:
@@ -87,7 +89,7 @@ class Recorder:
         """Record raw samples; ``False`` where they were refused, for the caller to count. An empty batch is nothing."""
         if not len(batch):
             return True
-        size = batch.values.nbytes + 40 * len(batch) + 200
+        size = batch.values.nbytes + 40 * len(batch) + OVERHEAD
         return self._put(batch, size, topic_of(batch.source, batch.stream.name), len(batch))
 
     def tick(self, tick: Tick) -> bool:
@@ -98,7 +100,7 @@ class Recorder:
         """Record frames, unless the settings say not to."""
         if not self.settings.frames or not len(frames):
             return True
-        size = frames.values.nbytes + frames.bound.nbytes + frames.quality.nbytes + 200
+        size = frames.values.nbytes + frames.bound.nbytes + frames.quality.nbytes + OVERHEAD
         return self._put(frames, size, FRAME_TOPIC, len(frames))
 
     def result(self, result: Result) -> bool:

@@ -222,7 +222,8 @@ class Cell:
             self._offer(result)
 
     def _note_alarm(self, alarm: Alarm) -> None:
-        log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
+        if not alarm.active or alarm.id not in self._active:
+            log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
         if alarm.active:
             self._active[alarm.id] = alarm
         else:
@@ -243,8 +244,12 @@ class Cell:
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = max(0.0, (asyncio.get_running_loop().time() - tick.deadline * 1e-9))
-                self._keep_time()
-                self._look()
+                try:
+                    self._keep_time()
+                    self._look()
+                except Exception:
+                    # Health is worth a lot, but never the data: it is looked at again in a second.
+                    log.exception("the look at the cell's health failed")
 
     def _keep_time(self) -> None:
         step = self.clock.discipline() * 1e-9

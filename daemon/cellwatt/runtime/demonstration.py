@@ -27,7 +27,7 @@ SPRING = {"stiffness": 60.0, "rest": 1.4}
 DEVICES = {
     "arm": ("ur", "127.0.0.1:0", "1.0"),
     "board": ("power_board", "pty", "1.0"),
-    "positioner": ("yaskawa", "127.0.0.1:0", "0.8"),
+    "positioner": ("yaskawa", "127.0.0.1:0", "0.8", "--option", "answer_ms=4"),
     "mains": ("scpi_analyzer", "127.0.0.1:0", "0.8"),
 }
 """Source, its driver, where the emulator listens, and how fast its arm moves."""
@@ -91,21 +91,22 @@ class Demonstration:
         epoch = time.time()
         async with contextlib.AsyncExitStack() as stack:
             emulators = {}
-            for number, (name, (driver, address, speed)) in enumerate(DEVICES.items()):
-                arguments = ("--listen", address, "--epoch", str(epoch), "--speed", speed, "--seed", str(number))
+            for number, (name, (driver, address, speed, *more)) in enumerate(DEVICES.items()):
+                arguments = ("--listen", address, "--epoch", str(epoch), "--speed", speed, "--seed", str(number), *more)
                 emulators[name] = await stack.enter_async_context(EmulatorProcess(driver, *arguments))
             endpoint = f"tcp/127.0.0.1:{_free_port()}"
             daemon = await stack.enter_async_context(self._daemon(emulators, endpoint))
             watching = await stack.enter_async_context(self._subscriber(endpoint))
             reading = asyncio.create_task(self._read(watching))
             try:
-                await self._until_running(daemon)
+                await self._until_running(daemon, watching)
                 await self._play(emulators, epoch)
                 daemon.send_signal(signal.SIGTERM)
                 await asyncio.wait_for(daemon.wait(), 15)
                 await asyncio.sleep(0.5)
             finally:
-                watching.terminate()
+                with contextlib.suppress(ProcessLookupError):
+                    watching.terminate()
                 await asyncio.wait([reading], timeout=5)
                 reading.cancel()
         return summary(self.seen, self.hooked, daemon.returncode)
@@ -120,14 +121,17 @@ class Demonstration:
         self.say(f"a spring is hooked on joint {JOINT} of {FAULTY[0]}")
         await asyncio.sleep(max(0.0, start + self.seconds - time.time()))
 
-    async def _until_running(self, daemon: asyncio.subprocess.Process) -> None:
+    async def _until_running(
+        self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process
+    ) -> None:
         end = time.monotonic() + START
         while time.monotonic() < end:
             states = [s["state"] for s in self.seen.status.get("sources", {}).values()]
             if states and all(s == "ok" for s in states):
                 return
-            if daemon.returncode is not None:
-                raise CellwattError(f"the daemon ended with exit code {daemon.returncode}")
+            for name, process in (("daemon", daemon), ("subscriber", watching)):
+                if process.returncode is not None:
+                    raise CellwattError(f"the {name} ended with exit code {process.returncode}")
             await asyncio.sleep(0.05)
         raise CellwattError(f"not everything ran within {START:.0f} s: {json.dumps(self.seen.status)[:400]}")
 
@@ -238,7 +242,7 @@ def _fault(seen: Seen, hooked: float) -> dict[str, Any]:
     """The first alarm that names a fault, and the interval in which the spring began to act."""
     at = hooked * 1e9
     alarms = [a for a in seen.alarms if a["kind"].endswith("_fault") and a["active"]]
-    acting = [i for i in seen.intervals if i["start"] - 0.2e9 <= at < i["end"]]
+    acting = [i for i in seen.intervals if JOINT in i["moving"] and i["end"] > at]
     first = alarms[0] if alarms else None
     return {
         "joint": JOINT,

@@ -5,6 +5,7 @@ Everything here does nothing where systemd did not start the process (no ``NOTIF
 
 from __future__ import annotations
 
+import functools
 import logging
 import os
 import socket
@@ -32,9 +33,15 @@ def notify(**fields: str) -> bool:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC | socket.SOCK_NONBLOCK) as to:
             to.sendto(message, address)
     except OSError as error:
-        log.warning("systemd does not listen at its notify socket: %s", error)
+        _warn_once(f"systemd does not listen at its notify socket: {error}")
         return False
     return True
+
+
+@functools.cache
+def _warn_once(text: str) -> None:
+    """The daemon reports once a second; the log says it once."""
+    log.warning("%s", text)
 
 
 def reloading() -> bool:

@@ -20,8 +20,8 @@ from cellwatt_drivers.power_board.virtual_port import VirtualPort
 
 SENDER, NETWORK = 0x0013A20040401122, 0x1A2B
 TICK = 0.004
-SETTLE = 0.1
-"""Time in s from a port's opening to its first byte: clients throw away what waited in the port before."""
+SETTLE = 0.3
+"""s after which a client that has the port open counts as listening, though it never flushed the port."""
 LINGER = (0.05, 1.0)
 """Shortest and longest time in s that a vanishing port waits for its last bytes to be read."""
 MOST_WAITING = 10_000
@@ -162,6 +162,8 @@ class PowerBoardEmulator(Emulator):
         elif now - self._left >= (LINGER[1] if port.unread else LINGER[0]):
             port.unplug()
             self._away, self._leaving = now + self._leaving, None
+            self._counts["unheard"] += sum(item.samples for item in self._overtaken)
+            self._overtaken.clear()
 
     def _listen(self, port: VirtualPort, now: float) -> None:
         """Notice who opens the port and what they write."""
@@ -173,7 +175,7 @@ class PowerBoardEmulator(Emulator):
         self._counts["heard"] += len(asked)
         if self._modem is not None and (answer := self._modem.feed(asked)):
             self._line.append(_Item(now, answer, 0))
-        if now < self._opened + SETTLE or self._listened:
+        if self._listened or not (port.flushed or now >= self._opened + SETTLE):
             return
         self._listened = True
         if self._modem is not None:

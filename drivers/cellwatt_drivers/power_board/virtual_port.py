@@ -17,12 +17,14 @@ class VirtualPort:
     """A pseudo-terminal in raw mode; ``link``, where given, points to it while it is plugged in.
 
     Whoever opens ``path`` sees a port that ends when ``unplug`` is called, as a USB adapter's does.
+    ``flushed``: whoever has it open has thrown away what waited in it, as serial libraries do when they open.
     """
 
     def __init__(self, link: Path | None = None) -> None:
         self._link = link
         self._master = -1
         self._slave = ""
+        self.flushed = False
         self.plug()
 
     @property
@@ -44,6 +46,7 @@ class VirtualPort:
         finally:
             os.close(slave)
         os.set_blocking(master, False)
+        fcntl.ioctl(master, termios.TIOCPKT, struct.pack("i", 1))  # to be told of flushes
         self._master = master
         if self._link is not None:
             if self._link.is_symlink():
@@ -66,7 +69,9 @@ class VirtualPort:
             return False
         poll = select.poll()
         poll.register(self._master, 0)
-        return not any(events & select.POLLHUP for _, events in poll.poll(0))
+        opened = not any(events & select.POLLHUP for _, events in poll.poll(0))
+        self.flushed = self.flushed and opened
+        return opened
 
     @property
     def unread(self) -> int:
@@ -90,6 +95,9 @@ class VirtualPort:
     def read(self) -> bytes:
         """What the other side wrote, without blocking."""
         try:
-            return os.read(self._master, 4096)
+            told = os.read(self._master, 4096)
         except OSError:  # nothing there, or nobody at the other end
             return b""
+        event, data = told[0], told[1:]
+        self.flushed = self.flushed or bool(event & termios.TIOCPKT_FLUSHREAD)
+        return data if event == termios.TIOCPKT_DATA else b""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from contextlib import AbstractAsyncContextManager, suppress
 from typing import Literal
@@ -141,10 +142,12 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
                 order = await self._set_up(analyzer)
                 self.outlet.connected(identity)
                 await self._poll(analyzer, order)
-            finally:
+            except asyncio.CancelledError:
+                # Only in order: on a connection that failed the analyzer might obey late, after the next set-up.
                 if self._before:
                     with suppress(ConnectError):
                         analyzer.select(self._before)
+                raise
 
     async def _set_up(self, analyzer: Analyzer) -> tuple[str, ...]:
         """Make the analyzer answer the functions; gives all that it answers, in order."""

@@ -97,8 +97,8 @@ class ScpiAnalyzerEmulator(Emulator):
         self._talking.add(task)
         try:
             await self._converse(reader, writer.write)
-        except ConnectionError:
-            pass  # the client is gone
+        except (ConnectionError, asyncio.CancelledError):
+            pass  # the client is gone, or hung up on: nobody awaits this task, and Python 3.11 would log it
         finally:
             self._talking.discard(task)
             writer.close()

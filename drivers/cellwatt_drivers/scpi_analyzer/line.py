@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
 import serial
@@ -14,6 +14,8 @@ from cellwatt.errors import ConnectError, ProtocolError
 from cellwatt_drivers.scpi_analyzer.wire import LONGEST, decode_line
 
 _MOST_LINES = 16
+_CLOSING = 1.0
+"""s to wait for a connection to close; it goes on by itself after that."""
 
 
 class LateError(ConnectError):
@@ -30,10 +32,10 @@ class Answer:
 
 
 class Line(asyncio.Protocol):
-    """The text side of an open connection; ``write`` is set by whoever opened it.
+    """The text side of an open connection; ``write`` is set by whoever opened it, ``closed`` once it is closed.
 
-    ``now`` gives the cell's time, ns. Over-long lines and lines nobody reads are a ``ProtocolError`` of the
-    next read, so nothing grows without bound.
+    ``now`` gives the cell's time, ns. Over-long lines, or lines nobody reads, end the conversation, so that
+    nothing grows without bound.
     """
 
     def __init__(self, place: str, now: Callable[[], int]) -> None:
@@ -42,8 +44,9 @@ class Line(asyncio.Protocol):
         self._now = now
         self._partial = bytearray()
         self._lines: deque[tuple[bytes, int]] = deque()
-        self._broken: ConnectError | ProtocolError | None = None
+        self._broken: ConnectError | None = None
         self._news = asyncio.Event()
+        self.closed = asyncio.Event()
 
     @property
     def unread(self) -> bool:
@@ -91,7 +94,7 @@ class Line(asyncio.Protocol):
         self._lines.extend((line, arrival) for line in lines)
         self._partial[:] = rest
         if len(self._partial) > LONGEST or len(self._lines) > _MOST_LINES:
-            self._broken = ProtocolError(f"{self.place} floods the line with what nobody asked for")
+            self._broken = ConnectError(f"{self.place} floods the line with what nobody asked for")
             self._partial.clear()
             self._lines.clear()
         self._news.set()
@@ -101,6 +104,7 @@ class Line(asyncio.Protocol):
         why = getattr(exc, "strerror", None) or exc or "closed by the analyzer"
         self._broken = self._broken or ConnectError(f"{self.place}: the connection is gone ({why})")
         self._news.set()
+        self.closed.set()
 
 
 @asynccontextmanager
@@ -122,19 +126,15 @@ async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int])
     try:
         yield line
     finally:
-        transport.close()
+        await _close(transport, line)
 
 
 @asynccontextmanager
 async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIterator[Line]:
     """A line over a serial port, for this process alone. Raises ``ConnectError``."""
     line = Line(path, now)
+    device = await _open_device(path, baud)
     try:
-        device = await asyncio.to_thread(serial.Serial, path, baud, timeout=0, write_timeout=0, exclusive=True)
-    except (OSError, ValueError) as error:
-        raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
-    try:
-        device.reset_input_buffer()
         transport, _ = await asyncio.get_running_loop().connect_read_pipe(lambda: line, device)
     except BaseException:
         device.close()
@@ -143,4 +143,35 @@ async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIter
     try:
         yield line
     finally:
-        transport.close()
+        await _close(transport, line)
+
+
+async def _open_device(path: str, baud: int) -> serial.Serial:
+    """Open and empty the port in a thread, because it blocks; closed again where nobody waits for it any more."""
+
+    def open_port() -> serial.Serial:
+        device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        device.reset_input_buffer()
+        return device
+
+    opening = asyncio.ensure_future(asyncio.to_thread(open_port))
+    try:
+        return await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(_discard)
+        raise
+    except (OSError, ValueError) as error:
+        raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
+
+
+def _discard(opening: asyncio.Future[serial.Serial]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
+
+
+async def _close(transport: asyncio.BaseTransport, line: Line) -> None:
+    """Close, and wait until what was told has left and the port is free again."""
+    transport.close()
+    with suppress(TimeoutError):
+        async with asyncio.timeout(_CLOSING):
+            await line.closed.wait()

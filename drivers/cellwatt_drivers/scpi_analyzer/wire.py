@@ -12,12 +12,12 @@ PORT = 5025
 LONGEST = 4096
 """Bytes of the longest line taken; measured values of every function fit in a tenth of it."""
 
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _UNAVAILABLE = re.compile(r"NAN|-+", re.IGNORECASE)
 _INFINITE = re.compile(r"[-+]?INF(?:INITY)?", re.IGNORECASE)
 _NOT_A_NUMBER = 9.91e37  # SCPI 1999, 7.2.1.5
 _LARGEST = 9.9e36
-_ERROR = re.compile(r"([-+]?\d+)\s*,\s*\"?([^\"]*)\"?")
+_ERROR = re.compile(r"([-+]?[0-9]+)\s*,\s*\"?([^\"]*)\"?")
 
 
 @dataclass(frozen=True, slots=True)

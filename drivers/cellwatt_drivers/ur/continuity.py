@@ -49,6 +49,10 @@ class Grid:
         if self.policy == "requested":
             self.step = period
 
+    def keeps(self, step: int) -> bool:
+        """Whether a step of this many ns is one step of the grid in force, so that nothing is missing."""
+        return self.step is not None and abs(step - self.step) <= OFF_GRID * self.step
+
     def missing(self, steps: Steps) -> int:
         """How many packages are newly known to be missing, given the next steps (n,) ns, all above 0."""
         if self.policy == "off":

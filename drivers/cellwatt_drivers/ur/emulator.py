@@ -73,7 +73,8 @@ class UrEmulator(Emulator):
         if self._at_end not in AT_END or self._start not in ("client", "epoch"):
             raise ValueError(f"at_end is one of {', '.join(AT_END)}; start is client or epoch")
         self._host, self._port = _split(self.address)
-        self._recording = signals if isinstance(signals, RecordedSignals) else None
+        held = self._at_end == "hold"
+        self._rows = Rows(signals, held) if isinstance(signals, RecordedSignals) else None
         self.signals = _World(signals, self)
         self.clients: set[Listener] = set()
         self._places: list[Place] = []
@@ -100,7 +101,7 @@ class UrEmulator(Emulator):
         server = await asyncio.get_running_loop().create_server(lambda: Listener(self), self._host, self._port)
         try:
             host, port = server.sockets[0].getsockname()[:2]
-            if self._recording is None:
+            if self._rows is None:
                 await self._cycle(lambda: ready(f"{host}:{port}"))
             if self._start == "epoch":
                 self._begin(time.time() - self.epoch)
@@ -128,9 +129,8 @@ class UrEmulator(Emulator):
 
     def _begin(self, elapsed: float) -> None:
         """Start the recording, elapsed s ago."""
-        assert self._recording is not None
-        self._timeline = Rows(self._recording, self._at_end == "hold")
         self._began = time.monotonic() - elapsed
+        self._timeline = self._rows
 
     async def _pause(self) -> None:
         """Sleep until the next row, or the end of a client's hold, or a change."""
@@ -154,12 +154,11 @@ class UrEmulator(Emulator):
 
     def start(self, client: Listener) -> None:
         """A client wants its packages from now on; it takes the place that one before it lost."""
-        if self._timeline is None:
+        if begins := self._timeline is None:
             self._begin(0.0)
         assert self._timeline is not None
         self.advance()
         stride = decimation(self._timeline.rate, client.rate) if self._timeline.rate else 1
-        first = not self._places
         place = next((p for p in self._places if p.lost), None)
         if place is None:
             place = Place(0, stride, client)
@@ -168,9 +167,7 @@ class UrEmulator(Emulator):
             place.client.place = None
         place.client, place.stride = client, stride
         place.forget()
-        due = self._timeline.due(time.monotonic() - self._began)
-        # A recording that begins with its first client is sent to it from row 0.
-        start = 0 if self._recording is not None and first and due <= 1 else max(due, place.next)
+        start = 0 if begins else max(self._timeline.due(time.monotonic() - self._began), place.next)
         place.next = -(-start // stride) * stride
         client.place = place
         self._wake.set()

@@ -73,9 +73,11 @@ class Intake:
         ``not_before``: the first of them was made after a question sent then (cell's time, ns), give or take
         a cycle of the controller. Raises ``ProtocolError`` where a time cannot be one.
         """
+        arrival = self._outlet.now()
+        if len(time) == 1 and not_before is None and self._next(time.item(), values, arrival):
+            return
         if not (time.min() >= 0 and time.max() < LATEST):
             raise ProtocolError(f"controller time {time.min():g} … {time.max():g} s is no time since its start")
-        arrival = self._outlet.now()
         device = np.rint(time * 1e9).astype(np.int64)
         self._speak()
         if not_before is not None:
@@ -88,6 +90,18 @@ class Intake:
             self._emit(device, values, steps, arrival)
         else:
             self._untangle(device, values, steps, arrival)
+
+    def _next(self, time: float, values: Float, arrival: int) -> bool:
+        """Take one package one step after the last: nearly all of them, without the cost of arrays."""
+        if self._last is None or self._reason != "gap" or not 0 <= time < LATEST:
+            return False
+        device = round(time * 1e9)
+        if not self._grid.keeps(device - self._last) or not self._base.arrived(device, arrival):
+            return False
+        self._speak()
+        self._outlet.account.expect()
+        self._deliver(np.array([device]), values, arrival)
+        return True
 
     def message(self, message: TextMessage) -> None:
         """The controller says something."""
@@ -155,10 +169,12 @@ class Intake:
         self._outlet.event("clock reset", reason)
 
     def _emit(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
-        account = self._outlet.account
         steps = steps[1:] if self._last is None else steps
         missing = self._count(steps) if len(steps) else 0
-        account.expect(len(device) + missing)
+        self._outlet.account.expect(len(device) + missing)
+        self._deliver(device, values, arrival)
+
+    def _deliver(self, device: NDArray[np.int64], values: Float, arrival: int) -> None:
         self._last = int(device[-1])
         self._outlet.emit(Reading(self._stream, values, arrival, device))
         if len(self._columns):
@@ -191,10 +207,10 @@ class Intake:
 
     def _compare(self, values: Float) -> None:
         """Report changes of the robot's states."""
-        states = values[:, self._columns]
+        states = values.take(self._columns, axis=1)
         before = states[0] if self._states is None else self._states
         self._states = states[-1]
-        if (states == before).all():
+        if states.tobytes() == before.tobytes() * len(states):
             return
         rows = np.vstack((before, states))
         for row, column in np.argwhere(np.diff(rows, axis=0) != 0):

@@ -13,7 +13,7 @@ from cellwatt_drivers.yaskawa import payload
 
 PULSES_PER_DEGREE = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
 """As published for an MH24 on DX200."""
-RATED_TORQUE = (200.0, 200.0, 120.0, 40.0, 40.0, 20.0)
+RATED_TORQUE = (120.0, 120.0, 60.0, 15.0, 15.0, 10.0)
 """Nm at the joint at 100 %."""
 
 _CYCLE = 0.004  # s; an answer holds what the controller knew at its last cycle

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from cellwatt.results import Alarm, Interval
+from cellwatt.results import Alarm
 from cellwatt_plugins.faults.criteria import Verdict
-from cellwatt_plugins.faults.follow import Place
 from cellwatt_plugins.faults.isolate import Suspect, suspects
 from cellwatt_plugins.faults.judge import Finding
 from cellwatt_plugins.faults.reference import Reference
 
+PATIENCE = 10
+"""So many times more clean intervals clear an alarm whose deviating interval is never run again."""
 UNKNOWN = 3
 """Intervals in a row that are not in the reference before a new task is announced."""
 
@@ -29,9 +29,10 @@ _WHAT = {
 
 @dataclass(slots=True)
 class _Raised:
-    """An alarm that is up; ``clean`` intervals in which its joint moved without a deviation since."""
+    """An alarm up since interval ``first``; ``clean`` intervals in which its joint moved without a deviation."""
 
     alarm: Alarm
+    first: int
     clean: int = 0
 
 
@@ -43,7 +44,7 @@ class AlarmBook:
     source: str
     reference: Reference
     clear_after: int = 3
-    _codes: dict[Place, Finding] = field(default_factory=dict)
+    _codes: dict[tuple[int, int], Finding] = field(default_factory=dict)
     _up: dict[tuple[int, str], _Raised] = field(default_factory=dict)
     _said: set[str] = field(default_factory=set)
     _notice: Alarm | None = None
@@ -51,27 +52,40 @@ class AlarmBook:
 
     def take(self, finding: Finding, *, final: bool) -> list[Alarm]:
         """Alarms that change with one more finding; ``final`` is false while its interval still runs."""
+        out = self._withdraw(finding) if final else []
         if finding.place is None:
             self._unknown += 1
             if self._unknown >= UNKNOWN:
-                return self._say("new_task", finding, "The arm does a task that is not in the reference; it is not judged")
-            return []
+                text = "The arm does a task that is not in the reference; it is not judged"
+                out += self._say("new_task", finding, text)
+            return out
         self._unknown = 0
-        out: list[Alarm] = []
         if finding.course == "other_speed":
             task = self.reference.tasks[finding.place.task].name
             text = f"{task} runs at a speed that is not in the reference; it is not judged at this speed"
-            return self._say("new_speed", finding, text)
+            return [*out, *self._say("new_speed", finding, text)]
         if final and finding.course == "follows":
             out += self._known_again(finding)
         for joint, verdict in finding.verdicts.items():
             out += self._encoder(joint, verdict, finding)
         if finding.code is not None:
-            self._codes[finding.place] = finding
+            self._codes[finding.place.task, finding.place.index] = finding
             out += self._joints(finding)
         if final:
             out += self._count_clean(finding)
         return out
+
+    def _withdraw(self, finding: Finding) -> list[Alarm]:
+        """What was said while the interval ran, where its end shows that it was another motion or speed."""
+        if finding.course not in ("other_motion", "other_speed"):
+            return []
+        number = finding.interval.number
+        self._codes = {key: f for key, f in self._codes.items() if f.interval.number != number}
+        return [
+            self._clear(joint, kind, finding, f"Joint {joint} is cleared: the motion was not that of the reference")
+            for (joint, kind), raised in list(self._up.items())
+            if raised.first == number
+        ]
 
     def _encoder(self, joint: int, verdict: Verdict, finding: Finding) -> list[Alarm]:
         """An encoder that deviates; once power has differed too, the stronger verdict stays."""
@@ -81,7 +95,9 @@ class AlarmBook:
             return []
         out: list[Alarm] = []
         if verdict == "joint_and_encoder_fault" and (joint, "encoder_fault") in self._up:
-            out.append(self._clear(joint, "encoder_fault", finding, f"Joint {joint}: power differs too, see its new alarm"))
+            out.append(
+                self._clear(joint, "encoder_fault", finding, f"Joint {joint}: power differs too, see its new alarm")
+            )
         return [*out, *self._raise(joint, verdict, finding, ())]
 
     def _joints(self, finding: Finding) -> list[Alarm]:
@@ -110,23 +126,24 @@ class AlarmBook:
     def _blamed(self, finding: Finding) -> list[Suspect]:
         """The joints that explain the newest codes of the task's intervals, since the first that deviates."""
         assert finding.place is not None
-        places = [p for p in self._codes if p.task == finding.place.task]
-        begun = min((self._codes[p].interval.start for p in places if self._codes[p].code), default=0)
-        places = [p for p in places if self._codes[p].interval.start >= begun]
-        codes = np.array([self._codes[p].code for p in places], dtype=np.int8)
-        moving = np.zeros((len(places), self.reference.joints), dtype=np.int8)
+        known = [f for (task, _), f in self._codes.items() if task == finding.place.task]
+        begun = min((f.interval.start for f in known if f.code), default=0)
+        known = [f for f in known if f.interval.start >= begun]
+        codes = np.array([f.code for f in known], dtype=np.int8)
+        moving = np.zeros((len(known), self.reference.joints), dtype=np.int8)
+        for row, entry in enumerate(known):
+            moving[row, np.asarray(self._moving(entry)) - 1] = 1
         shape = np.zeros(self.reference.joints)
-        for row, place in enumerate(places):
-            moving[row, np.asarray(self._interval(place)) - 1] = 1
         for joint, value in finding.shape.items():
             shape[joint - 1] = value
         return list(suspects(codes, moving, shape))
 
-    def _interval(self, place: Place) -> tuple[int, ...]:
-        return self.reference.tasks[place.task].variants[place.variant].intervals[place.index].moving
-
     def _moving(self, finding: Finding) -> tuple[int, ...]:
-        return self._interval(finding.place) if finding.place is not None else ()
+        """The joints that move in the reference interval of a finding."""
+        place = finding.place
+        if place is None:
+            return ()
+        return self.reference.tasks[place.task].variants[place.variant].intervals[place.index].moving
 
     def _raise(
         self, joint: int, kind: str, finding: Finding, alternatives: tuple[int, ...], score: float | None = None
@@ -135,7 +152,7 @@ class AlarmBook:
         alarm = self._alarm(joint, kind, finding, alternatives, score)
         raised = self._up.get((joint, kind))
         if raised is None:
-            self._up[joint, kind] = _Raised(alarm)
+            self._up[joint, kind] = _Raised(alarm, finding.interval.number)
             return [alarm]
         raised.clean = 0
         if raised.alarm.interval == alarm.interval and raised.alarm.alternatives == alternatives:
@@ -150,17 +167,20 @@ class AlarmBook:
             if joint not in self._moving(finding) or not clean:
                 continue
             raised.clean += 1
-            if raised.clean >= self.clear_after and not (kind == "joint_fault" and self._still(joint)):
+            patience = self.clear_after * (PATIENCE if kind == "joint_fault" and self._still(joint) else 1)
+            if raised.clean >= patience:
                 text = f"Joint {joint} has moved {raised.clean} times as in healthy cycles: no fault any more"
                 out.append(self._clear(joint, kind, finding, text))
         return out
 
     def _still(self, joint: int) -> bool:
         """Whether some interval in which a joint moves deviated when it last ran."""
-        return any(f.code and joint in self._interval(p) for p, f in self._codes.items())
+        return any(f.code and joint in self._moving(f) for f in self._codes.values())
 
     def _clear(self, joint: int, kind: str, finding: Finding, statement: str) -> Alarm:
         up = self._up.pop((joint, kind)).alarm
+        if kind == "joint_fault" and finding.code == 0:
+            self._codes = {k: f for k, f in self._codes.items() if not (f.code and joint in self._moving(f))}
         return replace(up, active=False, time=finding.time, statement=statement, interval=finding.interval.number)
 
     def _say(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
@@ -222,7 +242,9 @@ def _statement(joint: int, kind: str, alternatives: tuple[int, ...], evidence: d
     """One plain sentence for the person at the cell."""
     residual = evidence.get("power_residual_W", 0.0)
     more = "more" if residual > 0 else "less"
-    power = f"draws {abs(residual):.0f} W {more} than in healthy cycles (limit {evidence.get('power_limit_W', 0.0):.0f} W)"
+    power = (
+        f"draws {abs(residual):.0f} W {more} than in healthy cycles (limit {evidence.get('power_limit_W', 0.0):.0f} W)"
+    )
     degrees = f"{math.degrees(evidence.get('position_residual_rad', 0.0)):.1f}°"
     where = f", in interval {evidence['task_interval']} of {evidence['task']}"
     others = f"; it may as well be joint {' or '.join(map(str, alternatives))}" if alternatives else ""

@@ -71,14 +71,15 @@ def compare(reference: ReferenceInterval, onset: int, trace: Trace, tolerance: T
     """Frames of ``trace`` against ``reference``, aligned at ``onset`` (ns); ``reach`` s is the jitter allowed."""
     longest = reference.duration + TAIL
     wide = trace.between(onset - round((LEAD + SHIFT) * 1e9), onset + round((longest + SHIFT) * 1e9))
-    onset += round(_shift(reference, (wide.time - onset) * 1e-9, wide.position, tolerance, reach) * 1e9)
+    onset += round(_shift(reference, wide.since(onset), wide.position, tolerance, reach) * 1e9)
     near = wide.between(onset - round(LEAD * 1e9), onset + round(longest * 1e9))
-    t = (near.time - onset) * 1e-9
+    t = near.since(onset)
     expected = reference.power.at(t)
     limit = np.maximum(tolerance.watts(expected), SPREADS * reference.power.spread_at(t))
     low, high = reference.power.envelope(t, reach)
-    residual = near.power - expected
-    level = steps(residual - base_level(t, residual), limit, high - low) + base_level(t, residual)
+    base = base_level(t, near.power - expected)
+    calm = (np.abs(t) > reach) & (t < reference.duration - reach)
+    level = base + steps(near.power - expected - base, limit, high - low, calm)
     position = near.position - np.asarray(reference.pose)
     for joint, pattern in reference.position.items():
         position[:, joint - 1] = outside(near.position[:, joint - 1], *pattern.envelope(t, reach))
@@ -123,17 +124,18 @@ def base_level(t: Float, residual: Float) -> float:
     return float(np.median(known)) if len(known) else 0.0
 
 
-def steps(residual: Float, limit: Float, swing: Float) -> Float:
+def steps(residual: Float, limit: Float, swing: Float, calm: Bools) -> Float:
     """Steps of a power residual (n,) W that no motion has made, added up, (n,) W.
 
     Something was switched or hooked on between two frames, while the reference (``swing`` (n,) W: how much it
-    changes thereabouts) is calm; the motion is judged by how power changes from there on.
+    changes thereabouts) does not change; the motion is judged by how power changes from there on. ``calm``
+    (n,) is false near the start and end of a motion, where friction makes steps too.
     """
     level = np.zeros(len(residual))
     k = STEP_SIDE
     while k < len(residual) - STEP_SIDE:
         jump = float(residual[k + 1] - residual[k - 1])
-        if abs(jump) > STEP_SHARE * limit[k] and swing[k] < STEP_CALM * abs(jump):
+        if calm[k] and abs(jump) > STEP_SHARE * limit[k] and swing[k] < STEP_CALM * abs(jump):
             before, after = residual[k - STEP_SIDE : k], residual[k + 1 : k + 1 + STEP_SIDE]
             rise = float(np.median(after) - np.median(before))
             flat = max(np.ptp(before), np.ptp(after)) < STEP_FLAT * abs(rise)
@@ -189,7 +191,7 @@ def power_agrees(
     """Whether the power of an interval that the encoders did not show is found between ``start`` and ``end`` (ns)."""
     window = trace.between(start - round(LEAD * 1e9), end)
     for onset in window.time[(window.time >= start) & (window.time + round(reference.duration * 1e9) <= end)].tolist():
-        t = (window.time - onset) * 1e-9
+        t = window.since(onset)
         inside = (t >= 0) & (t <= reference.duration)
         expected = reference.power.at(t)
         residual = window.power - expected

@@ -17,7 +17,7 @@ Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far healthy cycles may lie from the reference: ``position`` rad, ``power`` relative, but ``floor`` W at least."""
+    """How far healthy cycles may lie from the reference: ``position`` rad, ``power`` relative, ``floor`` W at least."""
 
     position: float = math.radians(1.0)
     power: float = 0.10
@@ -30,9 +30,7 @@ class Tolerance:
 
 def fault_free(position_residual: Float, power_residual: Float, position_limit: Float, power_limit: Float) -> bool:
     """Equation (16): |q_r - q_m| < eps_q and |P_r - P_m| < eps_p at every point."""
-    return bool(
-        np.all(np.abs(position_residual) < position_limit) and np.all(np.abs(power_residual) < power_limit)
-    )
+    return bool(np.all(np.abs(position_residual) < position_limit) and np.all(np.abs(power_residual) < power_limit))
 
 
 def verdict(*, position_outside: bool, power_outside: bool) -> Verdict:

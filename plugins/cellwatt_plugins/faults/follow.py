@@ -91,7 +91,7 @@ class Follower:
         """Small is good: 1 for a joint that starts elsewhere, 2 for a foreign one, plus how far the path is off."""
         reference = self[match.place]
         so_far = trace.between(interval.start, interval.end)
-        t = (so_far.time - interval.start) * 1e-9
+        t = so_far.since(interval.start)
         errors = [
             np.abs(so_far.position[:, joint - 1] - pattern.at(t)) for joint, pattern in reference.position.items()
         ]

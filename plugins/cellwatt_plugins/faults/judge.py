@@ -1,4 +1,4 @@
-"""What each interval says about the arm: power as it runs, encoders once the next interval shows that the task goes on."""
+"""What each interval says about the arm: power while it runs, encoders once the next shows that the task goes on."""
 
 from __future__ import annotations
 
@@ -98,6 +98,9 @@ class Judge:
         if not interval.complete:
             self.lost()
             return []
+        if self._resumes(interval):
+            self._doubt = None
+            return []
         match = self.follower.best(interval, trace)
         if match is None:
             return self._unknown(interval)
@@ -105,25 +108,17 @@ class Judge:
         comparison = self._compare(reference, interval, trace)
         doubtful = self._doubtful(reference, comparison)
         course = _course(reference, interval, trace, doubtful, self.rules)
-        if course == "other_motion" and not self._resumes(interval):
+        if course == "other_motion":
             return self._unknown(interval)
-        found = self._settle(interval, match, trace)
-        if course == "other_motion" or self._resumes(interval):
-            self._doubt = None
-            return found
+        settled = self._settle(interval, match, trace)
         power = self._power(reference, match, interval, comparison, course, interval.end)
-        if course in ("deviates", "interrupted"):
+        self._doubt = None
+        if course in ("deviates", "interrupted") and comparison.power_known >= POWER_KNOWN:
             outside_power = longest(comparison.power_codes) >= self.rules.frames
-            known = comparison.power_known >= POWER_KNOWN
-            self._doubt = (
-                _Doubt(interval, match.place, doubtful, outside_power, course == "interrupted", power.evidence)
-                if known
-                else None
-            )
-        else:
-            self._doubt = None
+            interrupted = course == "interrupted"
+            self._doubt = _Doubt(interval, match.place, doubtful, outside_power, interrupted, power.evidence)
         self.follower.last, self._last_end = match.place, interval.end
-        return [*found, power]
+        return [*settled, power]
 
     def lost(self) -> None:
         """Frames are missing: forget the sequence."""
@@ -143,7 +138,13 @@ class Judge:
         return tuple(j for j in reference.moving if longest(codes[:, j - 1]) >= self.rules.frames)
 
     def _power(
-        self, reference: ReferenceInterval, match: Match, interval: Interval, comparison: Comparison, course: Course, now: int
+        self,
+        reference: ReferenceInterval,
+        match: Match,
+        interval: Interval,
+        comparison: Comparison,
+        course: Course,
+        now: int,
     ) -> Finding:
         """Equation (20) on power where the motion follows the reference from the same pose."""
         usable = comparison.follows & (comparison.t >= 0)
@@ -152,7 +153,7 @@ class Judge:
         judged = judged and comparison.power_known >= POWER_KNOWN
         code = sustained(codes, self.rules.frames) if judged else None
         marked = np.flatnonzero(codes == code) if code else np.empty(0, np.int64)
-        worst = int(np.nanargmax(np.abs(np.where(usable, comparison.power, 0.0)))) if len(comparison.t) else 0
+        worst = int(np.argmax(np.abs(np.nan_to_num(comparison.power) * usable))) if len(comparison.t) else 0
         since = interval.start + round(comparison.t[marked[0]] * 1e9) if len(marked) else interval.start
         return Finding(
             interval=interval,
@@ -182,19 +183,21 @@ class Judge:
     def _settle(self, interval: Interval, match: Match, trace: Trace) -> list[Finding]:
         """The task went on: joints whose encoder deviated before, or showed no motion at all, are faulty."""
         doubt = self._doubt
-        if match.skipped == 0 and doubt is not None and not self._resumes(interval) and not match.foreign:
+        if match.skipped == 0 and doubt is not None and not match.foreign:
             joints = self._still_off(doubt, interval, match)
             found = verdict(position_outside=True, power_outside=doubt.power_outside)
             return self._encoders(doubt.interval, doubt.place, joints, found, doubt.evidence, interval.end)
         if match.skipped == 1 and self.follower.last is not None:
             place = self.follower.after(self.follower.last)
             reference, now = self.follower[place], self.follower[match.place]
-            still = [j for j in reference.moving if abs(interval.pose[j - 1] - now.pose[j - 1]) > self.rules.tolerance.position]
+            still = [
+                j
+                for j in reference.moving
+                if abs(interval.pose[j - 1] - now.pose[j - 1]) > self.rules.tolerance.position
+            ]
             if still:
                 rules = self.rules
-                agrees = power_agrees(
-                    reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames
-                )
+                agrees = power_agrees(reference, trace, self._last_end, interval.start, rules.tolerance, rules.frames)
                 found = verdict(position_outside=True, power_outside=not agrees)
                 off = max(abs(interval.pose[j - 1] - now.pose[j - 1]) for j in still)
                 evidence = {"position_residual_rad": off}
@@ -209,7 +212,13 @@ class Judge:
         return tuple(j for j in doubt.joints if abs(interval.pose[j - 1] - pose[j - 1]) > self.rules.tolerance.position)
 
     def _encoders(
-        self, interval: Interval, place: Place, joints: tuple[int, ...], found: Verdict, evidence: Mapping[str, float], now: int
+        self,
+        interval: Interval,
+        place: Place,
+        joints: tuple[int, ...],
+        found: Verdict,
+        evidence: Mapping[str, float],
+        now: int,
     ) -> list[Finding]:
         if not joints:
             return []
@@ -223,8 +232,14 @@ def _course(
     """How the motion of a closed interval compares with the reference."""
     if not doubtful:
         return "follows"
+    if not any(reference.displacement[j - 1] for j in reference.moving):
+        return "other_motion"
     duration = (interval.end - interval.start) * 1e-9
-    ways = {j: interval.displacement[j - 1] / reference.displacement[j - 1] for j in reference.moving if reference.displacement[j - 1]}
+    ways = {
+        j: interval.displacement[j - 1] / reference.displacement[j - 1]
+        for j in reference.moving
+        if reference.displacement[j - 1]
+    }
     shares = np.asarray(list(ways.values()))
     if abs(duration / reference.duration - 1) > SAME_DURATION and _stretched(reference, interval, trace, rules):
         return "other_speed"
@@ -242,7 +257,7 @@ def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, r
     """Whether the same path was covered, only faster or slower throughout."""
     inside = trace.between(interval.start, interval.end)
     ratio = reference.duration / ((interval.end - interval.start) * 1e-9)
-    t = (inside.time - interval.start) * 1e-9 * ratio
+    t = inside.since(interval.start) * ratio
     for joint, pattern in reference.position.items():
         error = outside(inside.position[:, joint - 1], *pattern.envelope(t, rules.reach))
         codes = (np.abs(np.nan_to_num(error)) > rules.tolerance.position).astype(np.int8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +15,6 @@ from cellwatt.results import Interval, Task
 from cellwatt_plugins.faults.reference import (
     LEAD,
     TAIL,
-    VERSION,
     Pattern,
     Reference,
     ReferenceInterval,
@@ -28,6 +29,8 @@ FEWEST = 3
 """Cycles of a variant below which it is not learned."""
 SAME_SPEED = 0.03
 """Cycles whose moving time differs by less are one variant."""
+LEAST_WAY = math.radians(2.0)
+"""An interval in which no joint covers more than this is not compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +50,10 @@ def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequen
     ``ModelError`` where nothing recurs often enough.
     """
     by_number = {i.number: i for i in intervals if i.closed}
-    learned = []
+    learned: list[TaskReference] = []
     for name in sorted({t.name for t in tasks}):
         runs = [t for t in tasks if t.name == name]
-        cycles = [[by_number[n] for n in run.intervals if n in by_number] for run in runs]
+        cycles = _alike([[by_number[n] for n in run.intervals if n in by_number] for run in runs])
         variants = _variants(cell, trace, cycles)
         if variants:
             learned.append(TaskReference(f"task_{len(learned) + 1}", runs[0].signature, tuple(variants)))
@@ -59,7 +62,14 @@ def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequen
         raise ModelError(
             f"no task was seen {FEWEST} times or more at one speed (most: {seen}): record more healthy cycles"
         )
-    return Reference(VERSION, cell.robot, cell.arm, cell.power, trace.position.shape[1], tuple(learned))
+    return Reference(1, cell.robot, cell.arm, cell.power, trace.position.shape[1], tuple(learned))
+
+
+def _alike(cycles: Sequence[Sequence[Interval]]) -> list[Sequence[Interval]]:
+    """The cycles with the most common sequence of moving sets."""
+    sets = [tuple(interval.moving for interval, _ in _moves(cycle)) for cycle in cycles]
+    common, _ = Counter(sets).most_common(1)[0]
+    return [cycle for cycle, found in zip(cycles, sets, strict=True) if found == common]
 
 
 def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) -> list[Variant]:
@@ -78,7 +88,9 @@ def _variants(cell: Cell, trace: Trace, cycles: Sequence[Sequence[Interval]]) ->
         Variant(
             speed=round(fastest / float(np.median([_moving_time(c) for c in group])), 3),
             cycles=len(group),
-            intervals=tuple(_interval(cell, trace, [_moves(c)[k] for c in group]) for k in range(len(_moves(group[0])))),
+            intervals=tuple(
+                _interval(cell, trace, [_moves(c)[k] for c in group]) for k in range(len(_moves(group[0])))
+            ),
         )
         for group in kept
     ]
@@ -89,7 +101,7 @@ def _moves(cycle: Sequence[Interval]) -> list[tuple[Interval, float]]:
     out, rest = [], 0.0
     for interval in cycle:
         seconds = (interval.end - interval.start) * 1e-9
-        if interval.moving:
+        if max(map(abs, interval.displacement)) > LEAST_WAY:
             out.append((interval, rest))
             rest = 0.0
         else:
@@ -98,14 +110,14 @@ def _moves(cycle: Sequence[Interval]) -> list[tuple[Interval, float]]:
 
 
 def _moving_time(cycle: Sequence[Interval]) -> float:
-    return sum(i.end - i.start for i in cycle if i.moving) * 1e-9
+    return sum(interval.end - interval.start for interval, _ in _moves(cycle)) * 1e-9
 
 
 def _interval(cell: Cell, trace: Trace, runs: Sequence[tuple[Interval, float]]) -> ReferenceInterval:
     """One interval of the task out of its runs in every cycle."""
     intervals = [interval for interval, _ in runs]
     duration = float(np.median([i.end - i.start for i in intervals])) * 1e-9
-    t = -LEAD + cell.step * np.arange(round((LEAD + duration + TAIL) / cell.step) + 1)
+    t = np.asarray(-LEAD + cell.step * np.arange(round((LEAD + duration + TAIL) / cell.step) + 1), dtype=np.float64)
     moving = intervals[0].moving
     powers = [_sampled(trace, i.start, t, trace.power) for i in intervals]
     positions: Mapping[int, list[Float]] = {

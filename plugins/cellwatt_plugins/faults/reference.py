@@ -1,26 +1,26 @@
 """What healthy running looks like: a YAML file that a person can read and plot.
 
-    cellwatt_reference: 1         version of this format
-    robot: ur10e                  or null
-    arm: arm                      source of the encoders
-    power: supply.power           channel of the power, W
-    joints: 6
-    tasks:
-    - name: task_1
-      signature: 1+52 3-40 ...    moving joints with whole signed degrees
-      variants:
-      - speed: 1.0                relative to the fastest variant
-        cycles: 7
-        intervals:                those in which something moves, in order
-        - moving: [3]
-          pose: [...]             rad, where it starts
-          displacement: [...]     rad
-          duration: 0.7           s
-          rest: 0.25              s at rest before it
-          cycles: 7
-          power: {start: -0.2, step: 0.02, mean: [...], spread: [...]}          W over s from the onset
-          position:
-            3: {start: -0.2, step: 0.02, mean: [...], spread: [...]}            rad, moving joints only
+cellwatt_reference: 1         version of this format
+robot: ur10e                  or null
+arm: arm                      source of the encoders
+power: supply.power           channel of the power, W
+joints: 6
+tasks:
+- name: task_1
+  signature: 1+52 3-40 ...    moving joints with whole signed degrees
+  variants:
+  - speed: 1.0                relative to the fastest variant
+    cycles: 7
+    intervals:                those in which something moves, in order
+    - moving: [3]
+      pose: [...]             rad, where it starts
+      displacement: [...]     rad
+      duration: 0.7           s
+      rest: 0.25              s at rest before it
+      cycles: 7
+      power: {start: -0.2, step: 0.02, mean: [...], spread: [...]}          W over s from the onset
+      position:
+        3: {start: -0.2, step: 0.02, mean: [...], spread: [...]}            rad, moving joints only
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Pattern:
     @cached_property
     def time(self) -> Float:
         """Times of the points, s from the onset."""
-        return self.start + self.step * np.arange(len(self.mean))
+        return np.asarray(self.start + self.step * np.arange(len(self.mean)), dtype=np.float64)
 
     @cached_property
     def values(self) -> Float:
@@ -77,11 +77,11 @@ class Pattern:
 
     def at(self, t: Float) -> Float:
         """The mean at times t (n,) s, held at both ends."""
-        return np.interp(t, self.time, self.values)
+        return np.asarray(np.interp(t, self.time, self.values), dtype=np.float64)
 
     def spread_at(self, t: Float) -> Float:
         """The spread at times t (n,) s."""
-        return np.interp(t, self.time, np.asarray(self.spread))
+        return np.asarray(np.interp(t, self.time, np.asarray(self.spread)), dtype=np.float64)
 
     def envelope(self, t: Float, reach: float) -> tuple[Float, Float]:
         """Lowest and highest mean within ``reach`` s around each time t (n,) s: what a jitter of the onset explains."""
@@ -153,7 +153,7 @@ def save(reference: Reference, path: Path) -> None:
 def load(path: Path) -> Reference:
     """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
     try:
-        content = yaml.load(path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506
+        content = yaml.load(path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except FileNotFoundError as error:
         raise ModelError(f"reference {path}: no such file; learn one with `cellwatt reference`") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -164,7 +164,9 @@ def load(path: Path) -> Reference:
         raise ModelError(f"reference {path}: not a file made by `cellwatt reference` (no key cellwatt_reference)")
     if content["cellwatt_reference"] != VERSION:
         found = content["cellwatt_reference"]
-        raise ModelError(f"reference {path}: format version {found!r}, this cellwatt reads version {VERSION}: learn it anew")
+        raise ModelError(
+            f"reference {path}: format version {found!r}, this cellwatt reads version {VERSION}: learn it anew"
+        )
     try:
         reference = TypeAdapter(Reference).validate_python(content)
     except ValidationError as error:

@@ -22,8 +22,11 @@ from cellwatt_plugins.faults.trace import Trace
 
 EVERY = 3
 """A running interval is looked at every so many grid points."""
-KEEP = 60.0
-"""Frames kept at most while nothing moves, s."""
+KEEP = 60 * 10**9
+LONGEST = 600 * 10**9
+"""Frames kept, ns: at least, and at most for an interval that still runs …"""
+MARGIN = 10**9
+"""… and so much before."""
 
 
 class ToleranceSettings(BaseModel):
@@ -31,11 +34,11 @@ class ToleranceSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
-    position: Radians = Field(math.radians(1.0), gt=0)
+    position: Radians = Field(default=math.radians(1.0), gt=0)
     """Encoder position."""
-    power: Fraction = Field(0.10, gt=0)
+    power: Fraction = Field(default=0.10, gt=0)
     """Power, relative to the reference …"""
-    floor: Watts = Field(5.0, ge=0)
+    floor: Watts = Field(default=5.0, ge=0)
     """… but at least this."""
 
 
@@ -45,16 +48,16 @@ class FaultsSettings(StageSettings):
     reference: Path
     """File made by ``cellwatt reference``; relative to the cell's file."""
     arm: str | None = None
-    """Source with the joints; as in the reference where left out."""
+    """Source with the joints; where left out as in the reference, or the only one."""
     power: str | None = None
     """Channel of the supply's power; as in the reference where left out."""
     tolerance: ToleranceSettings = ToleranceSettings()
     """How far from the reference is still healthy."""
-    confirm: int = Field(5, ge=2, le=100)
+    confirm: int = Field(default=5, ge=2, le=100)
     """Frames in a row that must be outside."""
-    jitter: int = Field(2, ge=0, le=10)
+    jitter: int = Field(default=2, ge=0, le=10)
     """Frames by which an onset may be early or late."""
-    clear: int = Field(3, ge=1, le=100)
+    clear: int = Field(default=3, ge=1, le=100)
     """Healthy intervals in which the joint moves that clear its alarm."""
 
 
@@ -71,20 +74,19 @@ class FaultsStage(Stage[FaultsSettings]):
         self._reference = load(path)
         if self._reference.robot and cell.robot and self._reference.robot != cell.robot:
             raise ModelError(f"reference {path}: is of robot {self._reference.robot}, the cell's robot is {cell.robot}")
-        self._source = settings.arm or self._reference.arm
-        self._positions = list(layout.joints("position", self._source))
+        there = {c.source for c in layout.channels}
+        arm = settings.arm or (self._reference.arm if self._reference.arm in there else None)
+        self._positions = list(layout.joints("position", arm))
+        self._source = layout.channels[self._positions[0]].source
         if len(self._positions) != self._reference.joints:
-            raise ModelError(
-                f"reference {path}: has {self._reference.joints} joints, source {self._source} has {len(self._positions)}"
-            )
+            found = f"source {self._source} has {len(self._positions)}"
+            raise ModelError(f"reference {path}: has {self._reference.joints} joints, {found}")
         self._power = layout.index(settings.power or self._reference.power)
         if layout.channels[self._power].unit != "W":
             channel = layout.channels[self._power]
             raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
         t = settings.tolerance
-        rules = Rules(
-            Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9
-        )
+        rules = Rules(Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
         self._alarms = AlarmBook(name, self._source, self._reference, settings.clear)
         self._trace = Trace.empty(len(self._positions))
@@ -117,26 +119,25 @@ class FaultsStage(Stage[FaultsSettings]):
         return out
 
     def _watch(self, start: int, end: int) -> list[Alarm]:
-        """Look at the open interval at the grid points from ``start`` to just before ``end`` (ns)."""
+        """Look at the open interval at some grid points from ``start`` to just before ``end`` (ns)."""
         if self._open is None or not self._open.moving:
             return []
+        first, last = np.searchsorted(self._trace.time, [start, end])
         out: list[Alarm] = []
-        step = self.layout.step * EVERY
-        for now in self._trace.time[np.searchsorted(self._trace.time, start) : np.searchsorted(self._trace.time, end)]:
-            if now // self.layout.step % EVERY == 0 and step:
-                finding = self._judge.running(self._open, self._trace, int(now))
+        for now in self._trace.time[first:last].tolist():
+            if now // self.layout.step % EVERY == 0:
+                finding = self._judge.running(self._open, self._trace, now)
                 if finding is not None:
                     out += self._alarms.take(finding, final=False)
         return out
 
     def _forget(self) -> None:
         """Drop frames that no interval can need any more."""
-        if not len(self._trace):
-            return
-        newest = int(self._trace.time[-1])
-        since = self._open.start if self._open is not None and self._open.moving else newest
-        keep = min(since, newest - round(KEEP * 1e9)) if since < newest else newest - round(KEEP * 1e9)
-        self._trace = self._trace.between(keep - 10**9, newest)
+        if len(self._trace):
+            newest = int(self._trace.time[-1])
+            begun = self._open.start if self._open is not None else newest
+            keep = max(min(begun, newest - KEEP), newest - LONGEST)
+            self._trace = self._trace.between(keep - MARGIN, newest)
 
 
 def _when_known(intervals: Sequence[Interval]) -> list[tuple[int, Interval]]:

@@ -27,6 +27,10 @@ class Trace:
     def __len__(self) -> int:
         return len(self.time)
 
+    def since(self, onset: int) -> Float:
+        """Times of the frames, s from ``onset`` (ns)."""
+        return np.asarray((self.time - onset) * 1e-9, dtype=np.float64)
+
     def with_more(self, other: Trace) -> Trace:
         """These frames followed by later ones."""
         return Trace(

@@ -7,11 +7,13 @@ from pathlib import Path
 
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.model.metadata import KEY, Metadata, encode, refused
-from cellwatt_plugins.model.network import Network, metadata_of, open_session
+from cellwatt_plugins.model.network import Network, check_intact, metadata_of, open_session
+from cellwatt_plugins.model.seal import KEY as SEAL_KEY
+from cellwatt_plugins.model.seal import sealed
 
 
 def describe(path: str | PathLike[str], metadata: Metadata) -> None:
-    """Writes metadata into an ONNX file, in place of what was there; the file is replaced in one step.
+    """Writes metadata, and a digest of the whole, into an ONNX file; the file is replaced in one step.
 
     Raises ``ModelError``, and leaves the file as it is, where its tensors do not agree with the metadata or it
     cannot be written; ``CellwattError`` where the package onnx, or onnxruntime, is not installed.
@@ -25,11 +27,11 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
     file = Path(path)
     Network(open_session(file), metadata, file)
     model = onnx.load(file, load_external_data=False)
-    properties = {p.key: p.value for p in model.metadata_props} | {KEY: encode(metadata)}
+    properties = {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
     onnx.helper.set_model_props(model, properties)
     partial = file.with_name(f".{file.name}.partial")
     try:
-        onnx.save(model, partial)
+        partial.write_bytes(sealed(model.SerializeToString()))
         partial.replace(file)
     except OSError as error:
         raise refused(file, f"its metadata cannot be written: {(error.strerror or str(error)).lower()}") from error
@@ -38,6 +40,7 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
-    """What a model file says about itself. Raises ``ModelError`` where it is no model or has no metadata."""
+    """What a model file says about itself. Raises ``ModelError`` where it is damaged or has no metadata."""
     file = Path(path)
+    check_intact(file)
     return metadata_of(open_session(file), file)

@@ -177,7 +177,7 @@ def _explain(errors: list[ErrorDetails]) -> str:
             message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
             found = f" is {_short(first['input'])}" if where else ""
             text = f"its metadata is wrong: {where}{found}{': ' if where else ''}{message}"
-    return text + (f" (and {len(errors) - 1} more mistakes)" if len(errors) > 1 else "")
+    return text + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else "")
 
 
 def _short(value: Any) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.model.metadata import KEY, Metadata, decode, refused
+from cellwatt_plugins.model.seal import broken
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -25,10 +28,20 @@ APART = 1e-3
 _PREFIX = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : (Load model from .*? failed: ?)?")
 
 
+def check_intact(path: Path) -> None:
+    """Raises ``ModelError`` where a file cannot be read, or has changed since ``describe`` wrote it."""
+    try:
+        damaged = broken(path.read_bytes())
+    except OSError as error:
+        raise refused(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
+    if damaged:
+        raise refused(path, "it is not as describe() left it: copy it again, or describe it anew if that was meant")
+
+
 def open_session(path: Path) -> InferenceSession:
     """Opens an ONNX file for one thread on the CPU.
 
-    Raises ``ConfigError`` where onnxruntime is not installed, ``ModelError`` where the file cannot be read or run.
+    Raises ``ConfigError`` where onnxruntime is not installed, ``ModelError`` where it cannot load the file.
     """
     try:
         import onnxruntime
@@ -36,24 +49,19 @@ def open_session(path: Path) -> InferenceSession:
         raise ConfigError(
             f"running the model {path} needs onnxruntime ({error}): install it with pip install 'cellwatt[model]'"
         ) from error
-    try:
-        with path.open("rb") as file:
-            file.read(1)
-    except OSError as error:
-        raise refused(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 4  # what goes wrong is raised, and told in one line
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's errors share no other root
-        raise refused(path, f"onnxruntime cannot load it as ONNX: {_reason(error)}") from error
+    with _mapped(path, "onnxruntime cannot load it as ONNX"):
+        # Its fallback to other providers prints what goes wrong.
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"], enable_fallback=0)
 
 
 def metadata_of(session: InferenceSession, path: Path) -> Metadata:
     """The metadata in an open file. Raises ``ModelError`` where there is none, or it is wrong."""
-    properties = session.get_modelmeta().custom_metadata_map
+    with _mapped(path, "onnxruntime cannot read its metadata"):
+        properties = session.get_modelmeta().custom_metadata_map
     if KEY not in properties:
         there = ", ".join(map(repr, properties)) or "none"
         raise refused(
@@ -76,16 +84,18 @@ class Network:
         self.metadata = metadata
         self.path = path
         self._session = session
-        inputs, outputs = session.get_inputs(), session.get_outputs()
+        with _mapped(path, "onnxruntime cannot read its tensors"):
+            inputs = [(t.name, t.type, list(t.shape)) for t in session.get_inputs()]
+            outputs = [(t.name, t.type, list(t.shape)) for t in session.get_outputs()]
         if len(inputs) != 1 or len(outputs) != 1:
             raise refused(path, f"it has {len(inputs)} input and {len(outputs)} output tensors, expected one of each")
-        for tensor in (inputs[0], outputs[0]):
-            if tensor.type not in DTYPES:
-                raise refused(path, f"its tensor {tensor.name!r} is {tensor.type}, expected {' or '.join(DTYPES)}")
-        self._dtype = DTYPES[inputs[0].type]
-        self._input: str = inputs[0].name
-        self._outputs: list[str] = [outputs[0].name]
-        self._check_input(list(inputs[0].shape))
+        for name, kind, _ in inputs + outputs:
+            if kind not in DTYPES:
+                raise refused(path, f"its tensor {name!r} is {kind}, expected {' or '.join(DTYPES)}")
+        self._input, kind, shape = inputs[0]
+        self._outputs = [outputs[0][0]]
+        self._dtype = DTYPES[kind]
+        self._check_input(shape)
         self._try()
 
     def cast(self, values: NDArray[np.float64]) -> Array:
@@ -100,7 +110,7 @@ class Network:
         """
         try:
             given = self._session.run(self._outputs, {self._input: values})[0]
-        except Exception as error:  # as above
+        except Exception as error:  # as in _mapped, without its cost for every frame
             raise refused(self.path, f"it fails on inputs of shape {list(values.shape)}: {_reason(error)}") from error
         return np.asarray(given, dtype=np.float64)
 
@@ -144,8 +154,17 @@ class Network:
 
 def open_network(path: Path) -> Network:
     """Opens a model file with metadata. Raises ``ConfigError`` and ``ModelError`` as its parts do."""
+    check_intact(path)
     session = open_session(path)
     return Network(session, metadata_of(session, path), path)
+
+
+@contextmanager
+def _mapped(path: Path, what: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # onnxruntime's errors share no other root
+        raise refused(path, f"{what}: {_reason(error)}") from error
 
 
 def _reason(error: Exception) -> str:

@@ -48,12 +48,12 @@ class ModelStage(Stage[ModelSettings]):
         self.metadata = self._network.metadata
         check_robot(self.metadata, cell.robot, path)
         check_rate(self.metadata, layout.rate, path)
-        self._columns = list(columns(self.metadata, layout, settings.source, path))
+        self._columns = np.array(columns(self.metadata, layout, settings.source, path))
         self._window = Window(self.metadata.window, len(self._columns), layout.step)
         self._units = {output.name: output.unit for output in self.metadata.outputs}
         limits = [
             Limits(layout.channels[column], low, high)
-            for column, (low, high) in zip(self._columns, self.metadata.training.range, strict=True)
+            for column, (low, high) in zip(self._columns.tolist(), self.metadata.training.range, strict=True)
         ]
         patience = max(1, round(CLEAR * layout.rate))
         self._ranges = RangeWatch(name, self.metadata.name, limits, settings.outside, patience)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ class Segmenter:
         if self._open is not None:
             self._open.complete = False
             last = self._motion.trail[-1]
-            self._close(Sample(int(self._motion.time[-1]), self._motion.pose[-1], last.speed, last.fastest, last.seen))
+            self._close(replace(last, time=last.seen, pose=last.last_pose))
         self._reset()
 
     def _step(self, sample: Sample) -> None:
@@ -103,7 +103,7 @@ class Segmenter:
         if self._open is None:
             self._begin(motion.moving, sample, complete=False)
         self._uncounted.append(sample)
-        if len(self._uncounted) > motion.trail.maxlen and not changes:
+        if len(self._uncounted) > motion.length and not changes:
             self._count(self._uncounted.popleft())
         self._look_for_turn()
         if motion.undecided:
@@ -160,7 +160,8 @@ class Segmenter:
         if new == old:
             return
         boundary = max(_boundary(old, new, group), current.first, key=lambda s: s.time)
-        if old and new & old == old and self._negligible(current.first, boundary):
+        joined = bool(old) and new & old == old
+        if boundary is current.first or (joined and self._negligible(current.first, boundary)):
             current.moving = new
             self._announced = False
         elif not old and not self._announced and current.complete:
@@ -198,7 +199,7 @@ class Segmenter:
         if not self._announced:
             self._announced = True
             peak = np.max([self._current.peak, *(np.abs(s.speed) for s in self._uncounted)], axis=0)
-            self._out.append(self._interval(sample.seen, self._motion.pose[-1], peak, closed=False))
+            self._out.append(self._interval(sample.seen, sample.last_pose, peak, closed=False))
 
     def _close(self, last: Sample) -> None:
         while self._uncounted and self._uncounted[0].time < last.time:

@@ -1,4 +1,4 @@
-"""Which joints move: hysteresis on speeds taken from encoder positions (the "data change detector" of seed 002, V.A)."""
+"""Which joints move: hysteresis on speeds from encoder positions (the "data change detector" of seed 002, V.A)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Thresholds:
 class Sample:
     """A frame with known speed: ``time`` ns, ``pose`` rad and ``speed`` rad/s per joint, ``fastest`` joint's rad/s.
 
-    ``seen`` is the time of the newest frame that was needed to know it, ns.
+    ``seen`` ns and ``last_pose`` rad are those of the newest frame that was needed to know it.
     """
 
     time: int
@@ -56,6 +56,7 @@ class Sample:
     speed: Float
     fastest: float
     seen: int
+    last_pose: Float
 
 
 @dataclass(slots=True)
@@ -93,6 +94,7 @@ class Motion:
         self.step = step
         self.thresholds = thresholds
         self.half = max(1, round(thresholds.window * 1e9 / 2 / step))
+        self.length = 2 * self.half + thresholds.confirm + math.ceil(TRAIL * 1e9 / step)
         self.noise = NoiseEstimate(joints)
         self._bits = 1 << np.arange(joints)
         self.reset()
@@ -101,8 +103,7 @@ class Motion:
         """Forget the motion so far: what comes next starts anew."""
         self.time: Nanoseconds = np.empty(0, np.int64)
         self.pose: Float = np.empty((0, self.joints))
-        length = 2 * self.half + self.thresholds.confirm + math.ceil(TRAIL * 1e9 / self.step)
-        self.trail: deque[Sample] = deque(maxlen=length)
+        self.trail: deque[Sample] = deque(maxlen=self.length)
         self.moving = 0
         self.changes: list[Change] = []
         self._streak = [0] * self.joints
@@ -134,7 +135,8 @@ class Motion:
         above, below = (size > limits.start) @ self._bits, (size < limits.stop) @ self._bits
         for k in range(len(speed)):
             middle = k + self.half
-            sample = Sample(int(when[middle]), where[middle], speed[k], float(fastest[k]), int(when[k + reach]))
+            last = k + reach
+            sample = Sample(int(when[middle]), where[middle], speed[k], float(fastest[k]), int(when[last]), where[last])
             if not self.trail:
                 self.moving = int(above[k])
             self.trail.append(sample)

@@ -28,9 +28,7 @@ def _speed(value: object) -> float:
     return number
 
 
-Speed = Annotated[
-    float, BeforeValidator(_speed), WithJsonSchema({"type": "string", "examples": ["1 deg/s"]})
-]
+Speed = Annotated[float, BeforeValidator(_speed), WithJsonSchema({"type": "string", "examples": ["1 deg/s"]})]
 
 
 class SegmentSettings(StageSettings):
@@ -42,21 +40,21 @@ class SegmentSettings(StageSettings):
     """A joint starts to move above this speed; raised on its own where the encoder noise asks for more."""
     stop_speed: Speed = math.radians(0.5)
     """A joint has come to rest below this speed."""
-    window: Seconds = Field(0.08, gt=0)
+    window: Seconds = Field(default=0.08, gt=0)
     """Time over which speed is taken from positions."""
-    confirm: int = Field(3, ge=1, le=50)
+    confirm: int = Field(default=3, ge=1, le=50)
     """Frames in a row that must agree before a joint counts as started or stopped."""
-    minimum_length: Seconds = Field(0.12, ge=0)
+    minimum_length: Seconds = Field(default=0.12, ge=0)
     """Sets of moving joints that last less belong to their neighbours."""
-    minimum_travel: Radians = Field(math.radians(1.0), ge=0)
+    minimum_travel: Radians = Field(default=math.radians(1.0), ge=0)
     """Joints that join before any other has moved as far belong to the same interval from its start."""
-    gap: Seconds = Field(0.1, gt=0)
+    gap: Seconds = Field(default=0.1, gt=0)
     """Positions missing for longer cut the interval."""
-    same_displacement: Radians = Field(math.radians(2.0), gt=0)
-    """Two moves are the same up to this difference in each joint's displacement …"""
-    same_pose: Radians = Field(math.radians(6.0), gt=0)
+    same_displacement: Radians = Field(default=math.radians(2.0), gt=0)
+    """Moves are the same up to this difference in each joint's displacement (what moves less counts as rest) …"""
+    same_pose: Radians = Field(default=math.radians(6.0), gt=0)
     """… and up to this difference in each joint's start position."""
-    same_speed: Fraction = Field(0.03, gt=0)
+    same_speed: Fraction = Field(default=0.03, gt=0)
     """Repetitions of a task whose moving time differs by less are one variant."""
 
     @model_validator(mode="after")

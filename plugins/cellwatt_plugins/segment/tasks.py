@@ -18,7 +18,10 @@ REST_MARGIN = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """How far two runs of one motion may differ: ``displacement`` and start ``pose`` rad a joint, ``speed`` relative."""
+    """How far two runs of one motion may differ: ``displacement`` and start ``pose`` rad a joint, ``speed`` relative.
+
+    What moves no joint further than ``displacement`` counts as rest.
+    """
 
     displacement: float = math.radians(2.0)
     pose: float = math.radians(6.0)
@@ -119,7 +122,7 @@ class TaskRecogniser:
         if not interval.complete:
             self._broken, self._rest = True, 0.0
             return []
-        if not interval.moving:
+        if max(map(abs, interval.displacement)) <= self.likeness.displacement:
             self._rest += (interval.end - interval.start) * 1e-9
             return []
         self._moves = [*self._moves[1 - HISTORY :], Move(interval, self._rest, self._broken)]

@@ -40,7 +40,7 @@ def test_parquet(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a,b\n1,2\n", "no column named t"),
+        ("a,b\n1,2\n", "no column named timestamp"),
         ("t,b\n1,2\n1,3\n", "does not rise"),
         ("t,b\n1,2,3\n2,3,4\n", "2 names in the header"),
         ("t,b\n1,2\n", "does not rise"),

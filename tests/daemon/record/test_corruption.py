@@ -277,6 +277,17 @@ def test_a_file_that_is_being_written_is_left_alone(tmp_path):
     writing.release()
 
 
+def test_chunks_whose_channels_nothing_describes_are_kept_aside(tmp_path):
+    file = write_chunks(tmp_path, map(entries_of, range(3)), close=False)
+    part = tmp_path / (name_of() + PART)
+    data = zero(lambda c: c[0].offset - 500, 1000)(part.read_bytes(), file.contents.chunks)
+    part.write_bytes(data)
+    report = recover(part)
+    assert report is not None and report.result is None
+    assert "what its channels are is told nowhere else" in str(report)
+    assert report.aside is not None and report.aside.read_bytes() == data
+
+
 def test_repairing_twice_changes_nothing_more(whole, tmp_path):
     part = tmp_path / (name_of() + PART)
     part.write_bytes(whole[0][:-50])

@@ -129,6 +129,18 @@ async def test_the_oldest_recording_goes_to_make_room(tmp_path, monkeypatch):
     await recorder.close()
 
 
+async def test_recordings_are_not_given_for_nothing(tmp_path, monkeypatch):
+    for number in range(1, 21):
+        write_chunks(tmp_path, [[batch_of(0, 5)]], number=number)
+    monkeypatch.setattr(openfile, "create", Disk(0).open)
+    recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
+    recorder.start()
+    assert recorder.batch(batch_of(0, 10))
+    await until(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
+    await recorder.close()
+    assert len(list(tmp_path.glob("*.mcap"))) == 12
+
+
 async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch):
     failing = [OSError(errno.EIO, os.strerror(errno.EIO))]
     fdatasync = os.fdatasync

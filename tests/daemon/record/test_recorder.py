@@ -12,7 +12,7 @@ from cellwatt.record import files as files_module
 from cellwatt.record.header import PART
 from cellwatt.record.summary import survey
 
-from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry
+from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, write_chunks
 
 
 async def until(condition, timeout=20.0):
@@ -179,6 +179,23 @@ async def test_a_folder_that_cannot_be_made_is_an_error_in_one_line(tmp_path):
     recorder = Recorder(RecordSettings(folder=tmp_path / "file" / "folder"), HEADER)
     with pytest.raises(RecordingError, match=r"record\.folder .* cannot be made: Not a directory"):
         recorder.start()
+
+
+async def test_a_start_repairs_what_the_last_run_left(tmp_path):
+    write_chunks(tmp_path, [[batch_of(0, 5)]], number=1)
+    write_chunks(tmp_path, [[batch_of(5, 5)], [batch_of(10, 5)]], number=2, close=False)
+    torn = tmp_path / (name_of(2) + PART)
+    torn.write_bytes(torn.read_bytes()[:-30])
+    (tmp_path / (name_of(3) + PART)).write_bytes(b"")
+    recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
+    recorder.start()
+    assert recorder.batch(batch_of(0, 1))
+    reports = await recorder.recovered()
+    await recorder.close()
+    assert [r.part.name for r in reports] == [name_of(3) + PART, name_of(2) + PART]
+    assert "was empty" in str(reports[0]) and "10 messages recovered, lost: " in str(reports[1])
+    assert recorder.stats()["recovered"] == [str(r) for r in reports]
+    assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == [*range(15), 0]
 
 
 async def test_two_sessions_in_one_folder_follow_each_other(tmp_path):

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from cellwatt import Alarm, Batch, Channel, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
@@ -216,6 +217,35 @@ def test_files_of_a_folder_are_read_in_order_of_number(tmp_path):
     renamed = (tmp_path / name_of(1)).rename(tmp_path / "zzz.mcap")
     assert Recording.open(tmp_path).paths[0] == renamed
     assert [b.sequence for b in Recording.open([renamed, tmp_path / name_of(2)]).entries()] == [100, 200]
+
+
+def test_a_file_sorted_and_rechunked_by_other_tools_is_still_read(tmp_path):
+    supply = stream_of(2, "meter")
+    items = [batch_of(0, 20), batch_of(0, 20, stream=supply, source="supply"), frames_of(0, 4), RESULTS[0]]
+    write_chunks(tmp_path, [items])
+    path, other = tmp_path / name_of(), tmp_path / "sorted.mcap"
+    with path.open("rb") as old, other.open("wb") as new:
+        reader, writer, known = make_reader(old), Writer(new, chunk_size=500), {}
+        writer.start()
+        for schema, channel, message in reader.iter_messages():
+            if channel.id not in known:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                known[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                known[channel.id], message.log_time, message.data, message.publish_time, message.sequence
+            )
+        writer.finish()
+    before, after = Recording.open(path), Recording.open(other)
+    assert [len(b) for b in after.entries()] == [1] * 40
+    for source, stream in (("arm", "rtde"), ("supply", "meter")):
+        for name in ("sequence", "arrival", "time", "bound", "values", "quality", "device_time"):
+            one, two = (getattr(r.batches(source, stream), name) for r in (before, after))
+            assert bits(one) == bits(two), name
+    assert bits(after.frames_table().values) == bits(before.frames_table().values)
+    assert list(after.results()) == RESULTS[:1]
+    assert not after.damage
 
 
 def test_what_cannot_be_opened_is_said_in_one_line(tmp_path):

@@ -6,7 +6,7 @@ import random
 from dataclasses import dataclass
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_drivers.power_board.clock import MOST_BEHIND, BoardClock, Place
@@ -34,6 +34,7 @@ def microseconds(number: int) -> int:
     return round(number / RATE * 1e6)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**16 - 1), st.floats(-200e-6, 200e-6), st.integers(0, 2**32))
 def test_wraps_of_both_counters_are_followed(first: int, drift: float, seed: int) -> None:
     """Two hours of a board with gaps of up to 40 s: the sequence wraps 13 times, the clock once."""

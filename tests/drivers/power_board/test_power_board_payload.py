@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import Quality
@@ -41,11 +41,13 @@ def test_batch_is_62_bytes_for_two_samples_of_three_phases() -> None:
     assert batch.samples == 2
 
 
+@settings(deadline=None)
 @given(packets())
 def test_round_trip(sent: payload.Packet) -> None:
     assert payload.parse(payload.build(sent)) == sent
 
 
+@settings(deadline=None)
 @given(packets(), st.data())
 def test_any_burst_of_16_bits_is_refused(sent: payload.Packet, data: st.DataObject) -> None:
     """A CRC of 16 bits finds every error that lies within 16 neighbouring bits."""
@@ -56,6 +58,7 @@ def test_any_burst_of_16_bits_is_refused(sent: payload.Packet, data: st.DataObje
     assert payload.parse(bad) is None
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=300))
 def test_nothing_but_a_payload_is_parsed(data: bytes) -> None:
     found = payload.parse(data)

@@ -45,12 +45,7 @@ async def listening(line: VirtualPort, **settings):
     """A driver that has the port open, and its outlet."""
     made = driver(line.path, silence="20 s", **settings)
     async with running(made.run()):
-        await until(lambda: line.opened)
-        # pyserial throws away what came while it set the port up; a first byte that is read says it is done
-        heard = made.outlet.account.counters
-        while not heard["garbage bytes"]:
-            line.write(b"\x00")
-            await asyncio.sleep(0.005)
+        await until(lambda: line.opened and not line.read() and line.flushed)
         yield made, made.outlet
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_drivers.power_board.resequencer import MOST_HELD, Placed, Resequencer
@@ -100,6 +100,7 @@ def test_restart_begins_anew() -> None:
     assert numbers(order.release(0)) == [(0, 3)]
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 30)), min_size=1, max_size=80), st.booleans())
 def test_every_packet_has_one_fate(sent: list[tuple[int, int]], eager: bool) -> None:
     """Whatever comes in whatever order: released packets rise, and gaps and releases add up to the numbering."""

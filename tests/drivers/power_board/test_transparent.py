@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_drivers.power_board import transparent, wire
@@ -23,6 +23,7 @@ def test_only_what_a_length_byte_can_say_is_framed(length: int) -> None:
         transparent.frame(bytes(length))
 
 
+@settings(deadline=None)
 @given(st.integers(0, 12), st.lists(st.integers(0, 500), max_size=12))
 def test_pieces_of_any_size_give_the_same(n: int, cuts: list[int]) -> None:
     for places in (sorted(cuts), range(n * len(FRAME))):
@@ -52,6 +53,7 @@ def test_wrong_length_is_seen_at_once() -> None:
     assert taking.counts == {"garbage bytes": 4}
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=400))
 def test_what_waits_is_bounded_whatever_comes(garbage: bytes) -> None:
     taking = transparent.TransparentDecoder(lambda data: data)
@@ -60,6 +62,7 @@ def test_what_waits_is_bounded_whatever_comes(garbage: bytes) -> None:
         assert len(taking._rest) < 4 + 255
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=200), st.binary(max_size=200))
 def test_every_byte_is_a_frame_garbage_or_waits(before: bytes, after: bytes) -> None:
     taking = wire.decoder("transparent")

@@ -10,7 +10,7 @@ from digi.xbee.models.mode import OperatingMode
 from digi.xbee.packets.base import XBeePacket
 from digi.xbee.packets.common import ExplicitRXIndicatorPacket, ReceivePacket
 from digi.xbee.packets.factory import build_frame
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_drivers.power_board import wire, xbee
@@ -68,6 +68,7 @@ def test_other_frames_are_recognised_and_counted(name: str, escaped: bool) -> No
     assert taking.counts[name] == 1
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=255), st.integers(0, 2**64 - 1), st.integers(0, 2**16 - 1), st.booleans(), st.booleans())
 def test_digi_builds_and_reads_the_same(data: bytes, sender: int, network: int, escaped: bool, explicit: bool) -> None:
     long, short = XBee64BitAddress(sender.to_bytes(8, "big")), XBee16BitAddress(network.to_bytes(2, "big"))
@@ -85,6 +86,7 @@ def test_digi_builds_and_reads_the_same(data: bytes, sender: int, network: int, 
     assert fed(frame, escaped=escaped) == [data]
 
 
+@settings(deadline=None)
 @given(st.lists(st.binary(max_size=80), max_size=8), st.booleans(), st.lists(st.integers(0, 900), max_size=12))
 def test_pieces_of_any_size_give_the_same(payloads: list[bytes], escaped: bool, cuts: list[int]) -> None:
     stream = b"".join(xbee.frame(xbee.receive_data(p, SENDER, NETWORK), escaped=escaped) for p in payloads)
@@ -92,6 +94,7 @@ def test_pieces_of_any_size_give_the_same(payloads: list[bytes], escaped: bool, 
     assert fed(stream, escaped=escaped, cuts=tuple(range(len(stream)))) == payloads
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=400), st.booleans())
 def test_what_waits_is_bounded_whatever_comes(garbage: bytes, escaped: bool) -> None:
     taking = decoder(escaped=escaped)

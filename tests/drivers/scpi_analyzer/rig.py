@@ -14,6 +14,7 @@ from cellwatt.account import Account
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Identity
+from cellwatt.errors import SourceError
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver, ScpiAnalyzerSettings
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 
@@ -26,6 +27,7 @@ class Outlet:
     readings: list[Reading] = field(default_factory=list)
     events: list[tuple[str, str]] = field(default_factory=list)
     identities: list[Identity] = field(default_factory=list)
+    failures: list[SourceError] = field(default_factory=list)
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     def now(self) -> int:
@@ -104,15 +106,22 @@ def settings(place: str, **changes: object) -> ScpiAnalyzerSettings:
 
 
 @asynccontextmanager
-async def running(
-    settings: ScpiAnalyzerSettings,
-) -> AsyncIterator[tuple[ScpiAnalyzerDriver, Outlet, asyncio.Task[None]]]:
-    """A driver running until the end of the context; the account must be even then."""
+async def running(settings: ScpiAnalyzerSettings) -> AsyncIterator[tuple[ScpiAnalyzerDriver, Outlet]]:
+    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
     outlet = Outlet()
     driver = ScpiAnalyzerDriver("supply", settings, outlet)
-    task = asyncio.create_task(driver.run())
+
+    async def supervise() -> None:
+        while True:
+            try:
+                await driver.run()
+            except SourceError as error:
+                outlet.failures.append(error)
+            await asyncio.sleep(0.01)
+
+    task = asyncio.create_task(supervise())
     try:
-        yield driver, outlet, task
+        yield driver, outlet
     finally:
         task.cancel()
         with suppress(asyncio.CancelledError):

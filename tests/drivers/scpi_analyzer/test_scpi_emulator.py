@@ -136,6 +136,7 @@ async def test_lines_over_tcp_with_either_end():
         writer.write(b"*IDN?\r\nCHAN1:MEAS:FUNC P\nCHAN1:MEAS:DATA?\n")
         lines = [await asyncio.wait_for(reader.readline(), 5) for _ in range(2)]
         writer.close()
+        await writer.wait_closed()
         assert lines == [b"Rohde&Schwarz,HMC8015,000000001,HW10000000,SW1.403\n", b"5.0000E+02\n"]
         assert emulator.counts == {"made": 1, "sent": 1}
 

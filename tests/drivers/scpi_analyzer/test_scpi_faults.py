@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
 
 from cellwatt.emulation import Fault
-from cellwatt.errors import ConnectError
-from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 
 from .rig import Outlet, emulated, running, settings
@@ -24,21 +21,22 @@ async def struck(
 ) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Outlet]]:
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
     changes = {"timeout": "150 ms", "rate": "50 Hz"} | changes
-    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, outlet, task):
-        await outlet.until(lambda: len(outlet.readings) > 3 or task.done())
+    async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, outlet):
+        await outlet.until(lambda: len(outlet.readings) > 3)
         emulator.inject(fault)
-        await outlet.until(lambda: emulator.injector.counts[fault.kind] >= times or task.done())
+        await outlet.until(lambda: emulator.injector.counts[fault.kind] >= times)
         if fault.kind not in {"stall", "disconnect"}:
             emulator.inject(Fault(fault.kind, probability=0))
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 10 or task.done())
-        if task.done():
-            await task
+        await outlet.until(lambda: len(outlet.readings) > seen + 10)
         yield emulator, outlet
 
 
 def counters(outlet: Outlet) -> dict[str, int]:
-    return {k: n for k, n in outlet.account.counters.items() if k not in IGNORED}
+    """What was counted; a connection lost before it delivered is given up and run again: counted as a reconnect."""
+    found = {k: n for k, n in outlet.account.counters.items() if k not in IGNORED}
+    reconnects = found.pop("reconnects", 0) + len(outlet.failures)
+    return found | ({"reconnects": reconnects} if reconnects else {})
 
 
 ADDRESSES = pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
@@ -53,7 +51,7 @@ async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
         assert outlet.account.missed["timeout"] == n
         assert outlet.account.missed["disconnected"] > 0
         assert emulator.counts["made"] - emulator.counts["sent"] == n
-        assert outlet.kinds() == ["reopened"] * n
+        assert outlet.kinds() == ["reopened"] * (n - len(outlet.failures))
 
 
 @ADDRESSES
@@ -86,38 +84,16 @@ async def test_a_short_stall_costs_polls_and_no_connection():
 
 async def test_a_closed_connection_is_opened_anew():
     async with struck(Fault("disconnect", seconds=0.0), times=1) as (_, outlet):
-        assert counters(outlet) == {"reconnects": 1}
+        assert outlet.account.counters["reconnects"] == 1
         assert outlet.account.missed["connection lost"] == 1
         assert len(outlet.identities) == 2
 
 
 async def test_an_outage_ends_the_run_and_the_next_one_counts_the_gap():
-    outlet = Outlet()
-    lost: list[ConnectError] = []
-
-    async def supervise(driver: ScpiAnalyzerDriver) -> None:
-        while True:
-            try:
-                await driver.run()
-            except ConnectError as error:
-                lost.append(error)
-                await asyncio.sleep(0.02)
-
-    async with emulated() as (emulator, place):
-        driver = ScpiAnalyzerDriver("supply", settings(place, rate="50 Hz"), outlet)
-        task = asyncio.create_task(supervise(driver))
-        await outlet.until(lambda: len(outlet.readings) > 3)
-        emulator.inject(Fault("disconnect", seconds=0.3))
-        await outlet.until(lambda: bool(lost))
-        seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 3)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-    assert "cannot be opened" in str(lost[0])
-    assert outlet.account.missed["connection lost"] == 1
-    assert outlet.account.missed["disconnected"] >= 10
-    assert outlet.account.residue == 0
+    async with struck(Fault("disconnect", seconds=0.3), times=1) as (_, outlet):
+        assert "cannot be opened" in str(outlet.failures[0])
+        assert outlet.account.missed["connection lost"] == 1
+        assert outlet.account.missed["disconnected"] >= 10
 
 
 async def test_all_faults_together_leave_the_account_even():

@@ -48,18 +48,20 @@ class Cell(CollectingOutlet):
         return float(stamps[-1])
 
 
-def test_packages_in_order_with_their_own_time():
+@pytest.mark.parametrize("block", [1, 5, 203])
+def test_packages_in_order_with_their_own_time(block):
     cell = Cell()
-    cell.run(60.0, 203)
+    cell.run(60.0, 203, block)
     assert cell.device_time.tolist() == [round((60.0 + i / RATE) * 1e9) for i in range(203)]
     assert cell.values[:, 0].tolist() == [60.0 + i / RATE for i in range(203)]
     assert cell.account.expected == cell.account.received == 203
     assert len(cell.identities) == 1 and not cell.events and not cell.resets
 
 
-def test_gaps_are_missed_packages():
+@pytest.mark.parametrize("block", [1, 5])
+def test_gaps_are_missed_packages(block):
     cell = Cell()
-    last = cell.run(60.0, 100)
+    last = cell.run(60.0, 100, block)
     cell.time += 8_000_000
     cell.feed([last + 0.008])
     cell.time += 10_000_000

@@ -31,7 +31,7 @@ library = RTDEReceiveInterface(host, rate, names)
 if path:
     assert library.startFileRecording(path, record)
 seen = {}
-end = time.monotonic() + 1.0
+end = time.monotonic() + 0.6
 while time.monotonic() < end:
     stamp = library.getTimestamp()
     q = library.getActualQ()
@@ -89,7 +89,7 @@ async def test_its_default_variables_are_served(polyscope, rate, inertia):
 
 
 async def test_chosen_variables_and_its_recorder(tmp_path):
-    rows = write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(1000))
+    rows = write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(700))
     names = ["timestamp", "actual_q", "actual_current", "robot_mode", "joint_mode"]
     path = tmp_path / "written.csv"
     options = ("--listen", f"127.0.31.3:{PORT}", "--recording", str(tmp_path / "served.csv"))
@@ -106,7 +106,7 @@ async def test_chosen_variables_and_its_recorder(tmp_path):
         "robot_mode",
         *(f"joint_mode_{i}" for i in range(6)),
     ]
-    assert len(written) > 200
+    assert len(written) > 100
     place = {round(stamp, 6): i for i, stamp in enumerate(rows[:, 0].tolist())}
     whole = 0
     for row in written:
@@ -120,7 +120,7 @@ async def test_chosen_variables_and_its_recorder(tmp_path):
 
 
 async def test_what_its_recorder_wrote_can_be_served(tmp_path):
-    write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(900))
+    write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(700))
     path = tmp_path / "written.csv"
     options = ("--listen", f"127.0.31.4:{PORT}", "--recording", str(tmp_path / "served.csv"))
     async with EmulatorProcess("ur", *options):
@@ -143,7 +143,7 @@ async def test_what_its_recorder_wrote_can_be_served(tmp_path):
 
 
 async def test_the_driver_reads_through_it_and_counts_what_it_passed_over(tmp_path):
-    rows = write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(1000))
+    rows = write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(700))
     outlet = CollectingOutlet()
     channels = ("actual_q", "actual_robot_voltage", "actual_robot_current", "robot_mode", "bus.power")
     settings = UrDriver.Settings(host="127.0.31.5", client="ur_rtde", channels=channels)

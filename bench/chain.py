@@ -1,0 +1,233 @@
+"""The whole chain, sources to Zenoh, recorded: throughput on one core, and latency at 8 robots.
+
+    python bench/chain.py --json
+
+Emulated UR controllers (500 Hz, the full default recipe plus more: 62 values) run in one process, the daemon in
+another, alone on its core, a plain Zenoh subscriber in a third. Latency is told from the subscriber's receipt:
+``daemon`` since the daemon read the packet, ``emulator`` since the emulator sent it (the fastest packet of a run
+counts as 0, so constant transport time is not in it). The peer is the same traffic put on Zenoh by a bare loop.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from numpy.typing import NDArray
+
+CHANNELS = (
+    "actual_q", "actual_qd", "actual_current", "target_q", "target_qd", "target_moment", "target_current",
+    "joint_temperatures", "actual_joint_voltage", "actual_robot_voltage", "actual_robot_current",
+    "actual_main_voltage", "speed_scaling", "robot_mode", "safety_mode", "runtime_state", "bus.power",
+)  # fmt: skip
+VALUES = 62
+RATE = 500.0
+WARM_UP = 3.0  # s
+
+
+class Still:
+    """Signals that cost the emulators next to nothing."""
+
+    def at(self, t: NDArray[np.float64]) -> Mapping[str, NDArray[np.float64]]:
+        return {f"joint_{i}.position": np.full(len(t), 0.1 * i) for i in range(1, 7)}
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        raise ValueError("nothing to disturb")
+
+
+async def devices(count: int) -> None:
+    """The emulators' process: tells its ports as JSON, ends with its standard input."""
+    from cellwatt_drivers.ur.emulator import UrEmulator
+
+    loop = asyncio.get_running_loop()
+    ports: list[asyncio.Future[str]] = [loop.create_future() for _ in range(count)]
+    tasks = [
+        asyncio.create_task(UrEmulator(Still(), "127.0.0.1:0", seed=n).serve(ready.set_result))
+        for n, ready in enumerate(ports)
+    ]
+    print(json.dumps([int((await ready).rpartition(":")[2]) for ready in ports]), flush=True)
+    await loop.run_in_executor(None, sys.stdin.read)
+    for task in tasks:
+        task.cancel()
+
+
+def listen(endpoint: str) -> None:
+    """The subscriber's process: receipts until its standard input ends, then percentiles as JSON."""
+    import zenoh
+
+    from cellwatt.publish.encode import decode
+    from cellwatt.publish.mark import Mark
+
+    got: list[tuple[int, bytes, bytes]] = []
+
+    def receive(sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        got.append((time.time_ns(), sample.payload.to_bytes(), attachment.to_bytes() if attachment else b""))
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("connect/timeout_ms", "20000")
+    config.insert_json5("scouting/multicast/enabled", "false")
+    session = zenoh.open(config)
+    session.declare_subscriber("cellwatt/bench/bench/raw/**", receive)
+    print("listening", flush=True)
+    sys.stdin.readline()
+    kept, got = got, []
+    start = time.monotonic()
+    sys.stdin.readline()
+    kept, seconds = got, time.monotonic() - start
+    session.close()
+    in_daemon, by_robot, samples = [], {}, 0
+    for at, payload, attachment in kept:
+        batch = decode(payload, Mark.decode(attachment))
+        samples += len(batch)
+        in_daemon.append(at - batch.arrival)
+        by_robot.setdefault(batch.source, []).append(at - int(batch.device_time[-1]))
+    whole = np.concatenate([np.array(x) - min(x) for x in by_robot.values()]) * 1e-6
+    print(
+        json.dumps(
+            {
+                "samples_per_s": samples / seconds,
+                "samples_per_message": samples / len(kept),
+                "daemon_ms": percentiles(np.array(in_daemon) * 1e-6),
+                "emulator_ms": percentiles(whole),
+            }
+        ),
+        flush=True,
+    )
+
+
+def percentiles(values: NDArray[np.float64]) -> dict[str, float]:
+    return {f"p{p:g}": round(float(np.percentile(values, p)), 3) for p in (50, 99, 99.9)} | {
+        "max": round(float(values.max()), 3)
+    }
+
+
+def run(robots: int, seconds: float) -> dict[str, Any]:
+    """One run of the daemon; its CPU share, losses and the subscriber's figures."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        emulators = spawn("devices", str(robots), cpus={1})
+        ports = json.loads(line(emulators))
+        write(folder / "cell.yaml", ports, endpoint, folder)
+        daemon = subprocess.Popen(
+            [sys.executable, "-m", "cellwatt.commands", "run", str(folder / "cell.yaml")],
+            stderr=(folder / "log").open("w"),
+            preexec_fn=lambda: os.sched_setaffinity(0, {0}),
+        )
+        subscriber = spawn("listen", endpoint, cpus={1})
+        try:
+            line(subscriber)
+            time.sleep(WARM_UP)
+            process = psutil.Process(daemon.pid)
+            before, start = process.cpu_times(), time.monotonic()
+            tell(subscriber)
+            time.sleep(seconds)
+            tell(subscriber)
+            after, spent = process.cpu_times(), time.monotonic() - start
+            memory = process.memory_info().rss
+            figures = json.loads(line(subscriber))
+            daemon.send_signal(signal.SIGTERM)
+            daemon.wait(30)
+            status = last_health(folder)
+        finally:
+            for child in (daemon, subscriber, emulators):
+                child.kill()
+                child.wait()
+    cpu = (after.user + after.system - before.user - before.system) / spent
+    sources = status["sources"].values()
+    lost = sum(sum(s["missed"].values()) + sum(s["dropped"].values()) for s in sources)
+    unpublished = sum(status["sinks"]["zenoh"]["dropped"].values())
+    return figures | {
+        "robots": robots,
+        "values_per_s": round(figures["samples_per_s"] * VALUES),
+        "cpu_of_one_core": round(cpu, 3),
+        "lost": lost,
+        "not_published": unpublished,
+        "not_recorded": sum(status["recorder"]["drops"].values()),
+        "rss_mb": round(memory / 1e6, 1),
+    }
+
+
+def last_health(folder: Path) -> dict[str, Any]:
+    from cellwatt.record import Recording
+
+    return dict(list(Recording.open(folder / "record").health())[-1].status)
+
+
+def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path) -> None:
+    channels = "[" + ", ".join(CHANNELS) + "]"
+    sources = "\n".join(
+        f"  robot_{i}: {{driver: ur, host: 127.0.0.1, port: {port}, channels: {channels}}}"
+        for i, port in enumerate(ports)
+    )
+    path.write_text(
+        f"site: bench\ncell: bench\nsources:\n{sources}\nrecord: {{folder: {folder / 'record'}}}\n"
+        f"zenoh: {{listen: [{endpoint}]}}\n"
+    )
+
+
+def spawn(role: str, argument: str, cpus: set[int]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, __file__, "--role", role, argument],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, cpus),
+    )
+
+
+def line(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline()
+
+
+def tell(process: subprocess.Popen[str]) -> None:
+    assert process.stdin is not None
+    process.stdin.write("\n")
+    process.stdin.flush()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=15.0)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--robots", type=int, nargs="*", default=[8, 16, 32])
+    parser.add_argument("--role", nargs=2, metavar=("ROLE", "ARGUMENT"))
+    a = parser.parse_args()
+    if a.role:
+        role, argument = a.role
+        asyncio.run(devices(int(argument))) if role == "devices" else listen(argument)
+        return
+    runs = [run(robots, a.seconds) for robots in a.robots for _ in range(a.repeats)]
+    if a.json:
+        print(json.dumps(runs))
+    else:
+        for figures in runs:
+            print(figures)
+
+
+if __name__ == "__main__":
+    main()

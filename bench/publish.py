@@ -1,0 +1,294 @@
+"""Publication over Zenoh beside bare Zenoh: latency and throughput from one process to another on one host.
+
+python bench/publish.py [--json] [--seconds 5] [--repeats 5]
+
+Latency: 8 sources × 500 Hz × 60 channels, one sample a message; from ``offer`` (cellwatt) or ``put`` (bare Zenoh, a
+payload of the same size from the same event loop) until the consumer has it, both clocks CLOCK_MONOTONIC. cellwatt is
+measured at a plain Zenoh consumer, and at ``Subscriber``, decoded and in order. ``direct`` is the alternative that we
+do not use: encode and put on the event loop. ``*_on_loop`` is how long the event loop is held by each sample.
+Throughput: blocks of 100 samples as fast as they go, counted at the consumer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import socket
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import numpy as np
+
+from cellwatt import Batch, Channel, Stream
+from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.publish.encode import encode_batch
+from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.publish.mark import Mark
+from cellwatt.subscriber import Subscriber
+
+SITE, CELL = "bench", "cell"
+SOURCES, RATE, CHANNELS = 8, 500.0, 60
+BLOCK = 100
+_WARM_UP = 0.5  # s
+QUANTITIES = ("position", "velocity", "torque", "current", "temperature", "voltage")
+STREAM = Stream(
+    "samples",
+    tuple(Channel(f"joint_{i // 6 + 1}.{QUANTITIES[i % 6]}_{i}", "1") for i in range(CHANNELS)),
+    RATE,
+    "device",
+)
+RAW = f"cellwatt/{SITE}/{CELL}/raw"
+
+
+class View:
+    """As much of a cell as publication needs; nothing is recorded."""
+
+    site, cell = SITE, CELL
+    session = 1
+
+    def status(self) -> dict[str, Any]:
+        return {}
+
+    config = schema = status
+
+    def recordings(self) -> list[Any]:
+        return []
+
+    def history(self, *_: object) -> list[Batch]:
+        return []
+
+
+def make_batch(source: int, sequence: int, n: int) -> Batch:
+    times = np.arange(sequence, sequence + n)
+    return Batch(
+        source=f"arm_{source}",
+        stream=STREAM,
+        sequence=sequence,
+        arrival=time.monotonic_ns(),
+        time=times,
+        bound=times,
+        values=np.full((n, CHANNELS), 1.5),
+        quality=np.zeros(n, np.uint8),
+        device_time=times,
+    )
+
+
+# the consumer's process --------------------------------------------------------------------------------
+
+
+def consume(kind: str, endpoint: str) -> None:
+    """Receive until the input ends, then say what was measured."""
+    link = LinkSettings(mode="client", connect=(endpoint,))
+    latencies: list[int] = []
+    values = 0
+    last = 0
+
+    def take(arrival: int, samples: int) -> None:
+        nonlocal values, last
+        last = time.monotonic_ns()
+        latencies.append(last - arrival)
+        values += samples * CHANNELS
+
+    def on_sample(sample: Any) -> None:
+        mark = Mark.decode(sample.attachment.to_bytes())
+        sample.payload.to_bytes()
+        take(mark.arrival, mark.count)
+
+    if kind == "subscriber":
+        with Subscriber(SITE, CELL, link, want=("raw",)) as cell:
+            print("ready", flush=True)
+            stopper = threading.Thread(target=lambda: (sys.stdin.read(), cell.close()))
+            stopper.start()
+            for message in cell:
+                take(message.content.arrival, message.count)
+            stopper.join()
+    else:
+        with open_session(link) as session:
+            session.declare_subscriber(f"{RAW}/**", on_sample)
+            print("ready", flush=True)
+            sys.stdin.read()
+    print(json.dumps({"latencies": latencies, "values": values, "last": last}))
+
+
+@contextmanager
+def consumer(kind: str, endpoint: str) -> Iterator[Callable[[], dict[str, Any]]]:
+    command = [sys.executable, __file__, "--consume", kind, "--endpoint", endpoint]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    child.stdout.readline()
+    try:
+        yield lambda: json.loads(child.communicate("", 60)[0])
+    finally:
+        child.kill()
+        child.wait()
+
+
+def free_endpoint() -> str:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
+
+
+# the publisher's process -------------------------------------------------------------------------------
+
+Give = Callable[[Batch], None]
+
+
+@contextmanager
+def bare(endpoint: str, payload: bytes | None) -> Iterator[Give]:
+    """Puts on the event loop: always the same payload (bare Zenoh), or, without one, the encoded batch (direct)."""
+    import zenoh
+
+    with open_session(LinkSettings(listen=(endpoint,))) as session:
+        options = {"congestion_control": zenoh.CongestionControl.BLOCK, "express": True}
+        publishers = {
+            f"arm_{i}": session.declare_publisher(f"{RAW}/arm_{i}/samples", **options) for i in range(SOURCES)
+        }
+
+        def give(batch: Batch) -> None:
+            mark = Mark(1, batch.sequence, len(batch), batch.arrival).encode()
+            publishers[batch.source].put(payload or encode_batch(batch), attachment=mark)
+
+        yield give
+
+
+async def pace(give: Give, seconds: float, first: int) -> list[int]:
+    """Give each source's sample at 500 Hz, the sources spread over the period; ns that each ``give`` held the loop."""
+    loop = asyncio.get_running_loop()
+    start, held = loop.time(), []
+    for i in range(int(seconds * RATE * SOURCES)):
+        due = start + i / (RATE * SOURCES)
+        if (pause := due - loop.time()) > 0:
+            await asyncio.sleep(pause)
+        batch = make_batch(i % SOURCES, first + i // SOURCES, 1)
+        give(batch)
+        held.append(time.monotonic_ns() - batch.arrival)
+    await asyncio.sleep(0.3)
+    return held
+
+
+async def with_sink(endpoint: str, work: Callable[[ZenohSink], Any]) -> Any:
+    sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,), queue=4096), View())
+    task = asyncio.create_task(sink.run())
+    try:
+        return await work(sink)
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+def latency(way: str, seconds: float) -> dict[str, float]:
+    """Figures of one run, µs."""
+    endpoint = free_endpoint()
+    kind = "subscriber" if way == "subscriber" else "plain"
+
+    async def through_sink(sink: ZenohSink) -> tuple[list[int], dict[str, Any]]:
+        return await measure(sink.offer)
+
+    async def measure(give: Give) -> tuple[list[int], dict[str, Any]]:
+        context = consumer(kind, endpoint)
+        finish = await asyncio.to_thread(context.__enter__)
+        try:
+            await pace(give, _WARM_UP, 0)  # imports, schema, routes
+            held = await pace(give, seconds, round(_WARM_UP * RATE))
+            return held, await asyncio.to_thread(finish)
+        finally:
+            context.__exit__(None, None, None)
+
+    if way in ("zenoh", "direct"):
+        with bare(endpoint, encode_batch(make_batch(0, 0, 1)) if way == "zenoh" else None) as give:
+            held, found = asyncio.run(measure(give))
+    else:
+        held, found = asyncio.run(with_sink(endpoint, through_sink))
+    arrived = np.array(found["latencies"][round(_WARM_UP * RATE * SOURCES) :]) / 1e3
+    return {
+        "p50": float(np.percentile(arrived, 50)),
+        "p99": float(np.percentile(arrived, 99)),
+        "p99.9": float(np.percentile(arrived, 99.9)),
+        "on_loop_p50": float(np.percentile(held, 50)) / 1e3,
+        "on_loop_p99": float(np.percentile(held, 99)) / 1e3,
+        "delivered": found["values"] / CHANNELS / int((seconds + _WARM_UP) * RATE * SOURCES),
+    }
+
+
+def throughput(way: str, seconds: float) -> dict[str, float]:
+    """Million channel-values a second at the consumer."""
+    endpoint = free_endpoint()
+
+    async def flood(give: Give, waiting: Callable[[], int]) -> float:
+        context = consumer("plain", endpoint)
+        finish = await asyncio.to_thread(context.__enter__)
+        try:
+            start = time.monotonic_ns()
+            sequences = [0] * SOURCES
+            i = 0
+            while time.monotonic_ns() - start < seconds * 1e9:
+                give(make_batch(i % SOURCES, sequences[i % SOURCES], BLOCK))
+                sequences[i % SOURCES] += BLOCK
+                i += 1
+                for _ in iter(lambda: waiting() > 64, False):
+                    await asyncio.sleep(0)
+            await asyncio.sleep(0.5)
+            found = await asyncio.to_thread(finish)
+        finally:
+            context.__exit__(None, None, None)
+        return found["values"] / ((found["last"] - start) / 1e9) / 1e6
+
+    if way == "zenoh":
+        with bare(endpoint, encode_batch(make_batch(0, 0, BLOCK))) as give:
+            return {"Mvalues_per_s": asyncio.run(flood(give, lambda: 0))}
+    return {
+        "Mvalues_per_s": asyncio.run(with_sink(endpoint, lambda sink: flood(sink.offer, lambda: len(sink._outbox))))
+    }
+
+
+def repeated(run: Callable[[], dict[str, float]], repeats: int) -> dict[str, Any]:
+    """Median of each figure over the runs, with the least and the most."""
+    runs = [run() for _ in range(repeats)]
+    return {
+        name: {
+            "median": round(statistics.median(r[name] for r in runs), 3),
+            "least": round(min(r[name] for r in runs), 3),
+            "most": round(max(r[name] for r in runs), 3),
+        }
+        for name in runs[0]
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--consume", help=argparse.SUPPRESS)
+    parser.add_argument("--endpoint", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.consume:
+        consume(options.consume, options.endpoint)
+        return
+    found: dict[str, Any] = {
+        "setup": {"sources": SOURCES, "rate_Hz": RATE, "channels": CHANNELS, "seconds": options.seconds},
+        "payload_bytes": len(encode_batch(make_batch(0, 0, 1))),
+        "repeats": options.repeats,
+    }
+    for way in ("cellwatt", "subscriber", "direct", "zenoh"):
+        found[f"latency_{way}_us"] = repeated(lambda w=way: latency(w, options.seconds), options.repeats)
+    for way in ("cellwatt", "zenoh"):
+        found[f"throughput_{way}"] = repeated(lambda w=way: throughput(w, options.seconds), options.repeats)
+    if options.json:
+        print(json.dumps(found))
+        return
+    for name, figures in found.items():
+        print(name, json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,31 @@
+"""A digest at the end of a model file, so that a changed weight is seen.
+
+It is one more entry of ``metadata_props`` appended to the ONNX file (a protobuf message may be continued that way): the
+key ``cellwatt.sha256`` with the SHA-256, in hex, of all bytes before. Other programs read the file as before.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Final
+
+KEY: Final = "cellwatt.sha256"
+
+_ENTRY: Final = b"\x0a" + bytes([len(KEY)]) + KEY.encode() + b"\x12\x40"  # StringStringEntryProto: key, value of 64
+_HEAD: Final = b"\x72" + bytes([len(_ENTRY) + 64]) + _ENTRY  # ModelProto.metadata_props
+_LENGTH: Final = len(_HEAD) + 64
+
+
+def sealed(content: bytes) -> bytes:
+    """A serialised ONNX model with its digest appended."""
+    return content + _HEAD + _digest(content)
+
+
+def broken(content: bytes) -> bool:
+    """Whether a file ends with a digest that is not its own; files without one are never broken."""
+    body, seal = content[:-_LENGTH], content[-_LENGTH:]
+    return seal.startswith(_HEAD) and seal != _HEAD + _digest(body)
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()

@@ -1,0 +1,276 @@
+"""The public subscriber beside a sink, over real sessions in one process."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import AsyncIterator
+from contextlib import suppress
+
+import pytest
+
+from cellwatt import Alarm, Batch, SinkError
+from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.publish.link import open_session
+from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
+from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
+from tests.daemon.publish.processes import eventually, free_port
+
+RAW = "raw/arm/samples"
+
+
+class Cell:
+    """A sink at work, and the subscribers' way to it."""
+
+    def __init__(self) -> None:
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.view = FakeView()
+        self.sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,)), self.view)
+        self.link = LinkSettings(mode="client", connect=(endpoint,))
+
+    def subscriber(self, **more: object) -> Subscriber:
+        return Subscriber(SITE, CELL, self.link, **more)  # type: ignore[arg-type]
+
+    def give(self, first: int, count: int, live: bool = True, record: bool = True) -> None:
+        item = batch(first, count)
+        if record:
+            self.view.record(item)
+        if live:
+            self.sink.offer(item)
+        else:  # the sink knows of it and loses it on the way
+            self.sink._outbox._ends[RAW] = (EPOCH, first + count)
+
+
+@pytest.fixture
+async def cell() -> AsyncIterator[Cell]:
+    found = Cell()
+    serving = asyncio.create_task(found.sink.run())
+
+    async def beat() -> None:
+        while True:
+            found.sink.health({"state": "green"})
+            await asyncio.sleep(0.1)
+
+    beating = asyncio.create_task(beat())
+    yield found
+    for task in (beating, serving):
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+async def joined(subscriber: Subscriber) -> None:
+    await eventually(lambda: subscriber._following.joined, "the subscriber to know where the cell is")
+
+
+async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Message]:
+    """The next messages of a topic."""
+    found: list[Message] = []
+    async with asyncio.timeout(20):
+        async for message in subscriber:
+            if message.topic.startswith(topic):
+                found.append(message)
+                if len(found) == count:
+                    break
+    return found
+
+
+async def test_everything_of_a_cell_in_order(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw", "frame", "alarm")) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.sink.offer(frames(0, 2))
+        cell.sink.offer(alarm(1))
+        messages = {m.topic: m for m in await read(subscriber, 3)}
+    assert set(messages) == {RAW, "frame", "alarm"}
+    raw = messages[RAW]
+    assert (raw.session, raw.sequence, raw.count, raw.backfilled) == (EPOCH, 0, 5, False)
+    assert isinstance(raw.content, Batch)
+    assert raw.content.values.tolist() == batch(0, 5).values.tolist()
+    assert messages["alarm"].content == alarm(1)
+
+
+async def test_health_comes_when_wanted(cell: Cell) -> None:
+    async with cell.subscriber(want=("health",)) as subscriber:
+        (message,) = await read(subscriber, 1)
+    assert isinstance(message.content, Health)
+    assert message.content.status == {"state": "green"}
+    assert message.content.session == EPOCH
+
+
+async def test_only_what_is_wanted_comes(cell: Cell) -> None:
+    async with cell.subscriber(want=("alarm",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.sink.offer(alarm(1))
+        (message,) = await read(subscriber, 1)
+    assert message.topic == "alarm"
+
+
+async def test_a_late_comer_gets_the_active_alarms(cell: Cell) -> None:
+    for item in (alarm(1), alarm(2), alarm(1, active=False)):
+        cell.sink.offer(item)
+    await eventually(lambda: cell.sink.account.received == 3, "alarms")
+    async with cell.subscriber(want=("alarm",)) as subscriber:
+        (standing,) = await read(subscriber, 1)
+        cell.sink.offer(alarm(2, active=False))
+        (cleared,) = await read(subscriber, 1)
+    assert (standing.content, standing.backfilled) == (alarm(2), True)
+    assert isinstance(cleared.content, Alarm)
+    assert (cleared.content.active, cleared.backfilled) == (False, False)
+
+
+async def test_a_hole_is_filled_from_the_record_first(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        cell.give(5, 7, live=False)
+        cell.give(12, 5)
+        messages = await read(subscriber, 3)
+        assert subscriber.counts == {"live": 10, "backfilled": 7, "duplicates": 0}
+    assert [(m.sequence, m.count, m.backfilled) for m in messages] == [(0, 5, False), (5, 7, True), (12, 5, False)]
+
+
+async def test_the_end_is_not_missed_when_nothing_follows_it(cell: Cell) -> None:
+    """No later sample shows the hole: the health message does."""
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        cell.give(5, 7, live=False)
+        (message,) = await read(subscriber, 1)
+    assert (message.sequence, message.count, message.backfilled) == (5, 7, True)
+
+
+async def test_a_record_that_lags_is_waited_for(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.view.lag = 12
+        cell.give(0, 7, live=False)
+        cell.give(7, 5)
+        await asyncio.sleep(0.3)  # not for synchronisation: so that it is asked for in vain
+        cell.view.lag = 0
+        messages = await read(subscriber, 2)
+    assert [(m.sequence, m.count) for m in messages] == [(0, 7), (7, 5)]
+    assert not any(isinstance(m.content, Gap) for m in messages)
+
+
+async def test_what_the_record_has_forgotten_is_a_gap(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",)) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 100, live=False)
+        cell.view.forgotten = 60
+        cell.give(100, 5)
+        gap, rest, live = await read(subscriber, 3)
+        assert subscriber.counts["lost"] == 60
+    assert isinstance(gap.content, Gap)
+    assert (gap.sequence, gap.count) == (0, 60)
+    assert (rest.sequence, rest.count, live.sequence) == (60, 40, 100)
+
+
+async def test_what_was_never_recorded_is_a_gap_after_some_patience(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 4, live=False, record=False)
+        cell.give(4, 5)
+        gap, live = await read(subscriber, 2)
+    assert isinstance(gap.content, Gap)
+    assert "nothing is recorded of arm/samples" in gap.content.reason
+    assert (gap.count, live.sequence) == (4, 4)
+
+
+async def test_resume_goes_on_where_an_earlier_run_stopped(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw", "alarm")) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        positions = subscriber.positions
+    assert positions[RAW] == (EPOCH, 5)
+    cell.give(5, 20)
+    cell.sink.offer(alarm(1))
+    async with cell.subscriber(want=("raw", "alarm"), resume=positions) as subscriber:
+        messages = {m.topic: m for m in await read(subscriber, 2)}
+    assert (messages[RAW].sequence, messages[RAW].count, messages[RAW].backfilled) == (5, 20, True)
+    assert messages["alarm"].content == alarm(1)
+
+
+async def test_threads_read_with_receive_and_for(cell: Cell) -> None:
+    def consume() -> list[int]:
+        with cell.subscriber(want=("raw",)) as subscriber:
+            with pytest.raises(TimeoutError):
+                subscriber.receive(0.01)
+            ready.set()
+            first = subscriber.receive(20)
+            found = [first.sequence]
+            for message in subscriber:
+                found.append(message.sequence)
+                if message.sequence >= 20:
+                    subscriber.close()
+            with pytest.raises(SinkError, match="closed"):
+                subscriber.receive()
+            return found
+
+    ready = threading.Event()
+    reading = asyncio.create_task(asyncio.to_thread(consume))
+    await asyncio.to_thread(ready.wait, 20)
+    starts = iter(range(0, 100_000, 5))
+    await eventually(lambda: cell.give(next(starts), 5) or reading.done(), "enough to read")
+    found = await reading
+    assert found == sorted(found)
+    assert found[-1] >= 20
+
+
+async def test_a_consumer_that_is_slow_gets_all_of_it(cell: Cell) -> None:
+    async with cell.subscriber(want=("raw",), queue_size=2) as subscriber:
+        await joined(subscriber)
+        for first in range(0, 5000, 5):
+            cell.give(first, 5)
+            if first % 500 == 0:
+                await asyncio.sleep(0)
+        following = 0
+        async with asyncio.timeout(30):
+            async for message in subscriber:
+                assert message.sequence == following
+                following += message.count
+                if following == 5000:
+                    break
+
+
+async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
+    cell: Cell, caplog: pytest.LogCaptureFixture
+) -> None:
+    with await asyncio.to_thread(open_session, cell.link) as stranger:
+        async with cell.subscriber(want=("raw", "alarm")) as subscriber:
+            await joined(subscriber)
+            stranger.put(f"cellwatt/{SITE}/{CELL}/{RAW}", b"hello")
+            stranger.put(f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault", b"{}", attachment=bytes([1]) + bytes(31))
+            stranger.put(f"cellwatt/{SITE}/{CELL}/health", b'{"positions": 3}')
+            stranger.put(f"cellwatt/{SITE}/{CELL}/raw/arm/samples/deeper", b"")
+            await eventually(lambda: subscriber.counts.get("unreadable") == 4, "four strangers")
+            cell.give(0, 5)
+            (message,) = await read(subscriber, 1)
+    assert message.sequence == 0
+    assert "is not a key of a cellwatt cell" in caplog.text
+
+
+async def test_opening_that_is_cancelled_leaves_nothing_behind() -> None:
+    link = LinkSettings(mode="client", connect=(f"tcp/127.0.0.1:{free_port()}",))
+    subscriber = Subscriber(SITE, CELL, link)
+    began = time.monotonic()
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.05):
+            await subscriber.__aenter__()
+    assert time.monotonic() - began < 9
+    assert subscriber._session is None
+    with pytest.raises(SinkError, match="closed"):
+        subscriber.receive()
+
+
+async def test_a_router_that_is_away_is_named() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    subscriber = Subscriber(SITE, CELL, LinkSettings(mode="client", connect=(endpoint,)))
+    subscriber._stopped.set()
+    with pytest.raises(SinkError, match=f"{endpoint}: nobody answers"):
+        async with subscriber:
+            pass

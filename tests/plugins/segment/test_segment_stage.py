@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.emulation import ArmSignals
+from cellwatt.errors import ConfigError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.registry import stage as find_stage
+from cellwatt.results import Interval, Task
+from cellwatt.stage import CellInfo
+from cellwatt_plugins.segment import SegmentSettings, SegmentStage
+
+RATE = 50.0
+
+
+def layout(*sources, unit="rad"):
+    channels = [
+        FrameChannel(f"{s}.joint_{j}.position", unit, "continuous", "linear") for s in sources for j in range(1, 7)
+    ]
+    return Layout(tuple(channels), RATE)
+
+
+def cell(folder):
+    return CellInfo("plant", "cell", None, folder)
+
+
+def blocks(lay, signals, seconds, block=5):
+    t = np.arange(round(seconds * RATE)) / RATE
+    values = np.column_stack([signals.at(t)[f"joint_{j}.position"] for j in range(1, 7)])
+    time = 1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)
+    for i in range(0, len(t), block):
+        part = values[i : i + block]
+        yield Frames(lay, i, time[i : i + block], part, np.zeros(part.shape, np.uint8), np.zeros(part.shape, np.int64))
+
+
+def test_the_emulated_arm_is_cut_into_its_moves(tmp_path):
+    lay = layout("arm")
+    stage = SegmentStage("segment", SegmentSettings(), lay, cell(tmp_path))
+    signals = ArmSignals(seed=5)
+    results = [r for frames in blocks(lay, signals, 60.0) for r in stage.process(frames, ())] + list(stage.close())
+    found = [r for r in results if isinstance(r, Interval) and r.closed and r.moving and r.complete]
+    assert [i.moving for i in found[:8]] == [(3,), (2, 5), (6,), (3,), (1,), (2, 5), (6,), (1,)]
+    tasks = [r for r in results if isinstance(r, Task)]
+    assert [t.repetition for t in tasks] == list(range(1, len(tasks) + 1))
+    assert len(tasks) >= 6
+    assert {round((t.start - 1_700_000_000_000_000_000) * 1e-9 % signals.period, 1) for t in tasks} <= {0.0, 7.8}
+    assert results[-1].closed
+
+
+@pytest.mark.parametrize("block", [1, 7, 64, 5000])
+def test_blocks_of_any_size_give_the_same_results(tmp_path, block):
+    def results(size):
+        lay = layout("arm")
+        stage = SegmentStage("segment", SegmentSettings(), lay, cell(tmp_path))
+        out = [r for frames in blocks(lay, ArmSignals(seed=2), 30.0, size) for r in stage.process(frames, ())]
+        return out + list(stage.close())
+
+    assert results(block) == results(5)
+
+
+def test_it_is_found_by_name():
+    assert find_stage("segment") is SegmentStage
+
+
+def test_several_arms_need_a_choice(tmp_path):
+    with pytest.raises(ConfigError, match="choose one of arm, other"):
+        SegmentStage("segment", SegmentSettings(), layout("arm", "other"), cell(tmp_path))
+    stage = SegmentStage("segment", SegmentSettings(arm="other"), layout("arm", "other"), cell(tmp_path))
+    assert stage.settings.arm == "other"
+
+
+def test_positions_must_be_in_rad(tmp_path):
+    with pytest.raises(ConfigError, match=r"arm\.joint_1\.position is in m, expected rad"):
+        SegmentStage("segment", SegmentSettings(), layout("arm", unit="m"), cell(tmp_path))
+
+
+def test_settings_take_units():
+    settings = SegmentSettings.model_validate(
+        {"start_speed": "2 deg/s", "stop_speed": "0.01 rad/s", "minimum_length": "200 ms", "same_speed": "5 %"}
+    )
+    assert settings.start_speed == pytest.approx(0.0349, abs=1e-4)
+    assert settings.minimum_length == pytest.approx(0.2)
+    assert settings.same_speed == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("start_speed", "2 m/s", "unknown unit 'm/s'"),
+        ("start_speed", 2, "a number with its unit"),
+        ("start_speed", "-1 deg/s", "above zero"),
+        ("stop_speed", "3 deg/s", "must not be above start_speed"),
+        ("minimum_length", "-1 s", "greater than or equal to 0"),
+        ("confirm", 0, "greater than or equal to 1"),
+        ("speed", "1 deg/s", "Extra inputs are not permitted"),
+    ],
+)
+def test_wrong_settings_are_refused(key, value, text):
+    with pytest.raises(ValidationError, match=text):
+        SegmentSettings.model_validate({key: value})

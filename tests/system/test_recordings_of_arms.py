@@ -1,0 +1,129 @@
+"""The main job on real input: recordings of real arms, served at their own pace, arrive as they are in the file.
+
+The real ones (a UR10e and a UR3e) are read where they lie beside the checkout; a made one stands in everywhere.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt.batch import Batch
+from cellwatt.emulation import ArmSignals, EmulatorProcess, load_signals
+from cellwatt.results import Interval
+from tests.system.running import Audience, running
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(150)]
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+VECTORS = ("actual_q", "actual_qd", "actual_current", "target_current", "target_moment")
+UR10E = {
+    "points": ("validation_data/ur-20_01_17-ptp_10_points.csv", 700, 2700),
+    "excitation": ("identification_data/ur-20_02_05-20sec_8harm.csv", 320, 1820),
+}
+UR3E = ("L0L1", "L1L2", "L2L3", "L3L4", "L4L5")
+
+
+def write_rtde(path: Path, stamps: np.ndarray, table: np.ndarray, vectors: tuple[str, ...]) -> Path:
+    """A recording in RTDE's own column names."""
+    names = ["timestamp", *(f"{v}_{i}" for v in vectors for i in range(6))]
+    rows = np.column_stack([stamps, table])
+    path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n")
+    return path
+
+
+def made(folder: Path) -> Path:
+    """Twelve seconds of an arm that we made up, at an uneven rate near 100 Hz like the real recording."""
+    rng = np.random.default_rng(3)
+    stamps = 512.5 + np.cumsum(rng.choice([0.008, 0.01, 0.012], size=1200, p=[0.1, 0.8, 0.1]))
+    signals = ArmSignals(seed=4).at(stamps - stamps[0])
+    kinds = ("position", "velocity", "current", "current", "torque")
+    table = np.column_stack([signals[f"joint_{i}.{k}"] for k in kinds for i in range(1, 7)])
+    return write_rtde(folder / "made.csv", stamps, table, VECTORS)
+
+
+def ur10e(name: str, folder: Path) -> Path:
+    file, first, last = UR10E[name]
+    matches = sorted((DATA / "ur10e").glob(file.replace(".csv", "*.csv")))
+    if not matches:
+        pytest.skip(f"the recording {file} is not beside this checkout")
+    table = np.genfromtxt(matches[0], delimiter=",")[first:last]
+    return write_rtde(folder / "ur10e.csv", table[:, 0], table[:, 1:31], VECTORS)
+
+
+def ur3e(name: str, _: Path) -> Path:
+    path = DATA / "ur3e_power" / f"{name}.csv"
+    if not path.is_file():
+        pytest.skip(f"the recording {path.name} is not beside this checkout")
+    return path
+
+
+CASES = {
+    "made": (made, VECTORS),
+    **{f"ur10e-{n}": (lambda folder, n=n: ur10e(n, folder), VECTORS) for n in UR10E},
+    **{
+        f"ur3e-{n}": (lambda folder, n=n: ur3e(n, folder), (*VECTORS, "actual_robot_voltage", "actual_robot_current"))
+        for n in UR3E
+    },
+}
+
+
+@pytest.mark.parametrize("case", list(CASES))
+async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) -> None:
+    find, fields = CASES[case]
+    path = find(tmp_path)
+    truth = load_signals(path)
+    epoch = time.time() + 8.0
+    options = ("--option", "start=epoch", "--epoch", str(epoch), "--recording", str(path))
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", *options) as device:
+        host, port = device.address.split(":")
+        rate = f"{1 / np.median(np.diff(truth.time)):.0f} Hz"
+        settings = f"driver: ur, host: {host}, port: {port}, rate: {rate}, timeout: 20 s, channels: [{', '.join(fields)}]"
+        text = f"sources:\n  arm: {{{settings}}}\n"
+        async with running(tmp_path, text + "stages: {segment: {}}\n") as (daemon, audience):
+            rows = len(truth.time)
+            await audience.until(lambda a: a.received["raw/arm/rtde"] >= rows, truth.length + 40)
+            assert await daemon.stop() == 0
+            got = audience.batches["raw/arm/rtde"]
+    assert_same_values(got, truth.columns, fields)
+    device_time = np.concatenate([b.device_time for b in got if b.device_time is not None])
+    np.testing.assert_allclose(device_time * 1e-9, truth.time, rtol=0, atol=1e-6)
+    assert_times_hold(got, epoch + truth.time - truth.time[0])
+    assert not audience.gaps
+    assert_intervals_fit(audience, truth.time - truth.time[0] + epoch, truth.columns)
+
+
+def assert_same_values(got: list[Batch], columns: dict[str, np.ndarray], fields: tuple[str, ...]) -> None:
+    values = np.concatenate([b.values for b in got])
+    expected = [columns[n] for f in fields for n in ((f,) if f in columns else [f"{f}_{i}" for i in range(6)])]
+    np.testing.assert_array_equal(values, np.column_stack(expected))
+
+
+def assert_times_hold(got: list[Batch], truth: np.ndarray) -> None:
+    """The emulator sends a row at its time or a little later, never earlier: the bound must hold that moment."""
+    stamped = np.concatenate([b.time for b in got]) * 1e-9
+    bound = np.concatenate([b.bound for b in got]) * 1e-9
+    inside = np.abs(stamped - truth) <= bound + 2e-6
+    assert inside.mean() >= 0.999, f"{(~inside).sum()} of {len(inside)}, worst {np.abs(stamped - truth).max()} s"
+    assert bound[-1] < 0.1
+
+
+def assert_intervals_fit(audience: Audience, seconds: np.ndarray, columns: dict[str, np.ndarray]) -> None:
+    """Joints that an interval calls moving do move by the controller's own velocity, and the others hardly."""
+    speed = np.abs(np.column_stack([columns[f"actual_qd_{i}"] for i in range(6)]))
+    intervals = [i for i in audience.results["interval"] if isinstance(i, Interval) and i.closed]
+    assert intervals
+    agree = total = 0.0
+    for interval in intervals:
+        inside = (seconds * 1e9 >= interval.start) & (seconds * 1e9 <= interval.end)
+        if inside.sum() < 5:
+            continue
+        for joint in range(6):
+            moves = speed[inside, joint].max() > np.deg2rad(1.0)
+            length = interval.end - interval.start
+            total += length
+            agree += length * (moves == (joint + 1 in interval.moving))
+    assert agree / total > 0.9, f"intervals and velocities agree over {agree / total:.0%} of the time"
