@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Final
 from urllib.parse import unquote
 
@@ -86,7 +86,7 @@ class CellKeys:
         return f"{self.root}/@/{name}"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Address:
     """What a key says: ``names`` are the unescaped parts after the kind (``("arm", "main")`` of a raw stream)."""
 
@@ -96,7 +96,7 @@ class Address:
     names: tuple[str, ...] = ()
     backfill: bool = False
 
-    @property
+    @cached_property
     def topic(self) -> str:
         """The topic as it is in keys."""
         return "/".join([self.kind, *(escape(n) for n in self.names[: _NAMES.get(self.kind, 0)])])

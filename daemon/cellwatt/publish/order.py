@@ -81,6 +81,9 @@ class Follower:
 
     def take(self, part: Part) -> list[Part]:
         """Take a part as it comes; gives what is in order now."""
+        if part.sequence == self.following and part.session == self.session and not self._held:
+            self.following = part.end
+            return [part]
         if part.session in self._past or (part.session == self.session and part.end <= self.following):
             self.duplicates += part.count
             return []
