@@ -48,10 +48,13 @@ RAW = f"cellwatt/{SITE}/{CELL}/raw"
 
 
 class View:
-    """As much of a cell as publication needs; nothing is recorded."""
+    """As much of a cell as publication needs, with a record in memory for single samples."""
 
     site, cell = SITE, CELL
     session = 1
+
+    def __init__(self) -> None:
+        self.recorded: dict[str, list[Batch]] = {f"arm_{i}": [] for i in range(SOURCES)}
 
     def status(self) -> dict[str, Any]:
         return {}
@@ -61,8 +64,8 @@ class View:
     def recordings(self) -> list[Any]:
         return []
 
-    def history(self, *_: object) -> list[Batch]:
-        return []
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
+        return self.recorded[source][first : first + count]
 
 
 def make_batch(source: int, sequence: int, n: int) -> Batch:
@@ -86,14 +89,14 @@ def make_batch(source: int, sequence: int, n: int) -> Batch:
 def consume(kind: str, endpoint: str) -> None:
     """Receive until the input ends, then say what was measured."""
     link = LinkSettings(mode="client", connect=(endpoint,))
-    latencies: list[int] = []
+    arrivals: list[tuple[int, int]] = []  # when offered, and how long it took, ns
     values = 0
     last = 0
 
     def take(arrival: int, samples: int) -> None:
         nonlocal values, last
         last = time.monotonic_ns()
-        latencies.append(last - arrival)
+        arrivals.append((arrival, last - arrival))
         values += samples * CHANNELS
 
     def on_sample(sample: Any) -> None:
@@ -114,7 +117,7 @@ def consume(kind: str, endpoint: str) -> None:
             session.declare_subscriber(f"{RAW}/**", on_sample)
             print("ready", flush=True)
             sys.stdin.read()
-    print(json.dumps({"latencies": latencies, "values": values, "last": last}))
+    print(json.dumps({"arrivals": arrivals, "values": values, "last": last}))
 
 
 @contextmanager
@@ -159,10 +162,13 @@ def bare(endpoint: str, payload: bytes | None) -> Iterator[Give]:
         yield give
 
 
-async def pace(give: Give, seconds: float, first: int) -> list[int]:
-    """Give each source's sample at 500 Hz, the sources spread over the period; ns that each ``give`` held the loop."""
+async def pace(give: Give, seconds: float, first: int) -> tuple[int, list[int]]:
+    """Give each source's sample at 500 Hz, the sources spread over the period.
+
+    Gives the monotonic time of the beginning and for how long each ``give`` held the loop, ns.
+    """
     loop = asyncio.get_running_loop()
-    start, held = loop.time(), []
+    begun, start, held = time.monotonic_ns(), loop.time(), []
     for i in range(int(seconds * RATE * SOURCES)):
         due = start + i / (RATE * SOURCES)
         if (pause := due - loop.time()) > 0:
@@ -171,11 +177,11 @@ async def pace(give: Give, seconds: float, first: int) -> list[int]:
         give(batch)
         held.append(time.monotonic_ns() - batch.arrival)
     await asyncio.sleep(0.3)
-    return held
+    return begun, held
 
 
-async def with_sink(endpoint: str, work: Callable[[ZenohSink], Any]) -> Any:
-    sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,), queue=4096), View())
+async def with_sink(endpoint: str, view: View, work: Callable[[ZenohSink], Any]) -> Any:
+    sink = ZenohSink("zenoh", ZenohSettings(listen=(endpoint,), queue=4096), view)
     task = asyncio.create_task(sink.run())
     try:
         return await work(sink)
@@ -190,25 +196,31 @@ def latency(way: str, seconds: float) -> dict[str, float]:
     endpoint = free_endpoint()
     kind = "subscriber" if way == "subscriber" else "plain"
 
-    async def through_sink(sink: ZenohSink) -> tuple[list[int], dict[str, Any]]:
-        return await measure(sink.offer)
-
-    async def measure(give: Give) -> tuple[list[int], dict[str, Any]]:
+    async def measure(give: Give) -> tuple[int, list[int], dict[str, Any]]:
         context = consumer(kind, endpoint)
         finish = await asyncio.to_thread(context.__enter__)
         try:
             await pace(give, _WARM_UP, 0)  # imports, schema, routes
-            held = await pace(give, seconds, round(_WARM_UP * RATE))
-            return held, await asyncio.to_thread(finish)
+            begun, held = await pace(give, seconds, round(_WARM_UP * RATE))
+            return begun, held, await asyncio.to_thread(finish)
         finally:
             context.__exit__(None, None, None)
 
     if way in ("zenoh", "direct"):
         with bare(endpoint, encode_batch(make_batch(0, 0, 1)) if way == "zenoh" else None) as give:
-            held, found = asyncio.run(measure(give))
+            begun, held, found = asyncio.run(measure(give))
     else:
-        held, found = asyncio.run(with_sink(endpoint, through_sink))
-    arrived = np.array(found["latencies"][round(_WARM_UP * RATE * SOURCES) :]) / 1e3
+        view = View()
+
+        def recorded_and_offered(sink: ZenohSink) -> Any:
+            def give(batch: Batch) -> None:
+                view.recorded[batch.source].append(batch)
+                sink.offer(batch)
+
+            return measure(give)
+
+        begun, held, found = asyncio.run(with_sink(endpoint, view, recorded_and_offered))
+    arrived = np.array([took for offered, took in found["arrivals"] if offered >= begun]) / 1e3
     return {
         "p50": float(np.percentile(arrived, 50)),
         "p99": float(np.percentile(arrived, 99)),
@@ -246,7 +258,9 @@ def throughput(way: str, seconds: float) -> dict[str, float]:
         with bare(endpoint, encode_batch(make_batch(0, 0, BLOCK))) as give:
             return {"Mvalues_per_s": asyncio.run(flood(give, lambda: 0))}
     return {
-        "Mvalues_per_s": asyncio.run(with_sink(endpoint, lambda sink: flood(sink.offer, lambda: len(sink._outbox))))
+        "Mvalues_per_s": asyncio.run(
+            with_sink(endpoint, View(), lambda sink: flood(sink.offer, lambda: len(sink._outbox)))
+        )
     }
 
 

@@ -50,6 +50,7 @@ class Counting:
 
     def __init__(self) -> None:
         self.account = Account()
+        self.blocks = 0
         self.warm = asyncio.Event()
 
     def now(self) -> int:
@@ -57,6 +58,7 @@ class Counting:
 
     def emit(self, reading) -> None:
         self.account.receive(len(reading.values))
+        self.blocks += 1
         if self.account.received > WARM:
             self.warm.set()
 
@@ -82,6 +84,7 @@ async def native(addresses: list[str], seconds: float, stalled: bool) -> dict[st
             await outlet.warm.wait()
     made = sum(o.account.expected for o in outlets)
     lost = made - sum(o.account.received for o in outlets)
+    blocks = sum(o.blocks for o in outlets)
     cpu, end = time.process_time(), time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0:
         await asyncio.sleep(min(left, STALL_EVERY - STALL))
@@ -90,10 +93,12 @@ async def native(addresses: list[str], seconds: float, stalled: bool) -> dict[st
     cpu = time.process_time() - cpu
     expected = sum(o.account.expected for o in outlets)
     received = sum(o.account.received for o in outlets)
+    blocks = sum(o.blocks for o in outlets) - blocks
     for driver in drivers:
         driver.cancel()
     await asyncio.gather(*drivers, return_exceptions=True)
-    return {"made": expected - made, "lost": expected - received - lost, "cpu": cpu, "seconds": seconds}
+    made = expected - made
+    return {"made": made, "lost": expected - received - lost, "cpu": cpu, "seconds": seconds, "blocks": blocks}
 
 
 def library(address: str, seconds: float, stalled: bool, polled: bool) -> dict[str, float]:
@@ -224,6 +229,7 @@ def many(robots: int, repeats: int, seconds: float) -> dict[str, dict[str, float
             name = f"native.{robots}_robots.{'stalled' if stalled else 'idle'}"
             results.setdefault(f"{name}.lost", []).append(found["lost"])
             results.setdefault(f"{name}.packets_per_s", []).append(found["made"] / found["seconds"])
+            results.setdefault(f"{name}.packets_per_block", []).append(found["made"] / found["blocks"])
             results.setdefault(f"{name}.cpu_percent", []).append(100 * found["cpu"] / found["seconds"])
     return {name: spread(values) for name, values in results.items()}
 

@@ -14,7 +14,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import queue
 import threading
 import time
 from collections import Counter
@@ -46,8 +45,6 @@ log = logging.getLogger(__name__)
 
 EVERYTHING: Final = ("raw", "frame", "interval", "task", "prediction", "alarm", "event", "health")
 """All topics of a cell."""
-_INBOX: Final = 8192
-"""Messages from the bus that may wait; those beyond are let go, and asked for again."""
 _TICK: Final = 0.05  # s, between two looks at what is missing
 _TIMEOUT: Final = 5.0  # s, for the answer to one question
 
@@ -113,7 +110,8 @@ class Subscriber:
         self._following = Following(self._want, resume or {}, patience)
         self._standing_asked = self._following.joined
         self._mailbox: Mailbox[Message] = Mailbox(queue_size)
-        self._inbox: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._look = threading.Event()
         self._counts: Counter[str] = Counter()
         self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()
@@ -164,10 +162,9 @@ class Subscriber:
         # No daemon thread: the threads in which Zenoh calls back inherit that, and one of them inside Zenoh
         # while the interpreter ends aborts the process.
         self._thread = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
-        self._thread.start()
         for wanted in dict.fromkeys((*self._want, HEALTH)):
-            self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._enqueue)
-        self._ask(self._keys.question("status"), self._on_status)
+            self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._on_sample)
+        self._thread.start()
 
     def close(self) -> None:
         """End the session and whoever waits for messages."""
@@ -178,8 +175,8 @@ class Subscriber:
         if self._session is not None:
             with contextlib.suppress(zenoh.ZError):  # closed already
                 self._session.close()  # type: ignore[no-untyped-call]
-        if self._thread is not None:
-            self._inbox.put(None)
+        if self._thread is not None and self._thread.is_alive():
+            self._look.set()
             self._thread.join()
 
     def __enter__(self) -> Subscriber:
@@ -206,111 +203,121 @@ class Subscriber:
     async def __aexit__(self, *_: object) -> None:
         await asyncio.to_thread(self.close)
 
-    # Zenoh's threads: only enqueue ------------------------------------------------------------------
-
-    def _enqueue(self, sample: zenoh.Sample) -> None:
-        if self._inbox.qsize() < _INBOX:
-            self._inbox.put(partial(self._on_sample, sample))
-        else:
-            self._counts["let go"] += 1
-
-    def _ask(self, selector: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
-        """Ask; ``then`` runs in our thread with the replies, once all are there."""
-        import zenoh
-
-        assert self._session is not None
-        replies: list[zenoh.Reply] = []
-        self._session.get(
-            selector,
-            zenoh.handlers.Callback(replies.append, lambda: self._inbox.put(partial(then, replies))),
-            timeout=_TIMEOUT,
-            accept_replies=zenoh.ReplyKeyExpr.ANY,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            priority=zenoh.Priority.DATA_LOW,
-        )
-
-    # our thread -------------------------------------------------------------------------------------
-
-    def _work(self) -> None:
-        import zenoh
-
-        try:
-            while True:
-                with contextlib.suppress(queue.Empty):
-                    work = self._inbox.get(timeout=_TICK)
-                    if work is None:
-                        return
-                    work()
-                for question in self._following.questions(time.monotonic()):
-                    self._ask(self._selector(question), partial(self._on_answer, question))
-        except zenoh.ZError as error:
-            self._mailbox.end(SinkError(f"Zenoh session: {error}"))
-        except BaseException as error:
-            self._mailbox.end(error)
-            raise
+    # Zenoh's threads: as quick as decoding is, no calls to Zenoh -------------------------------------
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        try:
+        with self._guarded():
+            if self._mailbox.full:
+                self._counts["let go"] += 1
+                return
             address = parse(str(sample.key_expr))
-            payload = sample.payload.to_bytes()
             if address.kind == HEALTH:
-                self._on_health(payload, HEALTH in self._want)
+                self._on_health(sample.payload.to_bytes(), HEALTH in self._want)
                 return
             mark, content = _decode(sample, address.kind)
-        except ProtocolError as error:
-            self._unreadable(error)
-            return
-        self._deliver(self._following.message(address.topic, mark, content))
+            ready = self._following.message(address.topic, mark, content)
+            self._deliver(ready)
+            if not ready:
+                self._look.set()
 
     def _on_status(self, replies: list[zenoh.Reply]) -> None:
         for reply in replies:
             if reply.ok is not None:
-                try:
-                    self._on_health(reply.ok.payload.to_bytes(), wanted=False)
-                except ProtocolError as error:
-                    self._unreadable(error)
+                self._on_health(reply.ok.payload.to_bytes(), wanted=False)
 
     def _on_health(self, payload: bytes, wanted: bool) -> None:
         health = _health(payload)
         self._following.beat(health.positions)
         if wanted:
             self._mailbox.put(Message(HEALTH, health.session, health.time, False, health))
-        if not self._standing_asked and self._following.wants(ALARM):
-            self._standing_asked = True
-            self._ask(self._keys.live(f"{ALARM}/**"), self._on_standing)
+        self._look.set()
 
     def _on_standing(self, replies: list[zenoh.Reply]) -> None:
         for reply in replies:
             if reply.ok is not None:
-                try:
-                    mark, alarm = _decode(reply.ok, ALARM)
-                except ProtocolError as error:
-                    self._unreadable(error)
-                    continue
+                mark, alarm = _decode(reply.ok, ALARM)
                 assert isinstance(alarm, Alarm)
                 self._deliver(self._following.standing(mark, alarm))
 
     def _on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
         now = time.monotonic()
-        for reply in replies:
-            try:
+        try:
+            for reply in replies:
                 if reply.ok is not None:
                     self._deliver(self._following.filled(question, _contents(reply.ok, question.topic)))
                     return
                 if reply.err is not None and (reason := _reason(reply.err)):
                     self._deliver(self._following.nothing(question, reason, now))
                     return
-            except ProtocolError as error:
-                self._unreadable(error)
+        except ProtocolError:
+            self._following.unanswered(question, now)
+            raise
         self._following.unanswered(question, now)
 
     def _deliver(self, deliveries: list[Delivery]) -> None:
         for topic, part in ((d.topic, d.part) for d in deliveries):
             self._mailbox.put(Message(topic, part.session, part.sequence, part.backfilled, part.content))
 
-    def _unreadable(self, error: ProtocolError) -> None:
-        self._counts["unreadable"] += 1
-        log.warning("%s", error)
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """One thread at a time; Zenoh would swallow what is raised here, so it goes to the consumer."""
+        with self._lock:
+            try:
+                yield
+            except ProtocolError as error:
+                self._counts["unreadable"] += 1
+                log.warning("%s", error)
+            except Exception as error:
+                self._mailbox.end(error)
+
+    # our thread: asks -------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        import zenoh
+
+        try:
+            self._ask(self._keys.question("status"), self._on_status)
+            while not self._stopped.is_set():
+                self._look.wait(_TICK)
+                self._look.clear()
+                if not self._mailbox.full:
+                    self._ask_what_is_missing()
+        except zenoh.ZError as error:
+            self._mailbox.end(SinkError(f"Zenoh session: {error}"))
+        except BaseException as error:
+            self._mailbox.end(error)
+            raise
+
+    def _ask_what_is_missing(self) -> None:
+        with self._lock:
+            questions = self._following.questions(time.monotonic())
+            standing = self._following.joined and not self._standing_asked and self._following.wants(ALARM)
+            self._standing_asked |= standing
+        if standing:
+            self._ask(self._keys.live(f"{ALARM}/**"), self._on_standing)
+        for question in questions:
+            self._ask(self._selector(question), partial(self._on_answer, question))
+
+    def _ask(self, selector: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
+        """Ask; ``then`` gets the replies once all are there."""
+        import zenoh
+
+        assert self._session is not None
+        replies: list[zenoh.Reply] = []
+
+        def done() -> None:
+            with self._guarded():
+                then(replies)
+            self._look.set()
+
+        self._session.get(
+            selector,
+            zenoh.handlers.Callback(replies.append, done),
+            timeout=_TIMEOUT,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=zenoh.Priority.DATA_LOW,
+        )
 
     def _selector(self, question: Question) -> str:
         hole, topic = question.hole, question.topic

@@ -1,4 +1,4 @@
-"""A bounded queue from one thread to other threads and event loops."""
+"""A queue from threads to other threads and event loops."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """First in, first out; ``put`` waits while ``limit`` items are in it, ``take`` while there is none.
+    """First in, first out; ``take`` waits while there is nothing.
 
-    After ``end`` nothing can be put; takers get what is left and then ``None``, or the error it was ended with.
+    ``put`` never waits: who puts looks at ``full`` first, which is true from ``limit`` items on. After ``end`` nothing
+    can be put; takers get what is left and then ``None``, or the error it was ended with.
     """
 
     def __init__(self, limit: int) -> None:
@@ -25,10 +26,14 @@ class Mailbox(Generic[T]):
         self._ended = False
         self._error: BaseException | None = None
 
+    @property
+    def full(self) -> bool:
+        """Whether takers have fallen behind by ``limit`` items."""
+        return len(self._items) >= self._limit
+
     def put(self, item: T) -> None:
         """Add an item; lets it go when the mailbox was ended."""
         with self._changed:
-            self._changed.wait_for(lambda: len(self._items) < self._limit or self._ended)
             if not self._ended:
                 self._items.append(item)
                 self._tell()
@@ -59,8 +64,6 @@ class Mailbox(Generic[T]):
 
     def _pop(self) -> T | None:
         if self._items:
-            if len(self._items) == self._limit:
-                self._changed.notify_all()
             return self._items.popleft()
         if self._error is not None:
             raise self._error

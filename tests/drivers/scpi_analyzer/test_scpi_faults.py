@@ -20,7 +20,7 @@ async def struck(
     fault: Fault, *, times: int, address: str = "127.0.0.1:0", **changes: object
 ) -> AsyncIterator[tuple[ScpiAnalyzerEmulator, Outlet]]:
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
-    changes = {"timeout": "150 ms", "rate": "50 Hz"} | changes
+    changes = {"timeout": "300 ms", "rate": "50 Hz"} | changes
     async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, outlet):
         await outlet.until(lambda: len(outlet.readings) > 3)
         emulator.inject(fault)
@@ -56,7 +56,7 @@ async def test_an_answer_that_does_not_end_is_timed_out(kind, address):
 
 @ADDRESSES
 async def test_late_answers_never_shift(address):
-    async with struck(Fault("delay", probability=0.2, seconds=0.25), times=5, address=address) as (emulator, outlet):
+    async with struck(Fault("delay", probability=0.2, seconds=0.4), times=5, address=address) as (emulator, outlet):
         n = emulator.counts["delay"]
         assert counters(outlet) == {"timeouts": n, "reconnects": n}
         # A shifted answer would be an identification or an error entry in place of values.
@@ -72,7 +72,7 @@ async def test_garbage_is_counted_and_shifts_nothing(address):
 
 
 async def test_a_stall_is_ridden_out():
-    async with struck(Fault("stall", seconds=0.4), times=1) as (_, outlet):
+    async with struck(Fault("stall", seconds=0.5), times=1) as (_, outlet):
         assert counters(outlet) == {"timeouts": 1, "reconnects": 1}
 
 
@@ -100,7 +100,7 @@ async def test_all_faults_together_leave_the_account_even():
     kinds = ("loss", "half_frame", "garbage", "delay")
     async with struck(Fault("loss", probability=0.1), times=1) as (emulator, outlet):
         for kind in kinds:
-            emulator.inject(Fault(kind, probability=0.1, seconds=0.25))
+            emulator.inject(Fault(kind, probability=0.1, seconds=0.5))
         emulator.inject(Fault("disconnect"))
         await outlet.until(lambda: all(emulator.injector.counts[k] >= 2 for k in kinds))
         for kind in kinds:

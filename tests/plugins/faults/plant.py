@@ -61,13 +61,13 @@ class Fault:
 @dataclass(frozen=True)
 class Cycle:
     """One run of ``moves``: ``speed``, ``rests`` index of move → extra seconds at rest after it, ``pause``
-    (index, share of the way, seconds) in the midst of a move, ``fault``; ``standby`` W on top."""
+    (index, share of the way, seconds) in the midst of a move, ``faults``; ``standby`` W on top."""
 
     moves: Sequence[Move] = CYCLE
     speed: float = 1.0
     rests: dict[int, float] = field(default_factory=dict)
     pause: tuple[int, float, float] | None = None
-    fault: Fault | None = None
+    faults: tuple[Fault, ...] = ()
     standby: float = 0.0
 
 
@@ -118,34 +118,33 @@ def run(cycles: Sequence[Cycle], *, rate: float = 50.0, seed: int = 0, noise: fl
     true, extra = q.copy(), np.zeros_like(q)
     for i, cycle in enumerate(cycles):
         mine = owner == i
-        if cycle.fault is not None and cycle.fault.kind == "cut":
-            true[mine, cycle.fault.joint - 1] = HOME[cycle.fault.joint - 1]
+        for fault in cycle.faults:
+            if fault.kind == "cut":
+                true[mine, fault.joint - 1] = HOME[fault.joint - 1]
     w, a = np.gradient(true, 1 / rate, axis=0), np.gradient(np.gradient(true, 1 / rate, axis=0), 1 / rate, axis=0)
     standby = np.full(len(q), STANDBY)
     for i, cycle in enumerate(cycles):
         mine = owner == i
         standby[mine] += cycle.standby
-        if cycle.fault is None:
-            continue
-        j = cycle.fault.joint - 1
-        if cycle.fault.kind == "spring":
-            extra[mine, j] = cycle.fault.size * (true[mine, j] - HOME[j])
-        elif cycle.fault.kind == "friction":
-            extra[mine, j] = cycle.fault.size * np.tanh(w[mine, j] / 0.02)
+        for fault in cycle.faults:
+            j = fault.joint - 1
+            if fault.kind == "spring":
+                extra[mine, j] += fault.size * (true[mine, j] - HOME[j])
+            elif fault.kind == "friction":
+                extra[mine, j] += fault.size * np.tanh(w[mine, j] / 0.02)
     torque = GRAVITY * np.cos(true) + INERTIA * a + FRICTION * np.tanh(w / 0.02) + VISCOUS * w + extra
     power = standby + (torque * w + LOSS * torque**2).sum(axis=1)
     measured = true.copy()
     for i, cycle in enumerate(cycles):
-        mine, fault = owner == i, cycle.fault
-        if fault is None:
-            continue
-        j = fault.joint - 1
-        if fault.kind == "encoder_offset":
-            measured[mine, j] += fault.size
-        elif fault.kind == "encoder_scale":
-            measured[mine, j] = HOME[j] + fault.size * (true[mine, j] - HOME[j])
-        elif fault.kind == "encoder_stuck":
-            measured[mine, j] = HOME[j]
+        mine = owner == i
+        for fault in cycle.faults:
+            j = fault.joint - 1
+            if fault.kind == "encoder_offset":
+                measured[mine, j] += fault.size
+            elif fault.kind == "encoder_scale":
+                measured[mine, j] = HOME[j] + fault.size * (true[mine, j] - HOME[j])
+            elif fault.kind == "encoder_stuck":
+                measured[mine, j] = HOME[j]
     measured = measured + noise * 3e-5 * random.standard_normal(measured.shape)
     return measured, power + noise * 1.5 * random.standard_normal(len(power)), starts
 

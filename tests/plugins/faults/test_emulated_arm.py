@@ -1,0 +1,62 @@
+"""The fault of the product's demo: a spring hooked on the elbow of the emulated arm."""
+
+import pytest
+
+from cellwatt.emulation import ArmSignals
+from tests.plugins.faults.emulated import arm_frames
+from tests.plugins.faults.watching import learned, since_start, watch
+
+ELBOW = 3
+SPRING = {"spring": ELBOW, "stiffness": 60, "rest": 1.4}
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    return learned(tmp_path_factory.mktemp("arm") / "arm.yaml", arm_frames(ArmSignals(seed=99), 65.0))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_minute_of_healthy_running_gives_no_alarm(reference, seed):
+    assert watch(reference, arm_frames(ArmSignals(seed=seed), 60.0)) == []
+
+
+def moves_of_the_elbow(signals, until):
+    """Start and end, s, of every move of the elbow."""
+    cycles = range(int(until / signals.period) + 1)
+    return [(c * signals.period + s, c * signals.period + s + 0.7) for c in cycles for s in signals.starts(ELBOW)]
+
+
+# Wherever in the cycle (7.8 s) it is hooked on: at rest, in another joint's move, with the elbow bent or at home.
+@pytest.mark.parametrize("at", [15.0, 16.5, 17.6, 18.7, 19.2, 19.45, 20.3, 21.0, 21.9, 22.6])
+@pytest.mark.parametrize("seed", [7, 8])
+def test_a_spring_on_the_elbow_is_named_while_the_elbow_first_moves(reference, at, seed):
+    signals = ArmSignals(seed=seed)
+    signals.disturb({**SPRING, "at": at})
+    alarms = watch(reference, arm_frames(signals, 32.0))
+    first = next((a for a in alarms if a.active), None)
+    assert first is not None
+    start, end = next(move for move in moves_of_the_elbow(signals, 32.0) if move[0] >= at)
+    assert start < since_start(first.time) <= end
+    assert (first.kind, first.joint, first.alternatives, first.severity) == ("joint_fault", ELBOW, (), "error")
+    assert {a.joint for a in alarms} == {ELBOW}
+    assert "Joint 3 draws" in first.statement
+    assert abs(first.evidence["power_residual_W"]) > first.evidence["power_limit_W"]
+
+
+def test_blocks_of_any_size_give_the_same_alarms(reference):
+    def alarms(block):
+        signals = ArmSignals(seed=3)
+        signals.disturb({**SPRING, "at": 12.0})
+        return watch(reference, arm_frames(signals, 30.0, block=block))
+
+    expected = alarms(5)
+    assert expected
+    assert alarms(1) == alarms(17) == alarms(1500) == expected
+
+
+def test_an_encoder_that_slips_is_named(reference):
+    signals = ArmSignals(seed=11)
+    signals.disturb({"encoder": 2, "offset": 0.05, "at": 16.0})
+    alarms = watch(reference, arm_frames(signals, 40.0))
+    assert {(a.kind, a.joint) for a in alarms if a.active} == {("encoder_fault", 2)}
+    assert since_start(alarms[0].time) > 16.0

@@ -1,0 +1,110 @@
+"""Each fault on each joint of the plant is found, named and cleared."""
+
+import pytest
+
+from tests.plugins.faults.plant import Cycle, Fault, frames, run
+from tests.plugins.faults.watching import since_start, watch
+
+HEALTHY, FAULTY, AFTER = 3, 3, 4
+
+
+def alarms_of(reference, fault, *, seed=2, **settings):
+    cycles = [Cycle()] * HEALTHY + [Cycle(faults=(fault,))] * FAULTY + [Cycle()] * AFTER
+    positions, power, starts = run(cycles, seed=seed)
+    return watch(reference, frames(positions, power), **settings), starts
+
+
+def standing(alarms, time):
+    """What is up at a time, s: kind, joint."""
+    up = {}
+    for alarm in alarms:
+        if since_start(alarm.time) <= time:
+            up[alarm.id] = alarm
+    return {(a.kind, a.joint) for a in up.values() if a.active}
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("kind", "size", "expected"),
+    [
+        ("spring", 40.0, "joint_fault"),
+        ("friction", 25.0, "joint_fault"),
+        ("cut", 0.0, "joint_and_encoder_fault"),
+        ("encoder_offset", 0.06, "encoder_fault"),
+        ("encoder_scale", 0.9, "encoder_fault"),
+        ("encoder_stuck", 0.0, "encoder_fault"),
+    ],
+)
+def test_it_is_named_within_a_cycle_and_cleared_after(reference, joint, kind, size, expected):
+    alarms, starts = alarms_of(reference, Fault(kind, joint, size))
+    begin, second, last = starts[HEALTHY], starts[HEALTHY + 1], starts[HEALTHY + FAULTY]
+    assert standing(alarms, begin - 0.3) == set()
+    assert standing(alarms, second + 1.5) == {(expected, joint)}
+    assert standing(alarms, last) == {(expected, joint)}
+    assert standing(alarms, 1e9) == set()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_tie_is_told_and_solved(reference, seed):
+    alarms, starts = alarms_of(reference, Fault("friction", 3, 25.0), seed=seed)
+    first = alarms[0]  # joints 2 and 3 move together first
+    assert {first.joint, *first.alternatives} == {2, 3}
+    assert "it may as well be joint" in first.statement
+    assert standing(alarms, starts[HEALTHY] + 3.5) == {("joint_fault", 3)}
+    later = [a for a in alarms if a.active and since_start(a.time) > starts[HEALTHY] + 3.5]
+    assert {(a.joint, a.alternatives) for a in later} == {(3, ())}
+
+
+def test_a_joint_fault_is_raised_while_the_joint_moves(reference):
+    alarms, starts = alarms_of(reference, Fault("friction", 1, 25.0))
+    assert starts[HEALTHY] < since_start(alarms[0].time) < starts[HEALTHY] + 0.9
+    assert alarms[0].since < alarms[0].time
+
+
+def test_two_faults_are_both_named(reference):
+    both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("friction", 2, 25.0)))
+    positions, power, starts = run([Cycle()] * 2 + [both] * 3, seed=5)
+    alarms = watch(reference, frames(positions, power))
+    assert standing(alarms, starts[3]) == {("joint_fault", 1), ("joint_fault", 2)}
+    assert standing(alarms, 1e9) == {("joint_fault", 1), ("joint_fault", 2)}
+
+
+def test_an_encoder_and_another_joint_are_both_named(reference):
+    both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("encoder_offset", 3, 0.06)))
+    positions, power, starts = run([Cycle()] * 2 + [both] * 3, seed=5)
+    alarms = watch(reference, frames(positions, power))
+    assert standing(alarms, starts[4]) >= {("joint_fault", 1)}
+    assert {a.joint for a in alarms if a.active and a.kind != "joint_fault"} == {3}
+
+
+def test_ids_are_stable_and_every_alarm_is_cleared(reference):
+    for fault in (Fault("spring", 2, 40.0), Fault("encoder_offset", 3, 0.06)):
+        alarms, _ = alarms_of(reference, fault)
+        for name in {a.id for a in alarms}:
+            same = [a for a in alarms if a.id == name]
+            assert len({(a.kind, a.joint, a.source) for a in same}) == 1
+            assert not same[-1].active
+        assert all(a.time >= a.since for a in alarms)
+        assert all("\n" not in a.statement and a.statement for a in alarms)
+
+
+def test_more_clean_intervals_can_be_asked_for(reference):
+    quick, _ = alarms_of(reference, Fault("friction", 1, 25.0), clear=1)
+    slow, _ = alarms_of(reference, Fault("friction", 1, 25.0), clear=6)
+    assert quick[-1].time < slow[-1].time
+    assert not slow[-1].active
+
+
+def test_a_wider_tolerance_keeps_quiet(reference):
+    alarms, _ = alarms_of(
+        reference, Fault("friction", 1, 25.0), tolerance={"position": "1 deg", "power": "50 %", "floor": "5 W"}
+    )
+    assert alarms == []
+
+
+def test_a_fault_at_a_learned_lower_speed(rich_reference):
+    cycles = [Cycle(speed=0.6)] * 2 + [Cycle(speed=0.6, faults=(Fault("friction", 1, 25.0),))] * 2
+    positions, power, _ = run(cycles, seed=8)
+    alarms = watch(rich_reference, frames(positions, power))
+    assert {(a.kind, a.joint) for a in alarms} == {("joint_fault", 1)}
+    assert all(a.evidence["speed"] == pytest.approx(0.6, abs=0.01) for a in alarms)

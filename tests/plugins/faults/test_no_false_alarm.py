@@ -1,0 +1,101 @@
+"""What is no fault must not alarm."""
+
+import numpy as np
+import pytest
+
+from tests.plugins.faults.plant import OTHER, Cycle, frames, run
+from tests.plugins.faults.watching import raised, watch
+
+
+def alarms_of(reference, cycles, *, seed=1, block=5, rate=50.0, **settings):
+    positions, power, _ = run(cycles, seed=seed, rate=rate)
+    return watch(reference, frames(positions, power, block=block, rate=rate), **settings)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_healthy_cycles(reference, seed):
+    assert alarms_of(reference, [Cycle()] * 8, seed=seed) == []
+
+
+def test_a_reference_learned_at_another_rate(reference):
+    assert alarms_of(reference, [Cycle()] * 6, rate=100.0) == []
+
+
+def test_twice_the_noise(reference):
+    positions, power, _ = run([Cycle()] * 6, noise=2.0, seed=9)
+    assert watch(reference, frames(positions, power)) == []
+
+
+@pytest.mark.parametrize("late", [-2, -1, 1, 2])
+def test_power_that_lags_or_leads_by_frames(reference, late):
+    positions, power, _ = run([Cycle()] * 6, seed=3)
+    assert watch(reference, frames(positions, np.roll(power, late))) == []
+
+
+def test_longer_rests(reference):
+    assert alarms_of(reference, [Cycle(rests={1: 1.5, 3: 0.7}), Cycle(), Cycle(rests={4: 8.0}), Cycle()]) == []
+
+
+@pytest.mark.parametrize("move", range(5))
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.8])
+def test_a_pause_in_the_midst_of_a_move(reference, move, share):
+    cycles = [Cycle(), Cycle(), Cycle(pause=(move, share, 1.0)), Cycle(), Cycle()]
+    assert alarms_of(reference, cycles) == []
+
+
+def test_a_supply_that_draws_more_or_drifts(reference):
+    assert alarms_of(reference, [Cycle(standby=15)] * 4) == []
+    assert alarms_of(reference, [Cycle(standby=2.0 * k) for k in range(10)]) == []
+
+
+def test_a_fan_that_switches_while_the_arm_moves(reference):
+    positions, power, starts = run([Cycle()] * 5, seed=4)
+    power[round((starts[2] + 0.45) * 50) :] += 25.0
+    assert watch(reference, frames(positions, power)) == []
+
+
+@pytest.mark.parametrize("speed", [0.96, 1.04])
+def test_a_speed_override_of_a_few_per_cent(reference, speed):
+    found = alarms_of(reference, [Cycle(), Cycle(speed=speed), Cycle(speed=speed), Cycle()])
+    assert [a for a in found if a.severity != "info"] == []
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.6, 0.8, 1.3])
+def test_an_unknown_speed_is_said_once(reference, speed):
+    found = alarms_of(reference, [Cycle()] * 2 + [Cycle(speed=speed)] * 4 + [Cycle()] * 2 + [Cycle(speed=speed)] * 2)
+    assert [a.kind for a in found if a.severity != "info"] == []
+    assert [a.kind for a in raised(found)] == ["new_speed"]
+    assert [a.active for a in found] == [True, False]
+
+
+def test_a_learned_speed_is_judged(rich_reference):
+    assert alarms_of(rich_reference, [Cycle()] * 2 + [Cycle(speed=0.6)] * 3 + [Cycle()] * 2) == []
+
+
+def test_an_unknown_task_is_said_once(reference):
+    found = alarms_of(reference, [Cycle()] * 3 + [Cycle(OTHER)] * 4 + [Cycle()] * 2 + [Cycle(OTHER)] * 3)
+    assert [(a.kind, a.severity, a.active) for a in found] == [("new_task", "info", True), ("new_task", "info", False)]
+
+
+def test_a_learned_task_is_known(rich_reference):
+    assert alarms_of(rich_reference, [Cycle()] * 2 + [Cycle(OTHER)] * 3 + [Cycle()]) == []
+
+
+@pytest.mark.parametrize("what", ["power", "positions", "both", "frames"])
+@pytest.mark.parametrize("at", [0.3, 1.6, 3.1])
+def test_missing_data(reference, what, at):
+    positions, power, starts = run([Cycle()] * 6, seed=6)
+    hole = slice(round((starts[3] + at) * 50), round((starts[3] + at + 0.5) * 50))
+    if what in ("power", "both"):
+        power[hole] = np.nan
+    if what in ("positions", "both"):
+        positions[hole] = np.nan
+    blocks = frames(positions, power, block=1)
+    if what == "frames":
+        del blocks[hole]
+    assert watch(reference, blocks) == []
+
+
+def test_power_that_never_came(reference):
+    positions, power, _ = run([Cycle()] * 4)
+    assert watch(reference, frames(positions, np.full_like(power, np.nan))) == []

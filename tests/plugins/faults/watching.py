@@ -1,0 +1,50 @@
+"""Runs the segment and faults stages over frames, as the daemon does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from cellwatt.frames import Frames
+from cellwatt.results import Alarm
+from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.command import learn_from
+from cellwatt_plugins.faults.reference import save
+from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
+from cellwatt_plugins.segment import SegmentSettings, SegmentStage
+from tests.plugins.faults.plant import START
+
+
+def learned(path: Path, blocks: Iterable[Frames], robot: str | None = None) -> Path:
+    """The reference of healthy frames as a file."""
+    reference, _ = learn_from(blocks, robot, "arm", "supply.power")
+    save(reference, path)
+    return path
+
+
+def watch(reference: Path, blocks: Iterable[Frames], **settings) -> list[Alarm]:
+    """Every alarm message for these frames, in order."""
+    cell = CellInfo("plant", "cell", None, reference.parent)
+    segment = faults = None
+    alarms: list[Alarm] = []
+    for frames in blocks:
+        if segment is None:
+            segment = SegmentStage("segment", SegmentSettings(), frames.layout, cell)
+            chosen = FaultsSettings(reference=Path(reference.name), **settings)
+            faults = FaultsStage("faults", chosen, frames.layout, cell)
+        alarms += faults.process(frames, segment.process(frames, ()))
+    return alarms
+
+
+def raised(alarms: Iterable[Alarm]) -> list[Alarm]:
+    """The first message of each alarm."""
+    first: dict[tuple[str, int], Alarm] = {}
+    for alarm in alarms:
+        if alarm.active:
+            first.setdefault((alarm.id, alarm.since), alarm)
+    return list(first.values())
+
+
+def since_start(time: int) -> float:
+    """ns as s from the start of the plant's time."""
+    return (time - START) * 1e-9
