@@ -170,7 +170,9 @@ class PlainClient(asyncio.DatagramProtocol):
 
 
 async def plain(ports: list[int], seconds: float) -> Tally:
-    """One task a controller that sleeps until its next deadline, started spread over the period."""
+    """One task a controller that sleeps until its next deadline and skips those long past, as ours does; started
+    spread over the period.
+    """
     tally = Tally()
     period = round(1e9 / RATE)
     start = time.monotonic_ns() + 1_000_000_000
@@ -179,6 +181,8 @@ async def plain(ports: list[int], seconds: float) -> Tally:
     async def poll(client: PlainClient, deadline: int) -> None:
         while True:
             await asyncio.sleep((deadline - time.monotonic_ns()) * 1e-9)
+            skipped = max(0, (time.monotonic_ns() - deadline) // period)
+            deadline += skipped * period
             late = time.monotonic_ns() - deadline
             lost = 0
             for request, decode in ((POSITION, decode_position), (TORQUE, payload.decode_axes)):
@@ -186,8 +190,7 @@ async def plain(ports: list[int], seconds: float) -> Tally:
                     decode(await client.ask(request))
                 except TimeoutError:
                     lost += 1
-            skipped = max(0, (time.monotonic_ns() - deadline) // period - 1)
-            deadline += (1 + skipped) * period
+            deadline += period
             if measuring:
                 tally.late.append(late)
                 tally.due += 2 * (1 + skipped)

@@ -227,7 +227,7 @@ class Subscriber:
 
     def _on_health(self, payload: bytes, wanted: bool) -> None:
         health = _health(payload)
-        self._following.beat(health.positions)
+        self._following.beat(health.session, health.positions)
         if wanted:
             self._mailbox.put(Message(HEALTH, health.session, health.time, False, health))
         self._look.set()
@@ -238,6 +238,10 @@ class Subscriber:
                 mark, alarm = _decode(reply.ok, ALARM)
                 assert isinstance(alarm, Alarm)
                 self._deliver(self._following.standing(mark, alarm))
+
+    def _on_recordings(self, replies: list[zenoh.Reply]) -> None:
+        answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+        self._following.sessions(_sessions(answers[0]) if answers else None, time.monotonic())
 
     def _on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
         now = time.monotonic()
@@ -293,6 +297,9 @@ class Subscriber:
             questions = self._following.questions(time.monotonic())
             standing = self._following.joined and not self._standing_asked and self._following.wants(ALARM)
             self._standing_asked |= standing
+            sessions = self._following.asks_sessions(time.monotonic())
+        if sessions:
+            self._ask(self._keys.question("recordings"), self._on_recordings)
         if standing:
             self._ask(self._keys.live(f"{ALARM}/**"), self._on_standing)
         for question in questions:
@@ -365,6 +372,13 @@ def _health(payload: bytes) -> Health:
         return Health(int(body["session"]), int(body["time"]), positions, body["status"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ProtocolError(f"a health message is not what its schema says: {error}") from error
+
+
+def _sessions(payload: bytes) -> list[int]:
+    try:
+        return list(dict.fromkeys(int(recording["session"]) for recording in json.loads(payload)))
+    except (ValueError, KeyError, TypeError):
+        return []  # a cell that does not say of which sessions its recordings are
 
 
 def _reason(error: zenoh.ReplyError) -> str | None:

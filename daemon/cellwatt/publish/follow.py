@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -70,11 +70,16 @@ class Following:
     joined: bool = False
     counts: Counter[str] = field(default_factory=Counter)
     _topics: dict[str, _Topic] = field(default_factory=dict)
+    _checked: set[tuple[str, int]] = field(default_factory=set)
+    _sessions_due: float = -math.inf
+    _since: int | None = None  # session of the daemon in which this consumer joined
 
     def __post_init__(self) -> None:
         self.joined = bool(self.resume)
         for topic, (session, following) in self.resume.items():
             self._begin(topic, session, following)
+            if topic.startswith("raw/"):
+                self._since = session
 
     def wants(self, topic: str) -> bool:
         """Whether a topic is followed."""
@@ -92,21 +97,18 @@ class Following:
 
     def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event) -> list[Delivery]:
         """A live message came."""
-        state = self._topics.get(topic)
-        if state is None:
-            state = self._begin(topic, mark.session, 0 if self.joined else mark.sequence)
+        state = self._topics.get(topic) or self._meet(topic, mark.session, mark.sequence)
         return self._deliver(topic, state.follower.take(_part(mark, content, backfilled=False)))
 
-    def beat(self, positions: Positions) -> None:
-        """The cell said how far it has published."""
-        for topic, (session, end) in positions.items():
+    def beat(self, session: int, positions: Positions) -> None:
+        """The cell said, in a session of the daemon, how far it has published."""
+        for topic, (numbering, end) in positions.items():
             if not self.wants(topic):
                 continue
-            state = self._topics.get(topic)
-            if state is None:
-                state = self._begin(topic, session, 0 if self.joined else end)
-            state.follower.announce(session, end)
-        self.joined = True
+            state = self._topics.get(topic) or self._meet(topic, numbering, end)
+            state.follower.announce(numbering, end)
+        if not self.joined:
+            self.joined, self._since = True, session
 
     def standing(self, mark: Mark, alarm: Alarm) -> list[Delivery]:
         """An alarm that is active now came as an answer; given if it was raised before this consumer began."""
@@ -120,7 +122,7 @@ class Following:
         due = []
         for name, state in self._topics.items():
             hole = None if state.asking else state.follower.hole()
-            if hole is None:
+            if hole is None or self._unchecked(name, state):
                 continue
             if state.seen != _key(hole):
                 state.seen = _key(hole)
@@ -129,6 +131,29 @@ class Following:
                 state.asking = True
                 due.append(Question(name, hole))
         return due
+
+    def asks_sessions(self, now: float) -> bool:
+        """Whether to ask which sessions were recorded, because one ended; then waits for ``sessions``."""
+        if now < self._sessions_due or not any(self._unchecked(name, state) for name, state in self._topics.items()):
+            return False
+        self._sessions_due = math.inf
+        return True
+
+    def sessions(self, recorded: Sequence[int] | None, now: float) -> None:
+        """The sessions of which there are recordings, oldest first; ``None`` where nobody answered."""
+        self._sessions_due = now + _LINK
+        if recorded is None:
+            return
+        for name, state in self._topics.items():
+            if self._unchecked(name, state):
+                follower = state.follower
+                follower.between([s for s in recorded if follower.session < s < follower.newest])
+                self._checked.add((name, follower.newest))
+
+    def _unchecked(self, name: str, state: _Topic) -> bool:
+        """Whether a recorded topic goes over into a session before which there may have been others."""
+        follower = state.follower
+        return follower.over and name.startswith("raw/") and (name, follower.newest) not in self._checked
 
     @property
     def complete(self) -> bool:
@@ -160,6 +185,12 @@ class Following:
     def unanswered(self, question: Question, now: float) -> None:
         """Nobody answered."""
         self._answered(question).due = now + _LINK
+
+    def _meet(self, topic: str, session: int, number: int) -> _Topic:
+        """Begin with a topic as it is; once joined, at its first number of all since then."""
+        if not self.joined:
+            return self._begin(topic, session, number)
+        return self._begin(topic, self._since or session if topic.startswith("raw/") else session, 0)
 
     def _begin(self, topic: str, session: int, following: int) -> _Topic:
         state = self._topics[topic] = _Topic(Follower(session, following), (session, following))

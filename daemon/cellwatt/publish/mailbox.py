@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import threading
-from collections import deque
+import queue
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    error: BaseException | None
 
 
 class Mailbox(Generic[T]):
@@ -20,61 +25,62 @@ class Mailbox(Generic[T]):
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._items: deque[T] = deque()
-        self._changed = threading.Condition()
+        self._items: queue.SimpleQueue[T | _End] = queue.SimpleQueue()
         self._waiters: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
         self._ended = False
-        self._error: BaseException | None = None
 
     @property
     def full(self) -> bool:
         """Whether takers have fallen behind by ``limit`` items."""
-        return len(self._items) >= self._limit
+        return self._items.qsize() >= self._limit
 
     def put(self, item: T) -> None:
         """Add an item; lets it go when the mailbox was ended."""
-        with self._changed:
-            if not self._ended:
-                self._items.append(item)
-                self._tell()
+        if not self._ended:
+            self._items.put(item)
+            self._tell()
 
     def end(self, error: BaseException | None = None) -> None:
-        """Nothing more comes."""
-        with self._changed:
-            self._ended, self._error = True, self._error or error
+        """Nothing more comes; the first call decides why."""
+        if not self._ended:
+            self._ended = True
+            self._items.put(_End(error))
             self._tell()
 
     def take(self, timeout: float | None = None) -> T | None:
         """The next item. Raises ``TimeoutError`` when none comes within ``timeout`` s."""
-        with self._changed:
-            if not self._changed.wait_for(lambda: self._items or self._ended, timeout):
-                raise TimeoutError(f"nothing came within {timeout} s")
-            return self._pop()
+        try:
+            return self._open(self._items.get(timeout=timeout))
+        except queue.Empty:
+            raise TimeoutError(f"nothing came within {timeout} s") from None
 
     async def take_async(self) -> T | None:
-        """The same on an event loop."""
+        """The same on an event loop, without a time-out."""
         loop = asyncio.get_running_loop()
         while True:
-            with self._changed:
-                if self._items or self._ended:
-                    return self._pop()
-                waiter: asyncio.Future[None] = loop.create_future()
-                self._waiters.append((loop, waiter))
-            await waiter
+            with contextlib.suppress(queue.Empty):
+                return self._open(self._items.get_nowait())
+            waiter: asyncio.Future[None] = loop.create_future()
+            self._waiters.append((loop, waiter))
+            if self._items.empty():  # else it was put before the putter could see that we wait
+                await waiter
 
-    def _pop(self) -> T | None:
-        if self._items:
-            return self._items.popleft()
-        if self._error is not None:
-            raise self._error
+    def _open(self, item: T | _End) -> T | None:
+        if not isinstance(item, _End):
+            return item
+        self._items.put(item)  # for the next taker
+        if item.error is not None:
+            raise item.error
         return None
 
     def _tell(self) -> None:
-        self._changed.notify_all()
-        for loop, waiter in self._waiters:
+        while self._waiters:
+            try:
+                loop, waiter = self._waiters.pop()
+            except IndexError:  # another thread took the last one
+                return
             with contextlib.suppress(RuntimeError):  # that loop is closed: nobody waits there any more
                 loop.call_soon_threadsafe(_wake, waiter)
-        self._waiters.clear()
 
 
 def _wake(waiter: asyncio.Future[None]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -102,6 +103,16 @@ class Follower:
         if session != self.session and session not in self._later:
             self._later.append(session)
         self._ends[session] = max(end, self._ends.get(session, 0))
+
+    @property
+    def newest(self) -> int:
+        """The last session known."""
+        return self._later[-1] if self._later else self.session
+
+    def between(self, sessions: Sequence[int]) -> None:
+        """There were these sessions, oldest first, of which nothing was heard; they come before the newest."""
+        unheard = [s for s in sessions if s != self.session and s not in self._later and s not in self._past]
+        self._later[-1:-1] = unheard
 
     @property
     def over(self) -> bool:

@@ -121,9 +121,7 @@ class Demonstration:
         self.say(f"a spring is hooked on joint {JOINT} of {FAULTY[0]}")
         await asyncio.sleep(max(0.0, start + self.seconds - time.time()))
 
-    async def _until_running(
-        self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process
-    ) -> None:
+    async def _until_running(self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process) -> None:
         end = time.monotonic() + START
         while time.monotonic() < end:
             states = [s["state"] for s in self.seen.status.get("sources", {}).values()]

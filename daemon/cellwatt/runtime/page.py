@@ -51,9 +51,11 @@ def draw(recording: Recording, start: float | None, end: float | None, wanted: S
     for row, (_, columns) in enumerate(groups, start=1):
         _curves(figure, row, frames, columns, seconds, shown)
     span = (float(seconds[shown][0]), float(seconds[shown][-1]))
-    _intervals(figure, intervals, origin, span)
-    _alarms(figure, [r for r in results if isinstance(r, Alarm)], origin, span)
+    bands, labels = _bands(intervals, origin, span)
+    lines = _lines([r for r in results if isinstance(r, Alarm)], origin, span)
     figure.update_layout(
+        shapes=bands + lines,
+        annotations=[*figure.layout.annotations, *labels],
         template="plotly_white",
         height=110 + 210 * len(groups),
         margin={"l": 70, "r": 30, "t": 40, "b": 50},
@@ -114,32 +116,36 @@ def _segment(frames: Frames) -> list[Interval]:
     return [r for r in results if isinstance(r, Interval) and r.closed]
 
 
-def _intervals(figure: Any, intervals: Sequence[Interval], origin: int, span: tuple[float, float]) -> None:
+def _bands(intervals: Sequence[Interval], origin: int, span: tuple[float, float]) -> tuple[list[Any], list[Any]]:
+    """Shapes and labels of the intervals in which something moves, for all diagrams at once."""
     sets = sorted({i.moving for i in intervals if i.moving})
+    shapes, labels = [], []
     for interval in intervals:
         left, right = (interval.start - origin) * 1e-9, (interval.end - origin) * 1e-9
         if not interval.moving or right < span[0] or left > span[1]:
             continue
         colour = SHADES[sets.index(interval.moving) % len(SHADES)]
-        figure.add_vrect(left, right, fillcolor=colour, opacity=0.13, line_width=0, layer="below")
-        label = "+".join(str(j) for j in interval.moving)
-        figure.add_annotation(
-            x=(left + right) / 2,
-            y=1.0,
-            yref="paper",
-            yanchor="bottom",
-            text=label,
-            showarrow=False,
-            font={"size": 10, "color": colour},
-        )
+        place = {"xref": "x", "yref": "paper", "x0": left, "x1": right, "y0": 0, "y1": 1}
+        style = {"fillcolor": colour, "opacity": 0.13, "line": {"width": 0}, "layer": "below"}
+        shapes.append({"type": "rect", **place, **style})
+        text = "+".join(str(j) for j in interval.moving)
+        font = {"size": 10, "color": colour}
+        anchor = {"xref": "x", "yref": "paper", "x": (left + right) / 2, "y": 1.0, "yanchor": "bottom"}
+        labels.append({**anchor, "text": text, "showarrow": False, "font": font, "yshift": 16})
+    return shapes, labels
 
 
-def _alarms(figure: Any, alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> None:
+def _lines(alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> list[Any]:
+    """Upright lines where alarms were raised (red) and cleared (green)."""
+    shapes = []
     for alarm in alarms:
         at = (alarm.time - origin) * 1e-9
-        if not span[0] <= at <= span[1] or alarm.severity == "info":
-            continue
-        figure.add_vline(at, line={"color": "#c62828" if alarm.active else "#2e7d32", "width": 1.5, "dash": "dot"})
+        if span[0] <= at <= span[1] and alarm.severity != "info":
+            style = {"color": "#c62828" if alarm.active else "#2e7d32", "width": 1.5, "dash": "dot"}
+            shapes.append(
+                {"type": "line", "xref": "x", "yref": "paper", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": style}
+            )
+    return shapes
 
 
 def _page(recording: Recording, frames: Frames, tasks: Sequence[Task], results: Sequence[Any], body: str) -> str:

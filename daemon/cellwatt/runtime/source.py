@@ -88,7 +88,11 @@ class Source:
             return
         stream = reading.stream
         if reading.device_time is not None:
-            stamped, bound = self.clocks[stream.name].stamp(reading.device_time, reading.arrival)
+            clock = self.clocks[stream.name]
+            resets = clock.resets
+            stamped, bound = clock.stamp(reading.device_time, reading.arrival)
+            if clock.resets != resets:
+                self.event("clock_step", f"{self.name}: the device's clock stepped ({clock.state().reason})")
         else:
             asked = reading.arrival if reading.asked is None else reading.asked
             stamped, bound = middle(asked, reading.arrival, n, self._last_time[stream.name])

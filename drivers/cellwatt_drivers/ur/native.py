@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import random
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -255,4 +256,5 @@ async def _attend(session: Session, intake: Intake, timeout: float) -> NoReturn:
         if intake.watch(timeout):
             raise ConnectError(f"{session.where}: connected, but no data for {timeout:g} s")
         if time.monotonic() >= due and session.put(wire.ASK_CONTROLLER):
-            due = time.monotonic() + BRACKET_EVERY
+            # At uneven times: asked in step with the controller's cycle, every bracket would be as loose as the last.
+            due = time.monotonic() + BRACKET_EVERY * random.uniform(0.7, 1.3)

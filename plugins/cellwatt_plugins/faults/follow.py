@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,14 +48,21 @@ class Follower:
     reference: Reference
     last: Place | None = None
 
+    def __post_init__(self) -> None:
+        self._places = [
+            Place(i, k, index)
+            for i, task in enumerate(self.reference.tasks)
+            for k, variant in enumerate(task.variants)
+            for index in range(len(variant.intervals))
+        ]
+        self._poses = np.array([self[place].pose for place in self._places])
+        self._moving = np.array([self._set(self[place].moving) for place in self._places])
+
     def __getitem__(self, place: Place) -> ReferenceInterval:
         return self.reference.tasks[place.task].variants[place.variant].intervals[place.index]
 
-    def places(self) -> Iterator[Place]:
-        """Every interval of the reference."""
-        for i, task in enumerate(self.reference.tasks):
-            for k, variant in enumerate(task.variants):
-                yield from (Place(i, k, index) for index in range(len(variant.intervals)))
+    def _set(self, joints: Sequence[int]) -> list[bool]:
+        return [joint in joints for joint in range(1, self.reference.joints + 1)]
 
     def after(self, place: Place, steps: int = 1) -> Place:
         """The place ``steps`` later in the same task, which repeats."""
@@ -68,15 +75,13 @@ class Follower:
         return min(scored, key=lambda entry: entry[0])[1] if scored else None
 
     def _matches(self, interval: Interval) -> Iterator[Match]:
-        for place in self.places():
-            reference = self[place]
-            foreign = len(set(interval.moving) ^ set(reference.moving))
-            pairs = zip(interval.pose, reference.pose, strict=True)
-            displaced = sum(abs(a - b) > POSE for a, b in pairs)
-            skipped = self._skipped(place)
-            in_sequence = skipped is not None
-            if (foreign == 0 and displaced <= 1 + in_sequence) or (foreign == 1 and displaced <= 1 and skipped == 0):
-                yield Match(place, foreign, displaced, skipped)
+        foreign = (self._moving ^ np.array(self._set(interval.moving))).sum(axis=1)
+        displaced = (np.abs(self._poses - np.asarray(interval.pose)) > POSE).sum(axis=1)
+        for k in np.flatnonzero((foreign <= 1) & (displaced <= 2)).tolist():
+            skipped = self._skipped(self._places[k])
+            most = 2 if foreign[k] == 0 and skipped is not None else 1
+            if displaced[k] <= most and (foreign[k] == 0 or skipped == 0):
+                yield Match(self._places[k], int(foreign[k]), int(displaced[k]), skipped)
 
     def _skipped(self, place: Place) -> int | None:
         """0 for the place after the last, 1 if one interval was left out, at any speed of the same task."""
@@ -88,7 +93,7 @@ class Follower:
         return None
 
     def _misfit(self, match: Match, interval: Interval, trace: Trace) -> float:
-        """Small is good: 1 for a joint that starts elsewhere, 2 for a foreign one, plus how far the path is off."""
+        """Small is good: 1 for a joint that starts elsewhere (2 out of sequence), 2 for a foreign one, plus path."""
         reference = self[match.place]
         so_far = trace.between(interval.start, interval.end)
         t = so_far.since(interval.start)
@@ -97,4 +102,5 @@ class Follower:
         ]
         path = float(np.nanmean(errors)) / MISFIT if len(t) and not np.isnan(errors).all() else 0.0
         order = {None: 0.5, 0: 0.0, 1: 0.25}[match.skipped]
-        return path + match.displaced + 2.0 * match.foreign + order
+        displaced = match.displaced * (1.0 if match.skipped is not None else 2.0)
+        return path + displaced + 2.0 * match.foreign + order

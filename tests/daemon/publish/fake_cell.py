@@ -99,7 +99,9 @@ class FakeView:
         return {"streams": {"arm": {"samples": list(STREAM.names)}}}
 
     def recordings(self) -> Sequence[Mapping[str, Any]]:
-        return [{"file": "one.mcap", "bytes": 1234, "state": "closed"}]
+        with self._lock:
+            sessions = sorted({session for session, _, _ in self._recorded})
+        return [{"file": f"{session}.mcap", "session": session, "state": "closed"} for session in sessions]
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         with self._lock:

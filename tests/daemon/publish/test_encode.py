@@ -171,6 +171,7 @@ def test_mark_is_32_little_endian_bytes_as_documented() -> None:
     assert mark.end == 0x1112 + 0x21222324
 
 
+@settings(deadline=None)
 @given(INT64, st.integers(0, 2**62), st.integers(0, 2**32 - 1), INT64, st.booleans())
 def test_marks_survive(session: int, sequence: int, count: int, arrival: int, backfill: bool) -> None:
     mark = Mark(session, sequence, count, arrival, backfill)
@@ -197,6 +198,7 @@ def test_blocks_join_up_to_a_hole_and_a_limit() -> None:
     assert_same(concatenate([frames(0, 3), frames(3, 1)]), frames(0, 4))
 
 
+@settings(deadline=None)
 @given(st.integers(0, 12), st.integers(0, 12))
 def test_cut_keeps_each_row_with_its_number(first: int, last: int) -> None:
     piece = cut(batch(100, 10), first, last)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 import zenoh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import ConfigError, ProtocolError
@@ -29,6 +29,7 @@ def test_keys_are_those_of_the_design(key: str, text: str) -> None:
     assert key == text
 
 
+@settings(deadline=None)
 @given(NAMES)
 def test_any_name_is_one_chunk_that_zenoh_takes_as_it_is(name: str) -> None:
     chunk = escape(name)
@@ -40,6 +41,7 @@ def test_any_name_is_one_chunk_that_zenoh_takes_as_it_is(name: str) -> None:
     assert not zenoh.KeyExpr(key).intersects("cellwatt/other/x") or name == "other"
 
 
+@settings(deadline=None)
 @given(NAMES, NAMES, NAMES, NAMES)
 def test_parse_gives_back_what_the_key_was_made_of(site: str, cell: str, source: str, stream: str) -> None:
     keys, topic = CellKeys(site, cell), raw_topic(source, stream)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt.publish.order import Follower, Gap, Part
@@ -101,6 +101,19 @@ def test_a_session_may_have_a_lower_number_where_the_clock_was_set_back() -> Non
     assert follower.hole() is None
 
 
+def test_sessions_in_between_come_before_the_newest() -> None:
+    follower = Follower(1, 3)
+    follower.take(part(0, 1, session=9))
+    follower.between([1, 4, 6, 9])
+    assert follower.newest == 9
+    order = []
+    while (hole := follower.hole()) is not None:
+        order.append((hole.session, hole.first, hole.count))
+        follower.give_up(hole, "nothing")
+    assert order == [(1, 3, None), (4, 0, None), (6, 0, None)]
+    assert (follower.session, follower.following) == (9, 1)
+
+
 def test_what_cannot_be_held_is_asked_for_again() -> None:
     follower = Follower(1, 0, hold=2)
     for first in (1, 2, 3, 4):
@@ -111,6 +124,7 @@ def test_what_cannot_be_held_is_asked_for_again() -> None:
     assert (hole.first, hole.count) == (3, 2)
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_whatever_comes_each_sample_is_given_once_in_order(data: st.DataObject) -> None:
     """Parts of two sessions arrive lost, doubled, shuffled and overlapping; holes are answered from a whole record."""

@@ -4,7 +4,7 @@ import threading
 from collections import Counter
 from itertools import pairwise
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import Account, Batch, Stream
@@ -140,6 +140,7 @@ def test_clear_counts_what_it_gives_up() -> None:
 LANES = st.sampled_from([(Lane.RAW, "arm"), (Lane.RAW, "meter"), (Lane.FRAMES, ""), (Lane.RESULTS, "")])
 
 
+@settings(deadline=None)
 @given(st.integers(1, 8), st.lists(st.one_of(st.none(), st.tuples(LANES, st.integers(1, 4))), max_size=60))
 def test_every_sample_is_sent_once_or_counted_as_dropped(limit: int, steps: list) -> None:
     """``None`` takes a message, all else puts one of a lane; the account must agree with a model that only counts."""

@@ -70,7 +70,7 @@ def test_two_faults_are_both_named(reference):
 
 
 def test_an_encoder_and_another_joint_are_both_named(reference):
-    both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("encoder_offset", 3, 0.06)))
+    both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("encoder_offset", 3, 0.04)))
     positions, power, starts = run([Cycle()] * 2 + [both] * 3, seed=5)
     alarms = watch(reference, frames(positions, power))
     assert standing(alarms, starts[4]) >= {("joint_fault", 1)}

@@ -1,0 +1,69 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.registry import load as find
+from cellwatt_plugins.faults.command import reference
+from cellwatt_plugins.faults.reference import load
+from tests.plugins.faults.plant import Cycle, run
+
+
+@pytest.fixture(scope="module")
+def healthy(tmp_path_factory):
+    positions, power, _ = run([Cycle()] * 5 + [Cycle(speed=0.6)] * 3 + [Cycle(speed=0.4)], rate=100.0, seed=12)
+    path = tmp_path_factory.mktemp("healthy") / "healthy.parquet"
+    columns = {f"q_{j + 1}": positions[:, j] for j in range(positions.shape[1])}
+    pq.write_table(pa.table({"t": np.arange(len(power)) / 100, **columns, "power": power}), path)
+    return path
+
+
+def called(*arguments):
+    return CliRunner().invoke(reference, [str(a) for a in arguments])
+
+
+def test_it_learns_and_says_what(healthy, tmp_path):
+    result = called(healthy, "--out", tmp_path / "ref.yaml", "--robot", "plant")
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines() == [
+        "task_1: 5 moves, 5 cycles at speed 1.00, 3 cycles at speed 0.60",
+        "1 cycles left out: seen too rarely at their speed",
+        f"written to {tmp_path / 'ref.yaml'}",
+    ]
+    assert load(tmp_path / "ref.yaml").robot == "plant"
+
+
+def test_it_reports_as_json(healthy, tmp_path):
+    result = called(healthy, "--out", tmp_path / "ref.yaml", "--json")
+    report = json.loads(result.output)
+    assert report["cycles_left_out"] == 1
+    assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
+
+
+def test_the_robot_may_be_a_description(healthy, tmp_path):
+    (tmp_path / "robot.yaml").write_text("robot: irb1200\njoints: []\n")
+    called(healthy, "--out", tmp_path / "ref.yaml", "--robot", tmp_path / "robot.yaml")
+    assert load(tmp_path / "ref.yaml").robot == "irb1200"
+
+
+@pytest.mark.parametrize("content", [None, "- a", "[", "name: x"])
+def test_a_description_that_is_none_is_refused(healthy, tmp_path, content):
+    path = tmp_path / "robot.yaml"
+    if content is not None:
+        path.write_text(content)
+    result = called(healthy, "--out", tmp_path / "ref.yaml", "--robot", path)
+    assert isinstance(result.exception, ConfigError)
+    assert "robot.yaml" in str(result.exception)
+
+
+def test_a_place_that_cannot_be_written(healthy, tmp_path):
+    result = called(healthy, "--out", tmp_path / "no" / "ref.yaml")
+    assert isinstance(result.exception, ModelError)
+
+
+def test_it_is_a_command_of_cellwatt():
+    assert find("cellwatt.commands", "reference") is reference

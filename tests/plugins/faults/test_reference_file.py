@@ -1,0 +1,103 @@
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.reference import Pattern, load, save
+
+
+def test_what_is_saved_is_loaded(rich_reference, tmp_path):
+    reference = load(rich_reference)
+    save(reference, tmp_path / "again.yaml")
+    assert load(tmp_path / "again.yaml") == reference
+    assert (tmp_path / "again.yaml").read_text() == rich_reference.read_text()
+
+
+def test_a_person_can_read_and_plot_it(reference):
+    content = yaml.safe_load(reference.read_text())
+    assert list(content) == ["cellwatt_reference", "robot", "arm", "power", "joints", "tasks"]
+    (task,) = content["tasks"]
+    (variant,) = task["variants"]
+    interval = variant["intervals"][1]
+    assert interval["moving"] == [2, 3]
+    power = interval["power"]
+    times = [power["start"] + k * power["step"] for k in range(len(power["mean"]))]
+    assert times[0] == -0.2
+    assert times[-1] == pytest.approx(interval["duration"] + 0.1, abs=0.03)
+    assert set(interval["position"]) == {2, 3}
+    assert max(map(len, reference.read_text().splitlines())) <= 140
+
+
+def test_a_pattern_between_its_points():
+    pattern = Pattern(-0.2, 0.1, (1.0, 1.0, 1.0, 3.0, 5.0), (0.0, 0.0, 0.2, 0.2, 0.2))
+    assert pattern.at(np.array([-9.0, 0.05, 0.2, 9.0])) == pytest.approx([1, 2, 5, 5])
+    assert pattern.spread_at(np.array([-0.05])) == pytest.approx([0.1])
+    low, high = pattern.envelope(np.array([0.1]), 0.1)
+    assert (low[0], high[0]) == pytest.approx((1.0, 5.0))
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(ModelError, match="no such file; learn one with `cellwatt reference`"):
+        load(tmp_path / "nothing.yaml")
+
+
+def changed(reference, tmp_path, change):
+    content = yaml.safe_load(reference.read_text())
+    change(content)
+    path = tmp_path / "changed.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def interval(content):
+    return content["tasks"][0]["variants"][0]["intervals"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda c: c.update(cellwatt_reference=2), "format version 2, this cellwatt reads version 1"),
+        (lambda c: c.pop("cellwatt_reference"), "not a file made by `cellwatt reference`"),
+        (lambda c: c.update(colour="red"), "colour: Unexpected keyword argument"),
+        (lambda c: c.update(joints="three"), "joints: Input should be a valid integer"),
+        (lambda c: c.pop("arm"), "arm: Field required"),
+        (
+            lambda c: interval(c).update(duration=-1.0),
+            r"tasks\.0\.variants\.0\.intervals\.0\.duration: .*greater than 0",
+        ),
+        (lambda c: interval(c)["power"]["mean"].append(1.0), "mean and spread must have the same length"),
+        (lambda c: interval(c)["power"].update(mean=["much"]), "valid number"),
+        (
+            lambda c: interval(c).update(pose=[0.0]),
+            "task_1, speed 1, interval 1: pose and displacement must have 3 values",
+        ),
+        (lambda c: interval(c).update(moving=[1, 2]), "moving and position must name the same joints"),
+        (lambda c: interval(c).update(moving=[7], position={7: interval(c)["position"][1]}), "numbered 1 to 3"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_the_place(reference, tmp_path, change, text):
+    path = changed(reference, tmp_path, change)
+    with pytest.raises(ModelError, match=text) as caught:
+        load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"[1, 2", b"\xff\xfe\x00", b"just text", b"- a\n- b\n"])
+def test_files_that_are_no_reference(tmp_path, content):
+    path = tmp_path / "odd.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match=r"odd\.yaml"):
+        load(path)
+
+
+def test_a_place_that_cannot_be_written(reference, tmp_path):
+    with pytest.raises(ModelError, match="cannot be written"):
+        save(load(reference), tmp_path / "no" / "such" / "folder.yaml")
+
+
+def test_numbers_are_kept_to_six_digits(reference):
+    mean = load(reference).tasks[0].variants[0].intervals[0].power.mean
+    assert all(math.isfinite(value) and value == float(f"{value:.6g}") for value in mean)

@@ -1,0 +1,107 @@
+"""Seed 002: criteria (16), the rules under it, the ternary code (20), and fault tables I and II as data."""
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.faults.criteria import fault_free, ternary, verdict
+from cellwatt_plugins.faults.isolate import agreement
+from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING, TARGETS
+
+# Table I as printed: "Time interval", then joints 1 to 6.
+TABLE_I = """
+First   0  0  0  0  0 -1
+Second  0  0  1 -1  1 -1
+Third   1 -1  0  0  0  0
+Fourth  0  0  1 -1  1 -1
+Fifth   1 -1  0  0  1 -1
+Sixth   0  0  0  1 -1  1
+Target  1 -1  1 -1  1 -1
+"""
+
+TABLE_II = """
+First   0  0  0  0  0  0
+Second  1 -1  0  0  1 -1
+Third   1 -1  0  0  0  1
+Fourth  1 -1  1 -1  0  0
+Fifth   1 -1  0  0  0  1
+Sixth   1 -1  1 -1  0  0
+Seventh 1 -1  0  0  0  1
+Eighth  0  0  1 -1  0  0
+Ninth   1 -1  0  0  0  1
+Tenth   0  0  0  0  0  0
+Target  1 -1  1 -1  1 -1
+"""
+
+
+def printed(table):
+    return np.array([[int(x) for x in line.split()[1:]] for line in table.strip().splitlines()])
+
+
+@pytest.mark.parametrize(("text", "table"), [(TABLE_I, PICK_AND_PLACE), (TABLE_II, POLISHING)])
+def test_the_fault_tables_are_those_of_the_paper(text, table):
+    rows = printed(text)
+    assert np.array_equal(rows[:-1], table)
+    assert np.array_equal(rows[-1], TARGETS)
+
+
+def test_what_the_text_says_of_the_tables():
+    # "a spring is fixed on one joint which is excited in four stages of pick-and-place task": joint 5's column.
+    assert np.count_nonzero(PICK_AND_PLACE[:, 4]) == 4
+    # "indicate ten intervals for this scenario"; the first and the last have no joint under excitation.
+    assert POLISHING.shape == (10, 6)
+    assert not POLISHING[[0, 9]].any()
+
+
+@pytest.mark.parametrize("table", [PICK_AND_PLACE, POLISHING])
+@pytest.mark.parametrize("joint", range(1, 7))
+def test_each_column_is_explained_by_its_own_joint_alone(table, joint):
+    """The result of Table III: the largest output is that of the faulty joint, for every joint."""
+    scores = agreement(table[:, joint - 1], table, signed=True)
+    assert scores[joint - 1] == 1.0
+    assert np.argmax(scores) == joint - 1
+    assert np.delete(scores, joint - 1).max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("position_outside", "power_outside", "expected"),
+    [
+        (False, False, "healthy"),
+        (True, False, "encoder_fault"),  # rule 1
+        (True, True, "joint_and_encoder_fault"),  # rule 2, with its two possibilities
+        (False, True, "joint_fault"),
+    ],
+)
+def test_rules_under_16(position_outside, power_outside, expected):
+    assert verdict(position_outside=position_outside, power_outside=power_outside) == expected
+
+
+@pytest.mark.parametrize(
+    ("position", "power", "free"),
+    [
+        ([0.0, 0.01], [0.0, 9.9], True),
+        ([0.0, -0.01], [0.0, -9.9], True),
+        ([0.0, 0.02], [0.0, 0.0], False),
+        ([0.0, 0.0], [10.1, 0.0], False),
+        ([0.0, 0.015], [0.0, 0.0], False),  # the inequality of (16) is strict
+    ],
+)
+def test_equation_16(position, power, free):
+    assert fault_free(np.array(position), np.array(power), np.array(0.015), np.array(10.0)) is free
+
+
+def test_equation_20():
+    residual = np.array([-12.0, -10.0, -9.9, 0.0, 9.9, 10.0, 12.0])
+    assert ternary(residual, 10.0).tolist() == [-1, 0, 0, 0, 0, 0, 1]
+    limits = np.array([11.0, 9.0, 9.0, 9.0, 9.0, 9.0, 13.0])
+    assert ternary(residual, limits).tolist() == [-1, -1, -1, 0, 1, 1, 0]
+
+
+def test_ten_per_cent_over_the_reference():
+    """ "a preset threshold (eps_j = ±10 % over the reference/model values)" """
+    from cellwatt_plugins.faults.criteria import Tolerance
+
+    reference = np.array([100.0, 150.0, 180.0])
+    limit = Tolerance(power=0.10, floor=0.0).watts(reference)
+    assert ternary(reference * 1.09 - reference, limit).tolist() == [0, 0, 0]
+    assert ternary(reference * 1.11 - reference, limit).tolist() == [1, 1, 1]
+    assert ternary(reference * 0.89 - reference, limit).tolist() == [-1, -1, -1]
