@@ -9,7 +9,32 @@ from typing import Literal
 Kind = Literal["continuous", "discrete", "counter"]
 Align = Literal["linear", "average", "hold"]
 
-UNITS = frozenset(["1", "rad", "rad/s", "rad/s^2", "Nm", "N", "m", "m/s", "m/s^2", "A", "V", "W", "VA", "var", "J", "s", "Hz", "kg", "kg/m^3", "degC", "ohm", "Pa"])
+UNITS = frozenset(
+    [
+        "1",
+        "rad",
+        "rad/s",
+        "rad/s^2",
+        "Nm",
+        "N",
+        "m",
+        "m/s",
+        "m/s^2",
+        "A",
+        "V",
+        "W",
+        "VA",
+        "var",
+        "J",
+        "s",
+        "Hz",
+        "kg",
+        "kg/m^3",
+        "degC",
+        "ohm",
+        "Pa",
+    ]
+)
 """SI units that may leave a driver; raw device units stop at its ``wire.py``."""
 
 

@@ -28,14 +28,13 @@ def ur(name: str, address: str, **settings: str) -> str:
 
 
 async def test_subscriber_gets_what_is_recorded(tmp_path: Path) -> None:
-    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
-        async with running(tmp_path, f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n") as (
-            daemon,
-            audience,
-        ):
-            await audience.until(lambda a: a.received["raw/arm/rtde"] > 2000 and len(a.results["interval"]) > 3)
-            assert balanced(audience.source("arm"))
-            assert await daemon.stop() == 0
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device,
+        running(tmp_path, f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n") as (daemon, audience),
+    ):
+        await audience.until(lambda a: a.received["raw/arm/rtde"] > 2000 and len(a.results["interval"]) > 3)
+        assert balanced(audience.source("arm"))
+        assert await daemon.stop() == 0
     recorded = Recording.open(tmp_path / "record").batches("arm", "rtde")
     got = audience.batches["raw/arm/rtde"]
     first = got[0].sequence

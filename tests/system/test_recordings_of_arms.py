@@ -81,7 +81,9 @@ async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) ->
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", *options) as device:
         host, port = device.address.split(":")
         rate = f"{1 / np.median(np.diff(truth.time)):.0f} Hz"
-        settings = f"driver: ur, host: {host}, port: {port}, rate: {rate}, timeout: 20 s, channels: [{', '.join(fields)}]"
+        settings = (
+            f"driver: ur, host: {host}, port: {port}, rate: {rate}, timeout: 20 s, channels: [{', '.join(fields)}]"
+        )
         text = f"sources:\n  arm: {{{settings}}}\n"
         async with running(tmp_path, text + "stages: {segment: {}}\n") as (daemon, audience):
             rows = len(truth.time)

@@ -110,9 +110,13 @@ class Follower:
         return self._later[-1] if self._later else self.session
 
     def between(self, sessions: Sequence[int]) -> None:
-        """There were these sessions, oldest first, of which nothing was heard; they come before the newest."""
-        unheard = [s for s in sessions if s != self.session and s not in self._later and s not in self._past]
-        self._later[-1:-1] = unheard
+        """There were these sessions, oldest first; those not heard of take their place among the others."""
+        following = self.newest
+        for session in reversed(sessions):
+            if session not in self._later and session != self.session and session not in self._past:
+                self._later.insert(self._later.index(following), session)
+            if session in self._later:
+                following = session
 
     @property
     def over(self) -> bool:

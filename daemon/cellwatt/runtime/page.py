@@ -60,8 +60,10 @@ def draw(recording: Recording, start: float | None, end: float | None, wanted: S
         height=110 + 210 * len(groups),
         margin={"l": 70, "r": 30, "t": 40, "b": 50},
         hovermode="x unified",
-        legend={"tracegroupgap": 120, "font": {"size": 10}},
     )
+    for row in range(1, len(groups) + 1):
+        top = figure.layout["yaxis" if row == 1 else f"yaxis{row}"].domain[1]
+        figure.update_layout({_legend(row): {"y": top, "yanchor": "top", "font": {"size": 10}}})
     figure.update_xaxes(title_text="s since the start", row=len(groups), col=1)
     figure.update_xaxes(range=span)
     tasks = [r for r in results if isinstance(r, Task)]
@@ -85,12 +87,18 @@ def _groups(frames: Frames, wanted: Sequence[str]) -> list[tuple[str, list[int]]
 def _curves(
     figure: Any, row: int, frames: Frames, columns: list[int], seconds: NDArray[np.float64], shown: NDArray[np.bool_]
 ) -> None:
+    holes = np.append(np.diff(seconds) > 1.5 / frames.layout.rate, False)
     for n, column in enumerate(columns):
-        x, y = thin(seconds[shown], frames.values[shown, column], MOST_POINTS)
+        x, y = thin(seconds[shown], np.where(holes, np.nan, frames.values[:, column])[shown], MOST_POINTS)
         name = frames.layout.channels[column].short
         line = {"color": SHADES[n % len(SHADES)], "width": 1.3}
-        trace = go.Scatter(x=x, y=y, name=name, mode="lines", line=line, legendgroup=str(row), connectgaps=False)
+        trace = go.Scatter(x=x, y=y, name=name, mode="lines", line=line, legend=_legend(row), connectgaps=False)
         figure.add_trace(trace, row=row, col=1)
+
+
+def _legend(row: int) -> str:
+    """Each diagram has a legend of its own beside it."""
+    return "legend" if row == 1 else f"legend{row}"
 
 
 def thin(x: NDArray[np.float64], y: NDArray[np.float64], most: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -165,7 +173,8 @@ def _page(recording: Recording, frames: Frames, tasks: Sequence[Task], results: 
         lines.append(f"{escape(name)}: {len(mine)} repetitions ({escape(variants)})")
     raised = [r for r in results if isinstance(r, Alarm) and r.active]
     rows = "".join(
-        f"<tr><td>{(a.time - int(frames.time[0])) * 1e-9:.2f} s</td><td>{a.severity}</td><td>{escape(a.statement)}</td></tr>"
+        f"<tr><td>{(a.time - int(frames.time[0])) * 1e-9:.2f} s</td><td>{a.severity}</td>"
+        f"<td>{escape(a.statement)}</td></tr>"
         for a in raised
     )
     table = f"<table><tr><th>at</th><th></th><th>alarm</th></tr>{rows}</table>" if raised else "<p>No alarms.</p>"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import random
+import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager

@@ -103,14 +103,15 @@ def test_a_session_may_have_a_lower_number_where_the_clock_was_set_back() -> Non
 
 def test_sessions_in_between_come_before_the_newest() -> None:
     follower = Follower(1, 3)
+    follower.announce(6, 0)
     follower.take(part(0, 1, session=9))
-    follower.between([1, 4, 6, 9])
+    follower.between([1, 4, 6, 7, 9])
     assert follower.newest == 9
     order = []
     while (hole := follower.hole()) is not None:
         order.append((hole.session, hole.first, hole.count))
         follower.give_up(hole, "nothing")
-    assert order == [(1, 3, None), (4, 0, None), (6, 0, None)]
+    assert order == [(1, 3, None), (4, 0, None), (6, 0, None), (7, 0, None)]
     assert (follower.session, follower.following) == (9, 1)
 
 
