@@ -16,6 +16,7 @@ Drivers map ``OSError``, ``struct.error`` and library errors to these at their b
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,7 +32,15 @@ __all__ = [
     "SinkError",
     "SourceError",
     "WrongDeviceError",
+    "why",
 ]
+
+
+def why(error: OSError) -> str:
+    """The system's plain reason, e.g. ``Connection refused``; asyncio and ``socket`` put their own words in its place."""
+    if error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno)
+    return error.strerror or str(error)
 
 
 class CellwattError(Exception):

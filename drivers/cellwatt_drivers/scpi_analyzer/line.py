@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import serial
 
-from cellwatt.errors import ConnectError, ProtocolError
+from cellwatt.errors import ConnectError, ProtocolError, why
 from cellwatt_drivers.scpi_analyzer.wire import LONGEST, decode_line
 
 _MOST_LINES = 16
@@ -121,7 +121,7 @@ async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int])
             "analyzer's LAN interface is selected"
         ) from error
     except OSError as error:
-        raise ConnectError(f"TCP {line.place} cannot be opened: {error.strerror or error}") from error
+        raise ConnectError(f"TCP {line.place} cannot be opened: {why(error)}") from error
     line.write = transport.write
     try:
         yield line

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 from typing import NoReturn
 
 from cellwatt.account import Account
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError, why
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
@@ -171,7 +171,7 @@ async def connect(
             f"{where}: no answer within {timeout:g} s; is the address right and the robot on?"
         ) from error
     except OSError as error:
-        raise ConnectError(f"{where}: {error.strerror or error}; is the robot on and RTDE enabled?") from error
+        raise ConnectError(f"{where}: {why(error)}; is the robot on and RTDE enabled?") from error
     try:
         yield session, await _greet(session, timeout)
     except asyncio.CancelledError:

@@ -1,0 +1,72 @@
+"""The programs of docs/zenoh.md and docs/alarms.md, run as they are printed."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import textwrap
+import threading
+from pathlib import Path
+
+import pytest
+
+from tests.daemon.publish.processes import ROOT, Child, free_port, wait_until
+
+
+def programs(page: str) -> list[str]:
+    """The indented blocks of a page that are Python programs."""
+    text = (ROOT / "docs" / page).read_text()
+    blocks = re.findall(r"(?:^(?: {4}.*)?\n)+", text, re.MULTILINE)
+    return [textwrap.dedent(b) for b in blocks if "import " in b]
+
+
+PROGRAMS = {
+    "subscriber": (programs("zenoh.md")[0], r"raw/arm/samples \d+ \[|needs more power"),
+    "plain": (programs("zenoh.md")[1], r"\d{19} \{'joint_1.position \[rad\]': \d+\.\d"),
+    "alarms": (programs("alarms.md")[0], r"raised joint_fault Joint \d+ needs more power"),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_program_of_the_docs_runs(name: str, tmp_path: Path) -> None:
+    text, expected = PROGRAMS[name]
+    port = free_port()
+    program = tmp_path / "program.py"
+    program.write_text(text.replace("7447", str(port)))
+    with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
+        cell.ready().send(stream={"samples": 20_000, "frames_too": False, "every": 5, "rate": 500.0, "block": 5})
+        command = [sys.executable, "-u", str(program)]
+        with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+            lines: list[str] = []
+            reader = threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")))  # type: ignore[union-attr]
+            reader.start()
+            try:
+                wait_until(lambda: lines or run.poll() is not None, "a line")
+            finally:
+                run.kill()
+                reader.join()
+            assert lines, run.stderr.read() if run.stderr else ""
+    assert re.search(expected, lines[0]), lines[0]
+
+
+def test_the_plain_program_needs_nothing_of_ours() -> None:
+    text = PROGRAMS["plain"][0]
+    imports = [line for line in text.splitlines() if "import" in line]
+    assert imports == ["import json, pyarrow as pa, zenoh"]
+    assert len([line for line in text.splitlines() if line.strip()]) <= 10
+
+
+def test_every_setting_is_in_the_docs() -> None:
+    from cellwatt.publish import ZenohSettings
+
+    text = (ROOT / "docs" / "zenoh.md").read_text()
+    table = text[text.index("## Settings") : text.index("## What can be lost")]
+    assert set(re.findall(r"`(\w+)`", table)) >= set(ZenohSettings.model_fields)
+
+
+def test_every_field_of_an_alarm_is_in_the_docs() -> None:
+    from cellwatt.publish.schemas import schemas
+
+    text = (ROOT / "docs" / "alarms.md").read_text()
+    assert set(re.findall(r"`(\w+)`", text)) >= set(schemas()["alarm"]["properties"])

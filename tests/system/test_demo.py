@@ -1,0 +1,87 @@
+"""``cellwatt demo``, the whole chain as a user sees it first."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+
+import pytest
+
+from cellwatt.runtime.demonstration import JOINT, Seen, next_start, summary
+
+pytestmark = pytest.mark.system
+
+
+@pytest.mark.timeout(120)
+async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
+    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--seconds", "22", "--json"]
+    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    out, _ = await process.communicate()
+    result = json.loads(out)
+    assert process.returncode == (0 if result["ok"] else 1)
+    assert result["fault"]["named_joint"] == JOINT, result
+    assert result["fault"]["early_alarms"] == 0
+    assert set(result["sources"]) == {"arm", "board", "positioner", "mains"}
+    assert all(s["residue"] == 0 for s in result["sources"].values())
+    # Streams lose nothing however busy the machine is; polls that fall due while it stands still are missed, and told.
+    assert result["sources"]["arm"]["lost"] == result["sources"]["board"]["lost"] == 0
+    assert not [p for p in result["problems"] if "subscriber" in p], result["problems"]
+
+
+def status(**changed: object) -> dict[str, object]:
+    stream = {"nominal_hz": 50.0, "rate_hz": 50.0, "jitter_p50_ms": 0.1, "jitter_p99_ms": 0.2, "samples": 100}
+    source = {"expected": 100, "received": 100, "missed": {}, "dropped": {}, "residue": 0, "streams": {"s": stream}}
+    names = ("arm", "board", "positioner", "mains")
+    return {"sources": dict.fromkeys(names, source | changed), "frames": {"count": 0}}
+
+
+def seen(**changed: object) -> Seen:
+    told = Seen(status=status(**changed))
+    for name in ("arm", "board", "positioner", "mains"):
+        told.add({"kind": "raw", "topic": f"raw/{name}/s", "sequence": 0, "content": {"count": 100}})
+    told.add({"kind": "interval", "content": {"closed": True, "moving": [3], "start": 10e9, "end": 10.7e9}})
+    return told
+
+
+def alarm(joint: int, at: float) -> dict[str, object]:
+    content = {"kind": "joint_fault", "severity": "error", "joint": joint, "active": True, "statement": "…"}
+    return {"kind": "alarm", "received": at * 1e9, "content": content}
+
+
+def test_summary_is_content_with_a_perfect_run() -> None:
+    told = seen()
+    told.add(alarm(3, 10.4))
+    assert summary(told, 10.0, 0)["problems"] == []
+
+
+@pytest.mark.parametrize(
+    ("joint", "at", "changed", "exit_code", "problem"),
+    [
+        (2, 10.4, {}, 0, "names joint 2"),
+        (3, 9.0, {}, 0, "before the fault"),
+        (3, 11.5, {}, 0, "the interval lasted"),
+        (3, 10.4, {"missed": {"gap": 1}, "received": 99}, 0, "1 samples lost"),
+        (3, 10.4, {"residue": 4}, 0, "4 not accounted"),
+        (3, 10.4, {}, 1, "exit code 1"),
+    ],
+)
+def test_summary_sees_what_is_wrong(
+    joint: int, at: float, changed: dict[str, object], exit_code: int, problem: str
+) -> None:
+    told = seen(**changed)
+    told.add(alarm(joint, at))
+    assert problem in "; ".join(summary(told, 10.0, exit_code)["problems"])
+
+
+def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
+    told = seen()
+    told.samples["raw/arm/s"] -= 1
+    problems = "; ".join(summary(told, 10.0, 0)["problems"])
+    assert "99 at the subscriber" in problems
+    assert "no alarm" in problems
+
+
+def test_spring_comes_when_the_elbow_starts() -> None:
+    start = next_start(1000.0, 990.0)
+    assert 1000.0 <= start < 1008.0
