@@ -32,6 +32,7 @@ from cellwatt.publish.encode import encode_batch
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mark import Mark
 from cellwatt.subscriber import Subscriber
+from cellwatt.ticker import Ticker
 
 SITE, CELL = "bench", "cell"
 SOURCES, RATE, CHANNELS = 8, 500.0, 60
@@ -170,17 +171,17 @@ async def pace(give: Give, seconds: float, first: int) -> tuple[int, list[int]]:
     held: list[int] = []
     begun = time.monotonic_ns()
     total = int(seconds * RATE * SOURCES)
-    done = 0
-    while done < total:
-        await asyncio.sleep(1 / (RATE * SOURCES))
-        woke = time.monotonic_ns()
-        due = min(total, int((woke - begun) * 1e-9 * RATE * SOURCES))
-        for i in range(done, due):
-            batch = make_batch(i % SOURCES, first + i // SOURCES, 1, woke)
-            before = time.monotonic_ns()
-            give(batch)
-            held.append(time.monotonic_ns() - before)
-        done = due
+    async with Ticker(RATE * SOURCES) as ticker:
+        async for _ in ticker:
+            woke = time.monotonic_ns()
+            due = min(total, int((woke - begun) * 1e-9 * RATE * SOURCES))
+            for i in range(len(held), due):
+                batch = make_batch(i % SOURCES, first + i // SOURCES, 1, woke)
+                before = time.monotonic_ns()
+                give(batch)
+                held.append(time.monotonic_ns() - before)
+            if due == total:
+                break
     await asyncio.sleep(0.3)
     return begun, held
 

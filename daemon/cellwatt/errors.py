@@ -37,7 +37,7 @@ __all__ = [
 
 
 def why(error: OSError) -> str:
-    """The system's plain reason, e.g. ``Connection refused``; asyncio and ``socket`` put their own words in its place."""
+    """The system's plain reason, e.g. ``Connection refused``, where asyncio puts words of its own."""
     if error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
     return error.strerror or str(error)

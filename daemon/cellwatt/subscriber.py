@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
 from cellwatt.batch import Batch
-from cellwatt.errors import ProtocolError, SinkError
+from cellwatt.errors import ConfigError, ProtocolError, SinkError
 from cellwatt.frames import Frames
 from cellwatt.publish.encode import decode
 from cellwatt.publish.follow import Delivery, Following, Positions, Question
-from cellwatt.publish.keys import ALARM, FRAME, HEALTH, CellKeys, parse
+from cellwatt.publish.keys import ALARM, FRAME, HEALTH, KINDS, CellKeys, parse
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mailbox import Mailbox
 from cellwatt.publish.mark import Mark
@@ -87,8 +87,9 @@ class Subscriber:
 
     ``link`` is the Zenoh session to make; ``want`` topics or first parts of topics, like ``raw/arm``. ``resume`` takes
     up where an earlier run's ``positions`` were. ``patience``: time, s, to wait for what the cell should have before
-    it is called a gap. ``queue``: messages that may wait for the consumer; while it is full nothing is lost, but later
-    asked for. Use it with ``with`` or ``async with``; opening raises ``SinkError`` when the link cannot be made.
+    it is called a gap. ``queue_size``: messages that may wait for the consumer; beyond that they are let go, and asked
+    for again. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening raises
+    ``SinkError`` when the link cannot be made.
 
     Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
     """
@@ -107,6 +108,8 @@ class Subscriber:
         self._keys = CellKeys(site, cell)
         self._link = link
         self._want = tuple(want)
+        if unknown := [w for w in want if w.split("/", 1)[0] not in KINDS]:
+            raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
         self._following = Following(self._want, resume or {}, patience)
         self._standing_asked = self._following.joined
         self._mailbox: Mailbox[Message] = Mailbox(queue_size)
@@ -253,8 +256,8 @@ class Subscriber:
                 if reply.err is not None and (reason := _reason(reply.err)):
                     self._deliver(self._following.nothing(question, reason, now))
                     return
-        except ProtocolError:
-            self._following.unanswered(question, now)
+        except ProtocolError as error:
+            self._deliver(self._following.nothing(question, str(error), now))
             raise
         self._following.unanswered(question, now)
 

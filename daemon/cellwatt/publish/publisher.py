@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import threading
 import time
@@ -69,8 +68,12 @@ class Publisher(threading.Thread):
 
     def run(self) -> None:
         """Open, publish, close."""
+        import zenoh
+
         try:
             self._serve()
+        except zenoh.ZError as error:
+            self.done.set_exception(SinkError(f"Zenoh session: {error}"))
         except BaseException as error:
             self.done.set_exception(error)
         else:
@@ -113,19 +116,16 @@ class Publisher(threading.Thread):
         try:
             for path in outgoing.paths:
                 self._publisher(session, path, outgoing).put(payload, attachment=outgoing.mark.encode())
-        except zenoh.ZError as error:
+        except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
-            raise SinkError(f"Zenoh session: {error}") from None
+            raise
         self._outbox.sent(outgoing)
 
     def _put_health(self, session: zenoh.Session) -> None:
         import zenoh
 
         key = self._keys.live(HEALTH)
-        try:
-            session.put(key, self._health(), encoding=JSON, priority=zenoh.Priority.DATA, express=True)
-        except zenoh.ZError as error:
-            raise SinkError(f"Zenoh session: {error}") from None
+        session.put(key, self._health(), encoding=JSON, priority=zenoh.Priority.DATA, express=True)
 
     def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> Any:
         import zenoh
@@ -147,8 +147,10 @@ class Publisher(threading.Thread):
     def _close(session: zenoh.Session) -> None:
         import zenoh
 
-        with contextlib.suppress(zenoh.ZError):  # it was closed by the other side
+        try:
             session.close()  # type: ignore[no-untyped-call]
+        except zenoh.ZError as error:
+            log.warning("zenoh: the session did not close in order: %s", error)
 
 
 class _LinkWatch:

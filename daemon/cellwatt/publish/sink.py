@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
@@ -21,6 +22,9 @@ from cellwatt.publish.outbox import Lane, Outbox, Outgoing
 from cellwatt.publish.publisher import Publisher
 from cellwatt.quantity import Bytes
 from cellwatt.sink import CellView, Item, Sink
+
+
+log = logging.getLogger(__name__)
 
 
 class PublishSettings(BaseModel):
@@ -98,7 +102,7 @@ class ZenohSink(Sink[ZenohSettings]):
             await asyncio.wait([done])
             self._outbox.clear("shut down")
             if error := done.exception():
-                raise error from None
+                log.info("zenoh: while it was stopped: %s", error)
             raise
         finally:
             self._publisher = None

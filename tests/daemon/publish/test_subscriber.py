@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import pytest
 
-from cellwatt import Alarm, Batch, SinkError
+from cellwatt import Alarm, Batch, ConfigError, SinkError
 from cellwatt.publish import ZenohSettings, ZenohSink
 from cellwatt.publish.link import open_session
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
@@ -252,6 +252,26 @@ async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
             (message,) = await read(subscriber, 1)
     assert message.sequence == 0
     assert "is not a key of a cellwatt cell" in caplog.text
+
+
+async def test_an_answer_that_cannot_be_read_is_a_gap_after_some_patience(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
+        await joined(subscriber)
+        monkeypatch.setattr("cellwatt.publish.answers.encode_batch", lambda _: b"not Arrow")
+        cell.give(0, 4, live=False)
+        cell.give(4, 5)
+        gap, live = await read(subscriber, 2)
+        assert subscriber.counts["unreadable"] >= 2
+    assert isinstance(gap.content, Gap)
+    assert "not a cellwatt Arrow stream" in gap.content.reason
+    assert (gap.count, live.sequence) == (4, 4)
+
+
+def test_topics_that_no_cell_has_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"no cell publishes alarms, x/y; topics begin with raw, frame, "):
+        Subscriber(SITE, CELL, LinkSettings(), want=("raw/arm", "alarms", "x/y"))
 
 
 async def test_opening_that_is_cancelled_leaves_nothing_behind() -> None:
