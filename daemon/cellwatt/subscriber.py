@@ -27,13 +27,13 @@ from cellwatt.batch import Batch
 from cellwatt.errors import ConfigError, ProtocolError, SinkError
 from cellwatt.frames import Frames
 from cellwatt.publish.encode import decode
-from cellwatt.publish.follow import Delivery, Following, Positions, Question
+from cellwatt.publish.follow import Following, Positions, Question
 from cellwatt.publish.keys import ALARM, FRAME, HEALTH, KINDS, CellKeys, parse
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mailbox import Mailbox
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import decode_item, from_json
-from cellwatt.publish.order import Gap
+from cellwatt.publish.order import Gap, Part
 from cellwatt.results import Alarm, Event, Result
 
 if TYPE_CHECKING:
@@ -88,8 +88,8 @@ class Subscriber:
     ``link`` is the Zenoh session to make; ``want`` topics or first parts of topics, like ``raw/arm``. ``resume`` takes
     up where an earlier run's ``positions`` were. ``patience``: time, s, to wait for what the cell should have before
     it is called a gap. ``queue_size``: messages that may wait for the consumer; beyond that they are let go, and asked
-    for again. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening raises
-    ``SinkError`` when the link cannot be made.
+    for again. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening
+    raises ``SinkError`` when the link cannot be made.
 
     Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
     """
@@ -219,7 +219,7 @@ class Subscriber:
                 return
             mark, content = _decode(sample, address.kind)
             ready = self._following.message(address.topic, mark, content)
-            self._deliver(ready)
+            self._deliver(address.topic, ready)
             if not ready:
                 self._look.set()
 
@@ -240,29 +240,29 @@ class Subscriber:
             if reply.ok is not None:
                 mark, alarm = _decode(reply.ok, ALARM)
                 assert isinstance(alarm, Alarm)
-                self._deliver(self._following.standing(mark, alarm))
+                self._deliver(ALARM, self._following.standing(mark, alarm))
 
     def _on_recordings(self, replies: list[zenoh.Reply]) -> None:
         answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
         self._following.sessions(_sessions(answers[0]) if answers else None, time.monotonic())
 
     def _on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
-        now = time.monotonic()
+        now, topic = time.monotonic(), question.topic
         try:
             for reply in replies:
                 if reply.ok is not None:
-                    self._deliver(self._following.filled(question, _contents(reply.ok, question.topic)))
+                    self._deliver(topic, self._following.filled(question, _contents(reply.ok, topic)))
                     return
                 if reply.err is not None and (reason := _reason(reply.err)):
-                    self._deliver(self._following.nothing(question, reason, now))
+                    self._deliver(topic, self._following.nothing(question, reason, now))
                     return
         except ProtocolError as error:
-            self._deliver(self._following.nothing(question, str(error), now))
+            self._deliver(topic, self._following.nothing(question, str(error), now))
             raise
         self._following.unanswered(question, now)
 
-    def _deliver(self, deliveries: list[Delivery]) -> None:
-        for topic, part in ((d.topic, d.part) for d in deliveries):
+    def _deliver(self, topic: str, parts: list[Part]) -> None:
+        for part in parts:
             self._mailbox.put(Message(topic, part.session, part.sequence, part.backfilled, part.content))
 
     @contextlib.contextmanager

@@ -128,4 +128,6 @@ def assert_intervals_fit(audience: Audience, seconds: np.ndarray, columns: dict[
             length = interval.end - interval.start
             total += length
             agree += length * (moves == (joint + 1 in interval.moving))
-    assert agree / total > 0.9, f"intervals and velocities agree over {agree / total:.0%} of the time"
+    # In a move of a second or two at 25 Hz the uncertain edges are a good part of the whole.
+    least = 0.9 if seconds[-1] - seconds[0] > 10 else 0.75
+    assert agree / total > least, f"intervals and velocities agree over {agree / total:.0%} of the time"

@@ -31,14 +31,6 @@ Positions = Mapping[str, tuple[int, int]]
 
 
 @dataclass(frozen=True, slots=True)
-class Delivery:
-    """Something in order."""
-
-    topic: str
-    part: Part
-
-
-@dataclass(frozen=True, slots=True)
 class Question:
     """What to ask the cell for."""
 
@@ -95,10 +87,10 @@ class Following:
         """Samples and messages that came more than once and were delivered once."""
         return sum(t.follower.duplicates for t in list(self._topics.values()))
 
-    def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event) -> list[Delivery]:
-        """A live message came."""
+    def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event) -> list[Part]:
+        """A live message came; gives what is in order now."""
         state = self._topics.get(topic) or self._meet(topic, mark.session, mark.sequence)
-        return self._deliver(topic, state.follower.take(_part(mark, content, backfilled=False)))
+        return self._counted(state.follower.take(_part(mark, content, backfilled=False)))
 
     def beat(self, session: int, positions: Positions) -> None:
         """The cell said, in a session of the daemon, how far it has published."""
@@ -110,12 +102,12 @@ class Following:
         if not self.joined:
             self.joined, self._since = True, session
 
-    def standing(self, mark: Mark, alarm: Alarm) -> list[Delivery]:
+    def standing(self, mark: Mark, alarm: Alarm) -> list[Part]:
         """An alarm that is active now came as an answer; given if it was raised before this consumer began."""
         state = self._topics.get(ALARM)
         if state is None or mark.session != state.begun[0] or mark.end > state.begun[1]:
             return []
-        return self._deliver(ALARM, [_part(mark, alarm, backfilled=True)])
+        return self._counted([_part(mark, alarm, backfilled=True)])
 
     def questions(self, now: float) -> list[Question]:
         """What to ask now; each waits for ``filled``, ``nothing`` or ``unanswered``."""
@@ -160,18 +152,16 @@ class Following:
         """Whether nothing is missing as far as is known."""
         return all(t.follower.hole() is None for t in self._topics.values())
 
-    def filled(
-        self, question: Question, parts: Iterable[tuple[Mark, Batch | Frames | Result | Event]]
-    ) -> list[Delivery]:
+    def filled(self, question: Question, parts: Iterable[tuple[Mark, Batch | Frames | Result | Event]]) -> list[Part]:
         """The cell answered with these, in order."""
         state = self._answered(question)
         state.empty_since = None
         ready = [p for mark, content in parts for p in state.follower.fill(_part(mark, content, backfilled=True))]
         rest = state.follower.hole()
         state.seen, state.due = None if rest is None else _key(rest), -math.inf
-        return self._deliver(question.topic, ready)
+        return self._counted(ready)
 
-    def nothing(self, question: Question, reason: str, now: float) -> list[Delivery]:
+    def nothing(self, question: Question, reason: str, now: float) -> list[Part]:
         """The cell answered that it has nothing of that."""
         state = self._answered(question)
         if state.empty_since is None:
@@ -180,7 +170,7 @@ class Following:
             state.due = now + _AGAIN
             return []
         state.empty_since = None
-        return self._deliver(question.topic, state.follower.give_up(question.hole, reason))
+        return self._counted(state.follower.give_up(question.hole, reason))
 
     def unanswered(self, question: Question, now: float) -> None:
         """Nobody answered."""
@@ -201,11 +191,11 @@ class Following:
         state.asking = False
         return state
 
-    def _deliver(self, topic: str, parts: list[Part]) -> list[Delivery]:
+    def _counted(self, parts: list[Part]) -> list[Part]:
         for part in parts:
             what = "lost" if isinstance(part.content, Gap) else "backfilled" if part.backfilled else "live"
             self.counts[what] += part.count
-        return [Delivery(topic, part) for part in parts]
+        return parts
 
 
 def _key(hole: Hole) -> tuple[int, int, bool]:

@@ -23,7 +23,6 @@ from cellwatt.publish.publisher import Publisher
 from cellwatt.quantity import Bytes
 from cellwatt.sink import CellView, Item, Sink
 
-
 log = logging.getLogger(__name__)
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.publish.follow import GRACE, Delivery, Following, Question
+from cellwatt.publish.follow import GRACE, Following, Question
 from cellwatt.publish.mark import Mark
-from cellwatt.publish.order import Gap
+from cellwatt.publish.order import Gap, Part
 from tests.daemon.publish.fake_cell import alarm, batch
 
 RAW = "raw/arm/samples"
@@ -18,18 +18,17 @@ def mark(session: int, first: int, count: int = 1) -> Mark:
     return Mark(session, first, count, 0)
 
 
-def numbers(deliveries: list[Delivery], topic: str) -> list[tuple[int, int]]:
-    parts = [d.part for d in deliveries if d.topic == topic]
+def numbers(parts: list[Part]) -> list[tuple[int, int]]:
     return [(p.session, n) for p in parts for n in range(p.sequence, p.end)]
 
 
-def raw(following: Following, first: int, count: int = 1, session: int = 1) -> list[Delivery]:
+def raw(following: Following, first: int, count: int = 1, session: int = 1) -> list[Part]:
     return following.message(RAW, mark(session, first, count), batch(first, count))
 
 
 def test_begins_where_the_cell_is() -> None:
     following = Following(WANTED)
-    assert numbers(raw(following, 40, 2), RAW) == [(1, 40), (1, 41)]
+    assert numbers(raw(following, 40, 2)) == [(1, 40), (1, 41)]
     following.beat(1, {RAW: (1, 42), "alarm": (1, 7), "frame": (1, 9)})
     assert following.begun == {RAW: (1, 40), "alarm": (1, 7)}
     assert following.questions(0.0) == []
@@ -42,8 +41,8 @@ def test_once_joined_a_new_topic_is_owed_from_its_first_number() -> None:
     (question,) = following.questions(0.0)
     assert (question.hole.first, question.hole.count) == (0, 3)
     given_out = following.filled(question, [(mark(1, 0, 3), batch(0, 3))])
-    assert numbers(given_out, RAW) == [(1, n) for n in range(4)]
-    assert [d.part.backfilled for d in given_out] == [True, False]
+    assert numbers(given_out) == [(1, n) for n in range(4)]
+    assert [p.backfilled for p in given_out] == [True, False]
 
 
 def test_only_what_is_wanted_is_followed() -> None:
@@ -93,8 +92,8 @@ def test_what_the_cell_does_not_have_yet_is_waited_for_then_called_a_gap() -> No
     assert following.nothing(question, "not recorded", 0.9) == []
     (question,) = following.questions(1.2)
     gap, rest = following.nothing(question, "not recorded", 1.2)
-    assert gap.part.content == Gap(5, "not recorded")
-    assert rest.part.sequence == 5
+    assert gap.content == Gap(5, "not recorded")
+    assert rest.sequence == 5
     assert following.counts == {"lost": 5, "live": 1}
 
 
@@ -136,7 +135,7 @@ class World:
     up: bool = True
     now: float = 0.0
     made: dict[str, dict[int, int]] = field(default_factory=lambda: {RAW: {}, "alarm": {}})
-    given_out: list[Delivery] = field(default_factory=list)
+    given_out: dict[str, list[Part]] = field(default_factory=lambda: {RAW: [], "alarm": []})
     joined: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def make(self, topic: str, count: int, arrives: bool) -> None:
@@ -145,7 +144,7 @@ class World:
         for n, c in [(first, count)] if topic == RAW else [(first + i, 1) for i in range(count)]:
             if self.up and arrives:
                 content = batch(n, c) if topic == RAW else alarm(n)
-                self.given_out += self.following.message(topic, mark(self.session, n, c), content)
+                self.given_out[topic] += self.following.message(topic, mark(self.session, n, c), content)
 
     def beat(self) -> None:
         if self.up:
@@ -164,13 +163,13 @@ class World:
             hole, made = question.hole, self.made[question.topic]
             count = min(made.get(hole.session, 0) - hole.first, 3, hole.count or 3)
             if count <= 0:
-                self.given_out += self.following.nothing(question, "nothing", self.now)
+                self.given_out[question.topic] += self.following.nothing(question, "nothing", self.now)
             elif question.topic == RAW:
                 found = [(mark(hole.session, hole.first, count), batch(hole.first, count))]
-                self.given_out += self.following.filled(question, found)
+                self.given_out[question.topic] += self.following.filled(question, found)
             else:
                 alarms = [(mark(hole.session, hole.first + i), alarm(hole.first + i)) for i in range(count)]
-                self.given_out += self.following.filled(question, alarms)
+                self.given_out[question.topic] += self.following.filled(question, alarms)
 
 
 STEPS = st.one_of(
@@ -202,7 +201,7 @@ def test_cuts_losses_and_restarts_lose_and_double_nothing(steps: list[tuple]) ->
         world.answer()
     assert world.following.complete
     for topic, sessions in world.made.items():
-        seen = numbers(world.given_out, topic)
+        seen = numbers(world.given_out[topic])
         known = {session for session, _ in seen}
         assert world.session in known
         # Results are not recorded: of a session in which a cut let nothing through there is nobody left to tell.
