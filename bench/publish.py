@@ -169,11 +169,12 @@ async def pace(give: Give, seconds: float, first: int) -> tuple[int, list[int]]:
     sockets then. Gives the monotonic time of the beginning and for how long each ``give`` held the loop, ns.
     """
     held: list[int] = []
-    begun = time.monotonic_ns()
+    begun = 0
     total = int(seconds * RATE * SOURCES)
     async with Ticker(RATE * SOURCES) as ticker:
         async for _ in ticker:
             woke = time.monotonic_ns()
+            begun = begun or woke
             due = min(total, int((woke - begun) * 1e-9 * RATE * SOURCES))
             for i in range(len(held), due):
                 batch = make_batch(i % SOURCES, first + i // SOURCES, 1, woke)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 from collections import deque
 from collections.abc import Iterator
@@ -50,7 +51,10 @@ class Outbox:
     def __init__(self, limit: int, account: Account) -> None:
         self._limit = limit
         self._account = account
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        # A token in it wakes the taker. A Condition would wake it while its lock is still held: two switches.
+        self._wake_up: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._idle = False
         self._results: deque[Outgoing] = deque()
         self._frames: deque[Outgoing] = deque()
         self._raw: dict[str, deque[tuple[int, Outgoing]]] = {}
@@ -61,7 +65,7 @@ class Outbox:
 
     def put(self, lane: Lane, outgoing: Outgoing) -> None:
         """Add an item; never blocks."""
-        with self._changed:
+        with self._lock:
             self._ends[outgoing.topic] = (outgoing.mark.session, outgoing.mark.end)
             while self._waiting >= self._limit:
                 self._drop_oldest()
@@ -70,38 +74,44 @@ class Outbox:
             else:
                 (self._results if lane is Lane.RESULTS else self._frames).append(outgoing)
             self._waiting += 1
-            self._changed.notify()
+            idle, self._idle = self._idle, False
+        if idle:
+            self._wake_up.put(None)
 
     def wake(self) -> None:
-        """Make the ``take`` that runs now, or the next one, return."""
-        with self._changed:
+        """Make the ``take`` that runs now, or the next one that would wait, return."""
+        with self._lock:
             self._woken = True
-            self._changed.notify()
+            idle, self._idle = self._idle, False
+        if idle:
+            self._wake_up.put(None)
 
     def take(self) -> Outgoing | None:
-        """The next item, or ``None`` after ``wake`` where nothing waits. Blocks until either."""
-        with self._changed:
-            while not self._waiting:
+        """The next item, or ``None`` after ``wake`` where nothing waits. Blocks until either; for one thread."""
+        while True:
+            with self._lock:
+                if self._waiting:
+                    return self._next()
                 if self._woken:
                     self._woken = False
                     return None
-                self._changed.wait()
-            return self._next()
+                self._idle = True
+            self._wake_up.get()
 
     def sent(self, outgoing: Outgoing) -> None:
         """An item that was taken is on its way."""
-        with self._changed:
+        with self._lock:
             self._account.expect(outgoing.mark.count)
             self._account.receive(outgoing.mark.count)
 
     def lost(self, outgoing: Outgoing, where: str) -> None:
         """An item that was taken could not be sent."""
-        with self._changed:
+        with self._lock:
             self._drop(outgoing, where)
 
     def positions(self) -> dict[str, tuple[int, int]]:
         """By topic, session and the number up to which nothing waits any more."""
-        with self._changed:
+        with self._lock:
             found = dict(self._ends)
             for outgoing in reversed(list(self._all())):
                 found[outgoing.topic] = (outgoing.mark.session, outgoing.mark.sequence)
@@ -109,7 +119,7 @@ class Outbox:
 
     def clear(self, where: str) -> None:
         """Give up what waits."""
-        with self._changed:
+        with self._lock:
             for outgoing in self._all():
                 self._drop(outgoing, where)
             self._results.clear()
@@ -119,7 +129,7 @@ class Outbox:
 
     def count(self, what: str) -> None:
         """Count anything else in the account, from any thread."""
-        with self._changed:
+        with self._lock:
             self._account.count(what)
 
     def __len__(self) -> int:

@@ -11,16 +11,16 @@ from typing import Any
 from cellwatt.align import Aligner
 from cellwatt.batch import Batch, Tick
 from cellwatt.cell_clock import CellClock
-from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, SinkConfig, SourceConfig, public_config
 from cellwatt.driver import Driver
 from cellwatt.errors import CellwattError, SinkError
-from cellwatt.frames import Frames, Layout
+from cellwatt.frames import Frames
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import driver as find_driver
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
 from cellwatt.runtime.assemble import make_chains, streams_of
+from cellwatt.runtime.health import alignment, colour, describe
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.worker import Worker
@@ -288,13 +288,13 @@ class Cell:
             "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
             "loop_lag_ms": round(1e3 * self._lag, 3),
             "sources": sources,
-            "frames": {"count": self._frames, "streams": _alignment(self._aligner)},
+            "frames": {"count": self._frames, "streams": alignment(self._aligner)},
             "stages": stages,
             "results": self._results,
             "sinks": sinks,
             "recorder": self._recorder.stats() if self._recorder is not None else None,
         }
-        status["state"] = _colour(status)
+        status["state"] = colour(status)
         return status
 
     # what sinks may ask (cellwatt.sink.CellView) -----------------------------------------------------
@@ -368,33 +368,3 @@ class Cell:
 def changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Names that were added, removed or differ."""
     return [n for n in dict.fromkeys([*old, *new]) if old.get(n) != new.get(n)]
-
-
-def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[str, Any]:
-    """Streams and frame columns with units and methods, JSON-ready."""
-    return {
-        "streams": {
-            source: [
-                {"name": s.name, "rate_hz": s.rate, "clock": s.clock, "channels": [asdict(c) for c in s.channels]}
-                for s in given
-            ]
-            for source, given in streams.items()
-        },
-        "frame": {"rate_hz": layout.rate, "channels": [asdict(c) for c in layout.channels]},
-    }
-
-
-def _alignment(aligner: Aligner) -> dict[str, dict[str, int]]:
-    counts = aligner.counts.items()
-    return {f"{source}/{stream}": asdict(found) for (source, stream), found in counts} | {
-        "cell": {"skipped": aligner.skipped}
-    }
-
-
-def _colour(status: Mapping[str, Any]) -> str:
-    sources = [s["state"] for s in status["sources"].values()]
-    recorder = status["recorder"]
-    if (sources and all(s == "retrying" for s in sources)) or (recorder and recorder["state"] != "ok"):
-        return "red"
-    parts = [s["state"] for part in ("stages", "sinks") for s in status[part].values()]
-    return "amber" if any(s != "ok" for s in (*sources, *parts)) else "green"

@@ -45,8 +45,8 @@ def troubles(status: Mapping[str, Any]) -> list[Trouble]:
             found.append(Trouble("sink_down", "warning", name, f"Sink {name} is down: {sink['error']}", {}))
     recorder = status.get("recorder")
     if recorder is not None and recorder["state"] != "ok":
-        text = f"Recording is disturbed: {recorder['state']}"
-        found.append(Trouble("recorder", "error", "recorder", text, {"lost_samples": recorder.get("lost", 0)}))
+        text = f"Recording is disturbed: {recorder['state']} {recorder.get('problem', '')}".rstrip()
+        found.append(Trouble("recorder", "error", "recorder", text, {"refused": dict(recorder.get("drops", {}))}))
     return found
 
 

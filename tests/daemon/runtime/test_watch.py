@@ -54,7 +54,7 @@ def test_other_parts() -> None:
     sick = status() | {
         "stages": {"power": {"state": "broken", "error": "KeyError: 1"}},
         "sinks": {"zenoh": {"state": "down", "error": "no route"}},
-        "recorder": {"state": "disk full", "lost": 7},
+        "recorder": {"state": "disk full", "problem": "no space left", "drops": {"/raw/arm/rtde": 7}},
     }
     kinds = {a.kind for now in range(PATIENCE) for a in watch.look(sick, now)}
     assert kinds == {"stage_broken", "sink_down", "recorder"}

@@ -1,0 +1,43 @@
+"""The cell's health and schema as figures that a message can carry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from cellwatt.align import Aligner
+from cellwatt.channel import Stream
+from cellwatt.frames import Layout
+
+
+def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[str, Any]:
+    """Streams and frame columns with units and methods, JSON-ready."""
+    return {
+        "streams": {
+            source: [
+                {"name": s.name, "rate_hz": s.rate, "clock": s.clock, "channels": [asdict(c) for c in s.channels]}
+                for s in given
+            ]
+            for source, given in streams.items()
+        },
+        "frame": {"rate_hz": layout.rate, "channels": [asdict(c) for c in layout.channels]},
+    }
+
+
+def alignment(aligner: Aligner) -> dict[str, dict[str, int]]:
+    """Samples that did not make it into their frames, by stream, and frames left out."""
+    counts = aligner.counts.items()
+    return {f"{source}/{stream}": asdict(found) for (source, stream), found in counts} | {
+        "cell": {"skipped": aligner.skipped}
+    }
+
+
+def colour(status: Mapping[str, Any]) -> str:
+    """``green``: all is well; ``amber``: a part is not; ``red``: no source delivers, or nothing can be recorded."""
+    sources = [s["state"] for s in status["sources"].values()]
+    recorder = status["recorder"]
+    if (sources and all(s == "retrying" for s in sources)) or (recorder and recorder["state"] != "ok"):
+        return "red"
+    parts = [s["state"] for part in ("stages", "sinks") for s in status[part].values()]
+    return "amber" if any(s != "ok" for s in (*sources, *parts)) else "green"
