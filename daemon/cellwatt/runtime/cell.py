@@ -53,7 +53,7 @@ class Cell:
         self._frames = 0
         self._results = 0
         self._fresh = False
-        self._began = False
+        self._began = asyncio.Event()
         self._active: dict[str, Alarm] = {}
         self._watch = Watch()
         self._status: dict[str, Any] = {}
@@ -188,14 +188,16 @@ class Cell:
         if self._recorder is not None and not self._recorder.batch(batch):
             self._sources[batch.source].account.count("not recorded", len(batch))
         self._offer(batch)
-        self._fresh = self._began = True
+        self._fresh = True
+        self._began.set()
         for frames in self._aligner.add(batch):
             self._give_frames(frames)
 
     async def _ticks(self) -> None:
+        await self._began.wait()
         async with Ticker(self._config.frames.rate) as ticker:
             async for _ in ticker:
-                if self._began and not self._fresh:
+                if not self._fresh:
                     tick = Tick(self.clock.now())
                     if self._recorder is not None:
                         self._recorder.tick(tick)
