@@ -27,7 +27,7 @@ SPRING = {"stiffness": 60.0, "rest": 1.4}
 DEVICES = {
     "arm": ("ur", "127.0.0.1:0", "1.0"),
     "board": ("power_board", "pty", "1.0"),
-    "positioner": ("yaskawa", "127.0.0.1:0", "0.8", "--option", "answer_ms=4"),
+    "positioner": ("yaskawa", "127.0.0.1:0", "0.8", "--option", "answer_ms=2"),
     "mains": ("scpi_analyzer", "127.0.0.1:0", "0.8"),
 }
 """Source, its driver, where the emulator listens, and how fast its arm moves."""
