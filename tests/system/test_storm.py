@@ -120,7 +120,7 @@ async def storm(folder: Path, seconds: float, seed: int) -> None:
             for kind in set(KINDS[name]) - ONE_SHOT:
                 await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
         marks = {n: audience.source(n)["received"] for n in KINDS}
-        await audience.until(lambda a: all(a.source(n)["received"] > m + 20 for n, m in marks.items()), 60)
+        await audience.until(lambda a: all(a.source(n)["received"] > m + 20 for n, m in marks.items()), 120)
         assert not audience.unbalanced, audience.unbalanced[:3]
         assert not audience.gaps
         assert audience.status["loop_lag_ms"] < 1000

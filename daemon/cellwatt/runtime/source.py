@@ -23,7 +23,7 @@ from cellwatt.runtime.rate import RateMeter
 
 log = logging.getLogger(__name__)
 
-FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 30.0, 10.0  # s
+FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 10.0, 10.0  # s
 STEADY = 5.0
 """A connection that lasted this long, s, resets the back-off."""
 
