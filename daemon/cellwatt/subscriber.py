@@ -12,28 +12,32 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
 from cellwatt.batch import Batch
 from cellwatt.errors import ConfigError, ProtocolError, SinkError
 from cellwatt.frames import Frames
-from cellwatt.publish.encode import decode
 from cellwatt.publish.follow import Following, Positions, Question
 from cellwatt.publish.keys import ALARM, FRAME, HEALTH, KINDS, CellKeys, parse
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mailbox import Mailbox
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.messages import decode_item, from_json
 from cellwatt.publish.order import Gap, Part
+from cellwatt.publish.received import (
+    Health,
+    read_answer,
+    read_health,
+    read_message,
+    read_refusal,
+    read_sessions,
+)
 from cellwatt.results import Alarm, Event, Result
 
 if TYPE_CHECKING:
@@ -47,16 +51,6 @@ EVERYTHING: Final = ("raw", "frame", "interval", "task", "prediction", "alarm", 
 """All topics of a cell."""
 _TICK: Final = 0.05  # s, between two looks at what is missing
 _TIMEOUT: Final = 5.0  # s, for the answer to one question
-
-
-@dataclass(frozen=True, slots=True)
-class Health:
-    """The cell's health message, about once a second; ``positions``: by topic, session and next number."""
-
-    session: int
-    time: int
-    positions: Positions
-    status: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +211,7 @@ class Subscriber:
             if address.kind == HEALTH:
                 self._on_health(sample.payload.to_bytes(), HEALTH in self._want)
                 return
-            mark, content = _decode(sample, address.kind)
+            mark, content = read_message(sample, address.kind)
             ready = self._following.message(address.topic, mark, content)
             self._deliver(address.topic, ready)
             if not ready:
@@ -229,7 +223,7 @@ class Subscriber:
                 self._on_health(reply.ok.payload.to_bytes(), wanted=False)
 
     def _on_health(self, payload: bytes, wanted: bool) -> None:
-        health = _health(payload)
+        health = read_health(payload)
         self._following.beat(health.session, health.positions)
         if wanted:
             self._mailbox.put(Message(HEALTH, health.session, health.time, False, health))
@@ -238,22 +232,22 @@ class Subscriber:
     def _on_standing(self, replies: list[zenoh.Reply]) -> None:
         for reply in replies:
             if reply.ok is not None:
-                mark, alarm = _decode(reply.ok, ALARM)
+                mark, alarm = read_message(reply.ok, ALARM)
                 assert isinstance(alarm, Alarm)
                 self._deliver(ALARM, self._following.standing(mark, alarm))
 
     def _on_recordings(self, replies: list[zenoh.Reply]) -> None:
         answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
-        self._following.sessions(_sessions(answers[0]) if answers else None, time.monotonic())
+        self._following.sessions(read_sessions(answers[0]) if answers else None, time.monotonic())
 
     def _on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
         now, topic = time.monotonic(), question.topic
         try:
             for reply in replies:
                 if reply.ok is not None:
-                    self._deliver(topic, self._following.filled(question, _contents(reply.ok, topic)))
+                    self._deliver(topic, self._following.filled(question, read_answer(reply.ok, topic)))
                     return
-                if reply.err is not None and (reason := _reason(reply.err)):
+                if reply.err is not None and (reason := read_refusal(reply.err)):
                     self._deliver(topic, self._following.nothing(question, reason, now))
                     return
         except ProtocolError as error:
@@ -342,51 +336,3 @@ class Subscriber:
         name = "history" if address.kind in ("raw", FRAME) else "results"
         parameters = ";".join(f"{k}={quote(str(v), safe='')}" for k, v in asked.items())
         return f"{self._keys.question(name)}?{parameters}"
-
-
-def _decode(sample: zenoh.Sample, kind: str) -> tuple[Mark, Batch | Frames | Result | Event]:
-    """Raises ``ProtocolError``."""
-    mark = _mark(sample)
-    payload = sample.payload.to_bytes()
-    return mark, decode(payload, mark) if kind in ("raw", FRAME) else decode_item(kind, payload)
-
-
-def _mark(sample: zenoh.Sample) -> Mark:
-    return Mark.decode(sample.attachment.to_bytes() if sample.attachment is not None else b"")
-
-
-def _contents(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
-    """What an answer about the past holds, in order. Raises ``ProtocolError``."""
-    kind = topic.split("/", 1)[0]
-    if kind in ("raw", FRAME):
-        return [_decode(sample, kind)]
-    mark = _mark(sample)
-    try:
-        bodies = json.loads(sample.payload.to_bytes())
-        return [(Mark(mark.session, b["mark"]["sequence"], 1, mark.arrival, True), from_json(kind, b)) for b in bodies]
-    except (ValueError, KeyError, TypeError) as error:
-        raise ProtocolError(f"an answer about {topic} is not a list of results: {error}") from error
-
-
-def _health(payload: bytes) -> Health:
-    try:
-        body = json.loads(payload)
-        positions = {topic: (int(session), int(end)) for topic, (session, end) in body["positions"].items()}
-        return Health(int(body["session"]), int(body["time"]), positions, body["status"])
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ProtocolError(f"a health message is not what its schema says: {error}") from error
-
-
-def _sessions(payload: bytes) -> list[int]:
-    try:
-        return list(dict.fromkeys(int(recording["session"]) for recording in json.loads(payload)))
-    except (ValueError, KeyError, TypeError):
-        return []  # a cell that does not say of which sessions its recordings are
-
-
-def _reason(error: zenoh.ReplyError) -> str | None:
-    """What the cell says against a question; ``None`` where Zenoh itself gave up."""
-    try:
-        return str(json.loads(error.payload.to_bytes())["error"])
-    except (ValueError, KeyError, TypeError):
-        return None

@@ -1,0 +1,81 @@
+"""What a consumer reads from Zenoh's samples and replies."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cellwatt.batch import Batch
+from cellwatt.errors import ProtocolError
+from cellwatt.frames import Frames
+from cellwatt.publish.encode import decode
+from cellwatt.publish.follow import Positions
+from cellwatt.publish.keys import FRAME
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import decode_item, from_json
+from cellwatt.results import Event, Result
+
+if TYPE_CHECKING:
+    import zenoh
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """The cell's health message, about once a second; ``positions``: by topic, session and next number."""
+
+    session: int
+    time: int
+    positions: Positions
+    status: Mapping[str, Any]
+
+
+def read_message(sample: zenoh.Sample, kind: str) -> tuple[Mark, Batch | Frames | Result | Event]:
+    """Mark and content of a message of a kind of topic. Raises ``ProtocolError`` where it is none."""
+    mark = _mark(sample)
+    payload = sample.payload.to_bytes()
+    return mark, decode(payload, mark) if kind in ("raw", FRAME) else decode_item(kind, payload)
+
+
+def _mark(sample: zenoh.Sample) -> Mark:
+    return Mark.decode(sample.attachment.to_bytes() if sample.attachment is not None else b"")
+
+
+def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
+    """What an answer about the past holds, in order. Raises ``ProtocolError``."""
+    kind = topic.split("/", 1)[0]
+    if kind in ("raw", FRAME):
+        return [read_message(sample, kind)]
+    mark = _mark(sample)
+    try:
+        bodies = json.loads(sample.payload.to_bytes())
+        return [(Mark(mark.session, b["mark"]["sequence"], 1, mark.arrival, True), from_json(kind, b)) for b in bodies]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ProtocolError(f"an answer about {topic} is not a list of results: {error}") from error
+
+
+def read_health(payload: bytes) -> Health:
+    """Raises ``ProtocolError`` where it is no health message."""
+    try:
+        body = json.loads(payload)
+        positions = {topic: (int(session), int(end)) for topic, (session, end) in body["positions"].items()}
+        return Health(int(body["session"]), int(body["time"]), positions, body["status"])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ProtocolError(f"a health message is not what its schema says: {error}") from error
+
+
+def read_sessions(payload: bytes) -> list[int]:
+    """The sessions of the recordings that a cell lists, oldest first."""
+    try:
+        return list(dict.fromkeys(int(recording["session"]) for recording in json.loads(payload)))
+    except (ValueError, KeyError, TypeError):
+        return []  # a cell that does not say of which sessions its recordings are
+
+
+def read_refusal(error: zenoh.ReplyError) -> str | None:
+    """What the cell says against a question; ``None`` where Zenoh itself gave up."""
+    try:
+        return str(json.loads(error.payload.to_bytes())["error"])
+    except (ValueError, KeyError, TypeError):
+        return None
