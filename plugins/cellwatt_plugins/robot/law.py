@@ -1,0 +1,38 @@
+"""The simulation's law: what the nominal robot says of torque and supply power."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.rigid_body import RigidBody
+
+Float = NDArray[np.float64]
+
+SIGN_WIDTH = 0.004
+"""rad/s: Coulomb friction turns over within this velocity, tanh(qd / 0.004)."""
+
+
+def column(robot: RobotDescription, name: str) -> Float:
+    """One number of every joint, e.g. ``coulomb_friction``: (n,)."""
+    return np.array([getattr(joint, name) for joint in robot.joints], np.float64)
+
+
+def nominal_torque(robot: RobotDescription, body: RigidBody, q: Float, qd: Float, qdd: Float) -> Float:
+    """Motor torques (N, n) Nm at the joint side: rigid body, rotor, Coulomb and viscous friction."""
+    rotor = column(robot, "rotor_inertia") * qdd
+    coulomb = column(robot, "coulomb_friction") * np.tanh(qd / SIGN_WIDTH)
+    return body.inverse_dynamics(q, qd, qdd) + rotor + coulomb + column(robot, "viscous_friction") * qd
+
+
+def copper_loss(robot: RobotDescription, torque: Float) -> Float:
+    """Heat (N, n) W in each winding: R (torque / torque constant)²; 0 where either is unknown."""
+    constant = column(robot, "torque_constant")
+    gain = np.divide(column(robot, "winding_resistance"), constant**2, out=np.zeros_like(constant), where=constant > 0)
+    return np.asarray(torque**2 * gain)
+
+
+def nominal_power(robot: RobotDescription, torque: Float, qd: Float) -> Float:
+    """Supply power (N,) W: standby, mechanical power and copper loss."""
+    return np.asarray(robot.standby_power + np.sum(torque * qd + copper_loss(robot, torque), axis=1))

@@ -1,0 +1,80 @@
+"""Rigid-body dynamics of a URDF, for whole recordings at a time (rows: samples, columns: joints)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+
+Float = NDArray[np.float64]
+
+PER_LINK = 10
+"""Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""
+
+
+class RigidBody:
+    """The serial arm of a URDF with ``joints`` moving, in that order; all else is fixed."""
+
+    def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
+        """Raises ``ConfigError`` where the URDF cannot be read or lacks a joint."""
+        try:
+            model = pin.buildModelFromUrdf(str(urdf))
+        except (ValueError, RuntimeError) as error:
+            raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
+        names = list(model.names)[1:]
+        if missing := [name for name in joints if name not in names]:
+            raise ConfigError(f"{urdf}: no moving joint {', '.join(missing)}; there are {', '.join(names)}")
+        if others := [model.getJointId(name) for name in names if name not in joints]:
+            model = pin.buildReducedModel(model, others, pin.neutral(model))
+        if tuple(model.names)[1:] != joints or model.nq != len(joints):
+            raise ConfigError(
+                f"{urdf}: its joints come in the order {', '.join(list(model.names)[1:])}, "
+                f"the description has {', '.join(joints)}: the order must be from the base, each with one angle"
+            )
+        self.model = model
+        self._data = model.createData()
+
+    @property
+    def joints(self) -> int:
+        """Number of joints, n."""
+        return int(self.model.nv)
+
+    def parameters(self) -> Float:
+        """Inertial parameters of all links, (10 n,); see ``PER_LINK``."""
+        return np.concatenate([self.model.inertias[i + 1].toDynamicParameters() for i in range(self.joints)])
+
+    def inverse_dynamics(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Joint torques (N, n) Nm for ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each."""
+        model, data = self.model, self._data
+        return np.stack([pin.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)])
+
+    def gravity_torque(self, q: Float) -> Float:
+        """Torques (N, n) Nm that hold the arm still at ``q`` (N, n) rad."""
+        return np.stack([pin.computeGeneralizedGravity(self.model, self._data, row) for row in q])
+
+    def regressor(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Y (N, n, 10 n) with torques = Y · ``parameters()``; linear identification model (Khalil, Dombre, ch. 12)."""
+        out = np.empty((len(q), self.joints, PER_LINK * self.joints))
+        for i, row in enumerate(zip(q, qd, qdd, strict=True)):
+            out[i] = pin.computeJointTorqueRegressor(self.model, self._data, *row)
+        return out
+
+    def own_inertia(self, q: Float) -> Float:
+        """Diagonal (N, n) kg m² of the mass matrix at ``q`` (N, n) rad: what each joint feels alone."""
+        return np.stack([np.diag(pin.crba(self.model, self._data, row)) for row in q])
+
+    def inertia_of(self, q: Float, joint: int) -> Float:
+        """Column (N, n) kg m² of the mass matrix: what each joint needs when ``joint`` (0-based) accelerates."""
+        model, data = self.model, self._data
+        return np.stack([pin.crba(model, data, row)[:, joint] for row in q])
+
+    def tilt_torque(self, q: Float, gravity: Float) -> Float:
+        """Torques (N, n) Nm that ``gravity`` (3,) m/s² in the base frame, instead of the vertical one, would need."""
+        tilted = self.model.copy()
+        tilted.gravity = pin.Motion(np.asarray(gravity, np.float64), np.zeros(3))
+        data = tilted.createData()
+        return np.stack([pin.computeGeneralizedGravity(tilted, data, row) for row in q])

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.robot import RigidBody
+from tests.plugins.robot import planar_arm as truth
+
+
+def body_of(folder, joints=("shoulder", "elbow"), **arm):
+    path = folder / "arm.urdf"
+    path.write_text(truth.urdf(**arm))
+    return RigidBody(path, joints)
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    return body_of(tmp_path_factory.mktemp("planar"))
+
+
+def test_inverse_dynamics_are_the_textbooks(body):
+    q, qd, qdd = truth.motion()
+    assert body.joints == 2
+    np.testing.assert_allclose(body.inverse_dynamics(q, qd, qdd), truth.torque(q, qd, qdd), atol=1e-10)
+
+
+def test_each_part_alone(body):
+    q, qd, _ = truth.motion(seed=1)
+    rest = np.zeros_like(q)
+    np.testing.assert_allclose(body.gravity_torque(q), truth.gravity(q), atol=1e-10)
+    moved = body.inverse_dynamics(q, qd, rest) - truth.gravity(q)
+    np.testing.assert_allclose(moved, truth.coriolis(q, qd), atol=1e-10)
+    np.testing.assert_allclose(body.own_inertia(q), np.diagonal(truth.mass_matrix(q), axis1=1, axis2=2), atol=1e-10)
+
+
+def test_parameters_are_mass_first_moment_and_inertia_about_the_joint(body):
+    m, mx, my, mz, xx, xy, yy, xz, yz, zz = body.parameters()[:10]
+    assert m == truth.M1
+    assert (mx, my, mz) == pytest.approx((truth.M1 * truth.C1, truth.M1 * 0.05, 0))
+    assert yy == pytest.approx(truth.I1 + truth.M1 * truth.C1**2)
+    assert xx == pytest.approx(0.02 + truth.M1 * 0.05**2)
+    assert zz == pytest.approx(0.03 + truth.M1 * (truth.C1**2 + 0.05**2))
+    assert (xy, xz, yz) == pytest.approx((-truth.M1 * truth.C1 * 0.05, 0, 0))
+
+
+def test_the_regressor_is_linear_in_the_parameters(body):
+    q, qd, qdd = truth.motion(seed=2)
+    regressor = body.regressor(q, qd, qdd)
+    assert regressor.shape == (len(q), 2, 20)
+    np.testing.assert_allclose(regressor @ body.parameters(), truth.torque(q, qd, qdd), atol=1e-10)
+
+
+def test_the_regressor_knows_a_payload(body):
+    """A point mass at the tip of the second link, by its parameters alone."""
+    q, qd, qdd = truth.motion(seed=3)
+    mass, reach = 2.0, 0.4
+    load = np.zeros(20)
+    load[10:14] = mass * np.array([1, reach, 0, 0])
+    load[[16, 19]] = mass * reach**2
+    with_load = body.regressor(q, qd, qdd) @ (body.parameters() + load)
+    tip = mass * reach
+    cos, sin = np.cos(q[:, 1]), np.sin(q[:, 1])
+    both = q.sum(axis=1)
+    second = tip * (
+        reach * (qdd[:, 0] + qdd[:, 1]) + truth.L1 * (cos * qdd[:, 0] + sin * qd[:, 0] ** 2) - truth.G * np.cos(both)
+    )
+    first = second + mass * truth.L1 * (
+        truth.L1 * qdd[:, 0]
+        + reach * (cos * (qdd[:, 0] + qdd[:, 1]) - sin * (qd[:, 0] + qd[:, 1]) ** 2)
+        - truth.G * np.cos(q[:, 0])
+    )
+    np.testing.assert_allclose(with_load - truth.torque(q, qd, qdd), np.column_stack([first, second]), atol=1e-9)
+
+
+def test_tilt_turns_gravity(body):
+    q, _, _ = truth.motion(seed=4)
+    angle = 0.1
+    down = (truth.G * np.sin(angle), -truth.G * np.cos(angle))
+    tilted = body.tilt_torque(q, np.array([down[0], 0.0, down[1]]))
+    np.testing.assert_allclose(tilted, truth.gravity(q, down), atol=1e-10)
+    np.testing.assert_allclose(body.gravity_torque(q), truth.gravity(q), atol=1e-10)
+
+
+def test_joints_not_named_are_fixed(tmp_path):
+    q, qd, qdd = truth.motion(seed=5)
+    with_gripper = body_of(tmp_path, gripper=True)
+    assert with_gripper.joints == 2
+    np.testing.assert_allclose(with_gripper.inverse_dynamics(q, qd, qdd), truth.torque(q, qd, qdd), atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("joints", "arm", "message"),
+    [
+        (("shoulder", "wrist"), {}, "no moving joint wrist; there are shoulder, elbow"),
+        (
+            ("elbow", "shoulder"),
+            {},
+            "its joints come in the order shoulder, elbow, the description has elbow, shoulder",
+        ),
+        (("shoulder", "elbow"), {"kind": "continuous"}, "each with one angle"),
+    ],
+)
+def test_what_does_not_fit_is_said(tmp_path, joints, arm, message):
+    with pytest.raises(ConfigError) as caught:
+        body_of(tmp_path, joints, **arm)
+    assert message in str(caught.value)
+    assert str(tmp_path / "arm.urdf") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "no xml", "<robot name='x'/>", "<robot name='x'><link name='a'/>"])
+def test_what_is_no_urdf_is_said(tmp_path, text):
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(ConfigError, match=r"arm\.urdf"):
+        RigidBody(tmp_path / "arm.urdf", ("shoulder",))
+
+
+def test_a_urdf_that_is_not_there(tmp_path):
+    with pytest.raises(ConfigError, match=r"none\.urdf: cannot be read as a URDF"):
+        RigidBody(tmp_path / "none.urdf", ("shoulder",))
