@@ -1,0 +1,1 @@
+"""Where simulation and recordings differ: find it, name it, model it, show the fit improve."""

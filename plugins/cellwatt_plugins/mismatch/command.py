@@ -1,0 +1,145 @@
+"""``cellwatt explain`` and ``cellwatt simulate``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from threadpoolctl import threadpool_limits
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.admission import examine
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.explain import explain as explain_runs
+from cellwatt_plugins.mismatch.findings import Findings
+from cellwatt_plugins.mismatch.model import Prediction, load_model, predict, save_model
+from cellwatt_plugins.mismatch.reading import read_motion, read_runs
+from cellwatt_plugins.mismatch.report import write_report
+from cellwatt_plugins.mismatch.suggest import suggest, suggestion_in_words, write_suggestion
+from cellwatt_plugins.mismatch.traces import noise_floors, traces_of
+from cellwatt_plugins.robot import RigidBody, load_robot
+
+WRITTEN = ("findings.json", "model.yaml", "report.html")
+FILE = click.Path(exists=True, path_type=Path)
+
+
+class _Explain(click.Command):
+    """``--simulation A B C``: all that follows it, up to the next option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        following = False
+        for word in args:
+            if word == "--simulation" or word.startswith("-"):
+                following = word == "--simulation"
+                spread += [] if following else [word]
+            else:
+                spread += ["--simulation", word] if following else [word]
+        return super().parse_args(ctx, spread)
+
+
+@click.command(cls=_Explain)
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
+@click.option(
+    "--simulation", "simulations", multiple=True, type=FILE, help="What the simulation says, one a recording."
+)
+@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
+@click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+@click.option("--no-report", is_flag=True, help="Leave out report.html.")
+@click.option(
+    "--suggest",
+    "experiment",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="CSV file to write: the motion that would tell what these recordings cannot.",
+)
+def explain(
+    recordings: tuple[Path, ...],
+    simulations: tuple[Path, ...],
+    robot: Path,
+    out: Path,
+    as_json: bool,
+    no_report: bool,
+    experiment: Path | None,
+) -> None:
+    """Say where RECORDINGs differ from the simulation, which physics it leaves out, and what a model gains.
+
+    Recordings and simulations are Parquet, CSV or cellwatt's own. Several simulations may follow one --simulation.
+    Without simulations, robot.yaml is simulated on the recorded motion. Writes findings.json, model.yaml and
+    report.html.
+    """
+    description = load_robot(robot)
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    runs = read_runs(recordings, simulations, description, body)
+    notes = examine(runs, description, body)
+    with threadpool_limits(1):
+        found = explain_runs(runs, description, body, notes=notes)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "findings.json").write_text(json.dumps(found.findings.as_json(), indent=1))
+    save_model(found.model, out / "model.yaml")
+    if not no_report:
+        write_report(
+            out / "report.html", found.findings, traces_of(runs, found), description.robot, noise_floors(found)
+        )
+    click.echo(json.dumps(found.findings.as_json()) if as_json else in_words(found, out))
+    if experiment is not None:
+        with threadpool_limits(1):
+            suggestion = suggest(found)
+        if suggestion.motion is not None:
+            write_suggestion(suggestion.motion, experiment)
+        click.echo(suggestion_in_words(suggestion, experiment), err=as_json)
+
+
+@click.command()
+@click.option("--model", required=True, type=FILE, help="model.yaml of `cellwatt explain`, or its folder.")
+@click.option("--motion", required=True, type=FILE, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
+@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
+def simulate(model: Path, motion: Path, out: Path) -> None:
+    """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power."""
+    loaded = load_model(model)
+    with threadpool_limits(1):
+        predicted = predict(loaded, read_motion(motion, loaded.robot))
+    write_prediction(predicted, out)
+    click.echo(f"written to {out}: {len(predicted.time)} samples")
+
+
+def write_prediction(predicted: Prediction, path: Path) -> None:
+    """Write t, tau_1 … tau_n and power as Parquet. Raises ``RecordingError``."""
+    columns = {"t": predicted.time}
+    columns |= {f"tau_{i + 1}": predicted.torque[:, i] for i in range(predicted.torque.shape[1])}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.table({**columns, "power": np.asarray(predicted.power)}), path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def in_words(found: Explained, out: Path) -> str:
+    """The findings as a person reads them at the terminal."""
+    findings = found.findings
+    lines = [_headline(findings)]
+    for finding in findings.findings:
+        gain = finding.improvement
+        lines.append(f"  • {finding.statement}")
+        lines.append(
+            f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
+            f"{gain.unit.replace('*', '')}, noise {gain.noise_floor:.3g}"
+        )
+        lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
+    lines += [f"  ? {left.statement}" for left in findings.unexplained]
+    lines += [f"  note: {note}" for note in findings.notes]
+    written = ", ".join(name for name in WRITTEN if (out / name).exists())
+    return "\n".join([*lines, f"written to {out}: {written}"])
+
+
+def _headline(findings: Findings) -> str:
+    return {
+        "no_mismatch": "No mismatch: recordings and simulation agree within noise and tolerances.",
+        "explained": "Explained: this is what the simulation leaves out.",
+        "partly_explained": "Partly explained: some of the difference is in no known effect.",
+        "unexplained": "Unexplained: the recordings differ, and no known effect fits.",
+    }[findings.verdict]

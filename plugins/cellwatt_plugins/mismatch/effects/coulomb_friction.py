@@ -1,0 +1,30 @@
+"""Coulomb friction that the simulation leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
+from cellwatt_plugins.mismatch.findings import Parameter
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot.description import RobotDescription
+
+
+class CoulombFriction(Effect):
+    """Fc sign(w): absent from the description, or well off there."""
+
+    name = "coulomb_friction"
+    nominal = "coulomb_friction"
+    turns_over = True
+    confusions = (
+        Confusion("viscous_friction", "sweep one joint at six constant speeds over two decades, both directions"),
+    )
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return run.sign[:, joint][:, None]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"force": estimate.coefficient(0, "N*m")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return f"{who} needs {said(parameters['force'])} against its direction of motion: Coulomb friction is missing."

@@ -1,0 +1,35 @@
+"""Friction that grows with the load on the gear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
+from cellwatt_plugins.mismatch.findings import Parameter
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot.description import RobotDescription
+
+
+class LoadDependentFriction(Effect):
+    """c · |load torque| · sign(w); the load is what the links need."""
+
+    name = "load_dependent_friction"
+    by_load = True
+    shapes_friction = True
+    positive = True
+    confusions = (
+        Confusion("torque_gain", "hold the arm still at several loads: friction then has no direction, a gain stays"),
+        Confusion("asymmetric_friction", "sweep where gravity does not load the joint"),
+    )
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return (np.abs(run.load[:, joint]) * run.sign[:, joint])[:, None]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"coefficient": estimate.coefficient(0, "")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        share = 100 * parameters["coefficient"].value
+        return f"{who} loses {share:.1f} % of its load torque to friction: load-dependent friction is missing."

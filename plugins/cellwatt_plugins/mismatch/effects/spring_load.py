@@ -1,0 +1,39 @@
+"""A spring on a joint: balancer, hose or cable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
+from cellwatt_plugins.mismatch.findings import Parameter
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot.description import RobotDescription
+
+
+class SpringLoad(Effect):
+    """k (q - q0)."""
+
+    name = "spring_load"
+    contains = ("torque_offset",)
+    confusions = (
+        Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),
+        Confusion("torque_offset", "hold the joint at several positions"),
+    )
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return np.column_stack([run.q[:, joint], np.ones(len(run.time))])
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        stiffness, constant = estimate.coefficients[:2]
+        slope = np.array([constant / stiffness**2, -1 / stiffness])
+        spread = float(np.sqrt(max(0.0, slope @ estimate.covariance[:2, :2] @ slope)))
+        rest = Parameter(float(-constant / stiffness), spread, "rad")
+        return {"stiffness": estimate.coefficient(0, "N*m/rad"), "rest": rest}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"{who} is pulled with {said(parameters['stiffness'])} towards {parameters['rest'].value:.2f} rad: "
+            "a spring (balancer, hose or cable) is missing."
+        )

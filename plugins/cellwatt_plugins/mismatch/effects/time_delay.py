@@ -1,0 +1,61 @@
+"""Torque and position channels that are not of the same instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
+from cellwatt_plugins.mismatch.findings import Parameter
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot.description import RobotDescription
+
+DELAYS = tuple(sign * d for d in (0.002, 0.005, 0.01, 0.02, 0.03, 0.045, 0.07, 0.1) for sign in (1, -1))
+"""s."""
+
+
+SHARE = 0.5
+"""Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
+
+
+class TimeDelay(Effect):
+    """Torque of t - delay; a negative delay is torque that comes first."""
+
+    name = "time_delay"
+    everywhere = True
+    place = "robot"
+    after = True
+    unit_scale = True
+    confusions = (
+        Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
+        Confusion("clock_drift", "record for longer: a drift grows"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [(d,) for d in DELAYS]
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        return not any(run.unplanned for run in runs) or abs(shape[0]) > SHARE * runs[0].step
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return (shifted(run.time, run.torque, shape[0]) - run.torque)[:, :, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(-0.2, 0.2)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"delay": estimate.shaped(0, "s")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        delay = parameters["delay"]
+        way = "behind" if delay.value > 0 else "ahead of"
+        return (
+            f"The torque channels run {1000 * abs(delay.value):.1f} ± {1000 * delay.std:.1f} ms {way} the positions: "
+            "a time delay is missing."
+        )
+
+
+def shifted(time: Float, values: Float, delay: float | Float) -> Float:
+    """Values (N, n) as they were ``delay`` s before, a number or (N,); the ends are held."""
+    return np.column_stack([np.interp(time - delay, time, values[:, i]) for i in range(values.shape[1])])

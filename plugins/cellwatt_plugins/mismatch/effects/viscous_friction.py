@@ -1,0 +1,30 @@
+"""Viscous friction that the simulation leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
+from cellwatt_plugins.mismatch.findings import Parameter
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot.description import RobotDescription
+
+
+class ViscousFriction(Effect):
+    """Fv w: absent from the description, or well off there."""
+
+    name = "viscous_friction"
+    nominal = "viscous_friction"
+    confusions = (
+        Confusion("coulomb_friction", "sweep one joint at six constant speeds over two decades, both directions"),
+        Confusion("temperature_dependent_friction", "repeat the same cycle cold and warm"),
+    )
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return run.qd[:, joint][:, None]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"coefficient": estimate.coefficient(0, "N*m*s/rad")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return f"{who} needs {said(parameters['coefficient'])} more with speed: viscous friction is missing."

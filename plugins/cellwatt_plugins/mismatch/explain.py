@@ -1,0 +1,168 @@
+"""Explain why recordings differ from the simulation: both sides searched, held-out figures, findings, model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.findings import ChannelFit, Findings, Verdict
+from cellwatt_plugins.mismatch.fitted import model_of
+from cellwatt_plugins.mismatch.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.leftover import Limits, Unexplained, leftover, unexplained
+from cellwatt_plugins.mismatch.model import Model
+from cellwatt_plugins.mismatch.motion import moved
+from cellwatt_plugins.mismatch.naming import findings_of, unknown_findings
+from cellwatt_plugins.mismatch.problem import Problem, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.run import Run
+from cellwatt_plugins.mismatch.search import search
+from cellwatt_plugins.mismatch.solution import DEFAULT, Solution, Thresholds
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+Float = NDArray[np.float64]
+
+POORLY = 1.5
+"""Mean square residual from which a joint's torque is taken as measured, not as fitted, for the power."""
+CURRENT_GAIN = 0.1
+"""Torque constants from data sheets are off by about as much."""
+WITHOUT_PLAN = 2.0
+"""Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
+FAR = 3.0
+"""Held-out error in units of the noise from which a channel is not explained in full."""
+SETTLED = 1.3
+"""Mean square residual of all joints up to which the supply's own residual can be judged."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What was found, the model, and the solutions that it rests on."""
+
+    findings: Findings
+    model: Model
+    torque: Solution
+    supply: Solution | None
+    nominal: Solution
+    """Nominal parameters retuned, nothing added."""
+
+
+def explain(
+    runs: Sequence[Run],
+    robot: RobotDescription,
+    body: RigidBody,
+    thresholds: Thresholds = DEFAULT,
+    notes: Sequence[str] = (),
+) -> Explained:
+    """Where the runs differ from the simulation, why, and what model does not; ``notes`` are of their admission."""
+    states = [States(r.name, i, r.time, moved(r), robot, body, r.temperature) for i, r in enumerate(runs)]
+    nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
+    torque = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds)
+    supplied = supply_problem(runs, *_torque_for_power(runs, torque))
+    supply = None if supplied is None else search(lambda _: supplied, 1, thresholds)
+    findings = _findings(runs, torque, supply, notes)
+    return Explained(findings, model_of(torque, supply), torque, supply, nominal)
+
+
+def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:
+    """States with the best torque for the supply, fitted or, where the fit is poor, measured; its doubt (N, n) Nm."""
+    problem = torque.problem
+    chi2 = problem.chi2(torque.residual)
+    poor = chi2 > POORLY
+    unexplained = problem.floor * np.where(poor, 1.0, np.sqrt(np.maximum(chi2 - 1.0, 0.0)))
+    doubt = [np.sqrt(unexplained**2 + np.maximum(v - problem.floor**2, 0.0)) for v in problem.variance]
+    out = []
+    for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
+        best = states.torque.copy()
+        if np.any(poor):
+            best[:, poor] = (run.torque - after)[:, poor]
+        out.append(states.with_torque(best))
+    return out, doubt
+
+
+def _measurement_errors(torque: Solution) -> list[Float]:
+    """What the effects on the measurement alone add to each run's torque, (N, n)."""
+    problem = torque.problem
+    out = [np.zeros_like(s.torque) for s in problem.states]
+    for term in torque.terms:
+        if not term.effect.after:
+            continue
+        coefficients = torque.fit.coefficients[torque.block(term)[1]]
+        for part, columns in zip(out, problem.columns(term), strict=True):
+            more = columns @ coefficients
+            if more.ndim == 2:
+                part += more
+            else:
+                part[:, term.joint or 0] += more
+    return out
+
+
+def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, admitted: Sequence[str]) -> Findings:
+    sides = [torque] if supply is None else [torque, supply]
+    found, left, fit, tried = [], [], [], []
+    planned = all(run.plan is not None for run in runs)
+    limits = Limits() if planned else Limits(excess=WITHOUT_PLAN)
+    for solution in sides:
+        held = HeldOut(solution.problem, solution.factor)
+        own = unexplained(_nominal_chi2(solution.problem), solution, limits)
+        found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
+        if solution is torque or np.max(torque.problem.chi2(torque.residual)) < SETTLED:
+            found += unknown_findings(solution, own, held)
+        left += [leftover(u, *channel(solution.problem, u.channel)) for u in own]
+        fit += _fit(solution, held)
+        tried += solution.tried
+    named = any(f.effect != "unknown" for f in found)
+    # Of what is there at one time only, no data can be left out.
+    once = any(term.effect.scheduled for solution in sides for term in solution.terms)
+    far = not once and any(c.model > FAR * c.noise_floor for c in fit)
+    verdict = _verdict(named, bool(left) or (named and far))
+    return Findings(verdict, tuple(found), tuple(left), tuple(fit), tuple(tried), (*admitted, *_notes(runs, supply)))
+
+
+def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
+    """How far a common factor of all torques may be off."""
+    if robot.tolerances.torque_gain is not None:
+        return robot.tolerances.torque_gain
+    return CURRENT_GAIN if any(run.torque_from == "current" for run in runs) else 0.0
+
+
+def _nominal_chi2(problem: Problem) -> Float:
+    return problem.chi2(problem.fit([]).residual)
+
+
+def _fit(solution: Solution, held: HeldOut) -> list[ChannelFit]:
+    """Held-out error of each channel: as simulated, retuned, with the model."""
+    problem = solution.problem
+    refit, model = rms(held.residual([])), rms(held.residual(solution.terms))
+    simulation = rms(problem.design.target)
+    return [
+        ChannelFit(
+            *channel(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c])
+        )
+        for c in range(len(simulation))
+    ]
+
+
+def channel(problem: Problem, index: int) -> tuple[str, str]:
+    """Name and unit of a channel."""
+    return ("power", "W") if problem.side == "supply" else (f"tau_{index + 1}", "N*m")
+
+
+def _verdict(named: bool, left: bool) -> Verdict:
+    if named:
+        return "partly_explained" if left else "explained"
+    return "unexplained" if left else "no_mismatch"
+
+
+def _notes(runs: Sequence[Run], supply: Solution | None) -> tuple[str, ...]:
+    notes = [f"{run.name}: {note}" for run in runs for note in run.notes]
+    if supply is None:
+        notes.append("No supply power was recorded: what only the supply shows could not be tested.")
+    longest = max(float(run.time[-1] - run.time[0]) for run in runs)
+    if longest < 100:
+        notes.append(f"The longest run lasts {longest:.0f} s: effects of warming up could not be tested.")
+    return tuple(notes)
+
+
+__all__ = ["Explained", "Unexplained", "explain"]

@@ -1,0 +1,155 @@
+"""From rows as they were logged to an even time grid without holes: what was mended is marked and said."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from cellwatt.errors import RecordingError
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+LEAST_ROWS = 16
+"""Fewer rows are no recording."""
+SLOWEST = 0.5
+"""s from row to row: beyond it no arm is recorded, the time is in another unit."""
+FEW = 0.01
+"""Share of rows that may be mended in a column."""
+LONGEST = 1.0
+"""s without a number that may be mended."""
+ABSURD = 1e9
+"""No quantity of a robot is that large in any unit: the bytes were damaged."""
+EVEN = 0.02
+"""Share of a step by which the times of an evenly sampled file may stray."""
+HOLE = 2.5
+"""Steps between two rows from which on samples are missing."""
+GLITCH = 10.0
+"""A position that leaves its neighbours by this many of the largest steps ever made, and comes back, is no motion."""
+
+
+@dataclass(frozen=True)
+class Even:
+    """Columns (N,) on an even grid."""
+
+    time: Float
+    """(N,) s."""
+    columns: Mapping[str, Float]
+    gaps: Bool
+    """(N,) true where values were filled in."""
+    notes: tuple[str, ...]
+
+
+def even(
+    place: str, time: Float, columns: Mapping[str, Float], slow: Collection[str] = (), positions: Collection[str] = ()
+) -> Even:
+    """Columns (R,) at ``time`` (R,) s, brought onto the grid of their median rate by linear interpolation.
+
+    Holes in time and the few cells without a number are filled and marked as gaps; those of ``slow`` columns, which
+    change over minutes, are filled and not marked; single wild values of ``positions`` are replaced. Raises
+    ``RecordingError`` where too much is missing or the time does not rise.
+    """
+    kept, notes = _rising(place, time)
+    time, columns = time[kept], {name: values[kept] for name, values in columns.items()}
+    _in_seconds(place, time)
+    bad = np.zeros(len(time), bool)
+    filled: dict[str, Float] = {}
+    for name, values in columns.items():
+        wrong = ~(np.abs(values) < ABSURD)
+        if name in positions and not wrong.all():
+            wrong |= _glitches(np.where(wrong, np.nan, values))
+        if name not in slow:
+            _few_enough(place, name, time, wrong)
+            bad |= wrong
+        filled[name] = np.interp(time, time[~wrong], values[~wrong]) if wrong.any() else values
+        if wrong.any() and name not in slow:
+            first = time[wrong][0]
+            notes.append(f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s")
+    grid = _grid(time)
+    if grid is time:
+        return Even(_line(time), filled, bad, tuple(notes))
+    gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
+    return Even(grid, {name: np.interp(grid, time, values) for name, values in filled.items()}, gaps, tuple(notes))
+
+
+def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
+    """Rows with a time of their own."""
+    kept = np.isfinite(time)
+    kept[kept] = np.diff(time[kept], prepend=-np.inf) != 0
+    lost = len(time) - int(kept.sum())
+    if len(time) < LEAST_ROWS or lost > max(1, FEW * len(time)):
+        reason = f"only {len(time)} rows" if len(time) < LEAST_ROWS else f"{lost} of {len(time)} rows have no new time"
+        raise RecordingError(f"{place}: {reason}: record at least some seconds, each row with its own time")
+    steps = np.diff(time[kept])
+    if np.any(steps < 0):
+        i = int(np.argmax(steps < 0))
+        before, after = time[kept][i], time[kept][i + 1]
+        raise RecordingError(
+            f"{place}: the time goes back from {before:.3f} to {after:.3f} s in row {i + 2}: "
+            "give recordings that follow each other as files of their own"
+        )
+    return kept, [f"{place}: {lost} rows without a time of their own left out"] if lost else []
+
+
+def _in_seconds(place: str, time: Float) -> None:
+    step = float(np.median(np.diff(time)))
+    if step > SLOWEST:
+        raise RecordingError(
+            f"{place}: the time rises by {step:.6g} from row to row: is it in milliseconds, or a row number? "
+            "It must be in seconds"
+        )
+
+
+def _glitches(values: Float) -> Bool:
+    """Single or paired values that no motion reaches, judged by the largest step of the median of five neighbours."""
+    clean = np.interp(np.arange(len(values)), np.flatnonzero(~np.isnan(values)), values[~np.isnan(values)])
+    middle = median_filter(clean, 5, mode="nearest")
+    largest = float(np.max(np.abs(np.diff(middle))))
+    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > GLITCH * largest) & (largest > 0)
+    return wild
+
+
+def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
+    share = float(np.mean(wrong))
+    longest = _longest(time, wrong)
+    if share > FEW or longest > LONGEST:
+        raise RecordingError(
+            f"{place}: column {name} has no usable number in {100 * share:.1f} % of its rows, first at "
+            f"t = {time[wrong][0]:.3f} s, the longest stretch {longest:.2f} s: record it again or cut the file there"
+        )
+
+
+def _longest(time: Float, wrong: Bool) -> float:
+    """The longest stretch without a number, s."""
+    edges = np.flatnonzero(np.diff(wrong, prepend=False, append=False))
+    last = len(time) - 1
+    spans = [time[min(end, last)] - time[max(start - 1, 0)] for start, end in zip(edges[::2], edges[1::2], strict=True)]
+    return float(max(spans, default=0.0))
+
+
+def _line(time: Float) -> Float:
+    return np.linspace(time[0], time[-1], len(time))
+
+
+def _grid(time: Float) -> Float:
+    """``time`` itself where it is even, else a grid at its median rate."""
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    if np.max(np.abs(time - _line(time))) <= EVEN * step:
+        return time
+    middle = float(np.median(np.diff(time)))
+    count = int((time[-1] - time[0]) / middle + 1e-6) + 1
+    return np.asarray(time[0] + middle * np.arange(count), np.float64)
+
+
+def _holes(time: Float, grid: Float) -> Bool:
+    """Grid points that lie between two rows that are far apart."""
+    steps = np.diff(time)
+    row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(steps) - 1)
+    middle = float(np.median(steps))
+    near = np.minimum(grid - time[row], time[row + 1] - grid) < 0.5 * middle
+    holes: Bool = (steps[row] > HOLE * middle) & ~near
+    return holes

@@ -1,0 +1,123 @@
+"""What an explanation found, as alarms."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from cellwatt.results import Alarm, Severity
+from cellwatt_plugins.mismatch.live.explanation import Outcome
+
+MISMATCH = "mismatch"
+FAILED = "explanation_failed"
+LEFT_OUT = "effect_not_followed"
+
+SEVERITY: Mapping[str, Severity] = {
+    "no_mismatch": "info",
+    "explained": "warning",
+    "partly_explained": "warning",
+    "unexplained": "error",
+}
+"""By verdict; what nobody can name a person must look at."""
+SAID = 3
+"""Findings in an alarm's own words; all are in its evidence."""
+AGREED = "Within noise and tolerances the recording agrees with a simulation whose numbers are retuned."
+
+Place = tuple[str, int | None]
+"""An effect's name and its 1-based joint."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What all alarms of an explanation say: ns of the first evidence and of the alarm, s of the recording."""
+
+    prefix: str
+    source: str
+    since: int
+    time: int
+    seconds: float
+    gives_way: bool = True
+    """Whether the system let it run at low priority."""
+
+
+def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:
+    """The alarm for an outcome with findings; ``known`` effects are in the model that runs already."""
+    said = outcome.findings or {}
+    findings: Sequence[Mapping[str, Any]] = said["findings"]
+    new = [f for f in findings if (f["effect"], f["joint"]) not in known]
+    joints = {f["joint"] for f in new}
+    return Alarm(
+        id=f"{told.prefix}.{told.source}.{MISMATCH}",
+        kind=MISMATCH,
+        severity=SEVERITY.get(said["verdict"], "warning"),
+        active=True,
+        since=told.since,
+        time=told.time,
+        statement=_statement(new, said, bool(findings)),
+        source=told.source,
+        joint=joints.pop() if len(joints) == 1 else None,
+        evidence={
+            "verdict": said["verdict"],
+            "report": outcome.report,
+            "folder": str(outcome.folder),
+            "recording_s": told.seconds,
+            "low_priority": told.gives_way,
+            "findings": [_brief(f) | {"in_model": (f["effect"], f["joint"]) in known} for f in findings],
+            "unexplained": [u["statement"] for u in said["unexplained"]],
+        },
+    )
+
+
+def failed(told: Told, reason: str, times: int) -> Alarm:
+    """The alarm for an explanation that failed, for the ``times``-th time in a row."""
+    return Alarm(
+        id=f"{told.prefix}.{told.source}.{FAILED}",
+        kind=FAILED,
+        severity="warning",
+        active=True,
+        since=told.since,
+        time=told.time,
+        statement=f"Recording and simulation differ, but explaining it failed: {reason}",
+        source=told.source,
+        evidence={"failures": times, "recording_s": told.seconds},
+    )
+
+
+def over(alarm: Alarm, time: int) -> Alarm:
+    """An alarm's end: all channels are back in their bands."""
+    statement = "Recording and simulation agree again."
+    return replace(alarm, active=False, time=time, statement=statement)
+
+
+def left_out(prefix: str, source: str, names: Sequence[str], time: int) -> Alarm:
+    """Effects of the model that cannot be followed live."""
+    return Alarm(
+        id=f"{prefix}.{source}.{LEFT_OUT}",
+        kind=LEFT_OUT,
+        severity="info",
+        active=True,
+        since=time,
+        time=time,
+        statement=f"The live simulation leaves out {', '.join(names)} of the model: that depends on what was before "
+        "the daemon came, or on times that it cannot know.",
+        source=source,
+        evidence={"effects": list(names)},
+    )
+
+
+def _statement(new: Sequence[Mapping[str, Any]], said: Mapping[str, Any], any_at_all: bool) -> str:
+    named = sorted(new, key=lambda f: (f["kind"] != "missing", f["effect"] == "unknown"))
+    lines = [f["statement"] for f in named[:SAID]]
+    if len(named) > SAID:
+        lines.append(f"{len(named) - SAID} more in the report.")
+    if not lines:
+        lines = [u["statement"] for u in said["unexplained"][:SAID]]
+    if not lines:
+        lines = ["Only effects that the model has already were found: their numbers changed." if any_at_all else AGREED]
+    return " ".join(lines)
+
+
+def _brief(finding: Mapping[str, Any]) -> dict[str, Any]:
+    kept = {k: finding[k] for k in ("effect", "joint", "kind", "confidence", "statement", "parameters")}
+    return kept | {"alternatives": [a["effect"] for a in finding["alternatives"]]}

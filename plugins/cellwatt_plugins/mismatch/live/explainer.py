@@ -1,0 +1,109 @@
+"""When the difference is explained, on what, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt.results import Alarm
+from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found, over
+from cellwatt_plugins.mismatch.live.explanation import RECORDING, Explanation, Outcome, make_folder
+from cellwatt_plugins.mismatch.live.history import History
+from cellwatt_plugins.mismatch.live.intake import Intake
+from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot
+from cellwatt_plugins.mismatch.live.settings import ExplainSettings
+from cellwatt_plugins.mismatch.live.watch import ChannelWatch
+from cellwatt_plugins.robot import RobotDescription
+
+Integers = NDArray[np.int64]
+
+
+@dataclass
+class Explainer:
+    """Explains one arm, one explanation at a time. ``known`` are the effects that the running model has.
+
+    Whether one is due depends on the frames alone. When it is done depends on the PC: that part of the results is not
+    repeated by a replay.
+    """
+
+    prefix: str
+    cell: str
+    settings: ExplainSettings
+    intake: Intake
+    robot: RobotDescription
+    known: Collection[Place]
+    _running: Explanation | None = None
+    _told: Told | None = None
+    _started: int | None = None
+    _failures: int = 0
+    _up: dict[str, Alarm] = field(default_factory=dict)
+
+    def step(self, now: int, watch: ChannelWatch, history: History) -> list[Alarm]:
+        """Alarms that change at ``now`` ns: begin what is due, tell what is done, clear what is over."""
+        out = []
+        if not watch.outside and self._running is None:
+            out = [over(alarm, now) for alarm in self._up.values()]
+            self._up.clear()
+        if self._running is not None and (outcome := self._running.poll()) is not None:
+            self._running = None
+            out += self._tell(now, outcome)
+        if self._due(now, watch):
+            out += self._begin(now, watch.since, history)
+        return out
+
+    def stop(self) -> None:
+        """End what runs."""
+        if self._running is not None:
+            self._running.stop()
+            self._running = None
+
+    def _due(self, now: int, watch: ChannelWatch) -> bool:
+        if self._running is not None or watch.outside < self.settings.after:
+            return False
+        return self._started is None or now >= self._started + round(self.settings.every * 1e9)
+
+    def _begin(self, now: int, since: int, history: History) -> list[Alarm]:
+        self._started = now
+        time, rows = history.between(max(since, now - round(self.settings.recording * 1e9)), now)
+        self._told = Told(self.prefix, self.intake.source, since, now, (int(time[-1]) - int(time[0])) * 1e-9)
+        try:
+            folder = make_folder(self._folder(), self._name(now), self.settings.keep)
+            write_recording(folder / RECORDING, self.intake, time, rows)
+            write_robot(folder / "robot.yaml", self.robot)
+            self._running = Explanation(folder, folder / "robot.yaml", self.settings.limit, self.settings.memory)
+            self._told = replace(self._told, gives_way=self._running.gives_way)
+        except RecordingError as error:
+            return self._failed(now, str(error))
+        return []
+
+    def _folder(self) -> Path:
+        return (self.settings.folder or Path("mismatch")).absolute()
+
+    def _name(self, now: int) -> str:
+        return f"{self.cell}-{self.prefix}-{datetime.fromtimestamp(now * 1e-9, UTC):%Y%m%dT%H%M%SZ}"
+
+    def _tell(self, now: int, outcome: Outcome) -> list[Alarm]:
+        if outcome.findings is None:
+            return self._failed(now, outcome.failure)
+        told = self._at(now)
+        self._failures = 0
+        alarm = found(told, outcome, self.known)
+        gone = [over(a, now) for key, a in self._up.items() if key != alarm.id]
+        self._up = {alarm.id: alarm}
+        return [*gone, alarm]
+
+    def _failed(self, now: int, reason: str) -> list[Alarm]:
+        self._failures += 1
+        alarm = failed(self._at(now), reason, self._failures)
+        self._up[alarm.id] = alarm
+        return [alarm]
+
+    def _at(self, now: int) -> Told:
+        assert self._told is not None
+        return replace(self._told, time=now)

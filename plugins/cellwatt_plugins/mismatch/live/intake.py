@@ -1,0 +1,146 @@
+"""From the cell's frames to the arm's quantities: which columns are meant, and whether they will do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Frames, Layout
+
+Float = NDArray[np.float64]
+Quantity = Literal[
+    "position",
+    "velocity",
+    "torque",
+    "current",
+    "temperature",
+    "target_position",
+    "target_velocity",
+    "target_acceleration",
+]
+
+UNITS: dict[Quantity, str] = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "torque": "Nm",
+    "current": "A",
+    "temperature": "degC",
+    "target_position": "rad",
+    "target_velocity": "rad/s",
+    "target_acceleration": "rad/s^2",
+}
+"""What is taken of an arm where it is given; a commanded motion is for the explanation, which is sharper with it."""
+SUPPLY = "supply.power"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is compared with the simulation: a joint's torque (1-based joint), or the supply's power."""
+
+    name: str
+    unit: str
+    joint: int | None
+    what: str
+    """What messages call it."""
+
+
+@dataclass(frozen=True)
+class Intake:
+    """The columns of one arm of n joints within the frames."""
+
+    source: str
+    joints: dict[Quantity, tuple[int, ...]]
+    """Columns (n,) by quantity; torque or current, the others where the source gives them."""
+    power: int | None
+    power_name: str
+    gain: Float
+    """(n,) Nm for one unit of what is measured: 1, or the torque constants."""
+
+    @property
+    def measured(self) -> Quantity:
+        """What torque is taken from."""
+        return "torque" if "torque" in self.joints else "current"
+
+    @cached_property
+    def places(self) -> dict[str, slice]:
+        """Where each quantity is in a row."""
+        out, at = {}, 0
+        for quantity, columns in self.joints.items():
+            out[str(quantity)] = slice(at, at + len(columns))
+            at += len(columns)
+        if self.power is not None:
+            out["power"] = slice(at, at + 1)
+        return out
+
+    @cached_property
+    def judged(self) -> tuple[Judged, ...]:
+        """The channels that are compared, torques first."""
+        torques = [
+            Judged(f"{self.source}.joint_{j}.torque", "Nm", j, f"The torque of joint {j}")
+            for j in range(1, len(self.gain) + 1)
+        ]
+        return (*torques, *([] if self.power is None else [Judged(self.power_name, "W", None, "The supply's power")]))
+
+    @cached_property
+    def _columns(self) -> list[int]:
+        columns = [c for family in self.joints.values() for c in family]
+        return columns if self.power is None else [*columns, self.power]
+
+    def rows(self, frames: Frames) -> Float:
+        """Values (N, width) in the order of ``places``; torque in Nm, NaN where missing."""
+        rows = frames.values[:, self._columns]
+        rows[:, self.places[self.measured]] *= self.gain
+        return rows
+
+
+def intake(stage: str, layout: Layout, arm: str | None, power: str | None, constants: Float) -> Intake:
+    """The columns of an arm with as many joints as ``constants`` (n,), its torque constants in Nm/A.
+
+    Raises ``ConfigError`` where a quantity is missing, or not in its unit.
+    """
+    positions = layout.joints("position", arm)
+    source = layout.channels[positions[0]].source
+    if len(positions) != len(constants):
+        raise ConfigError(
+            f"stage {stage!r}: source {source} has {len(positions)} joints, the robot's description {len(constants)}"
+        )
+    joints: dict[Quantity, tuple[int, ...]] = {}
+    for quantity in UNITS:
+        columns = _family(layout, source, quantity, len(constants))
+        if columns and not (quantity == "current" and "torque" in joints):
+            _check_unit(stage, layout, columns, UNITS[quantity])
+            joints[quantity] = columns
+    if "torque" not in joints and "current" not in joints:
+        raise ConfigError(f"stage {stage!r}: source {source} gives no joint_1.torque and no joint_1.current")
+    gain = np.ones(len(constants)) if "torque" in joints else constants
+    if unknown := [f"joint {i + 1}" for i, value in enumerate(gain) if value == 0]:
+        raise ConfigError(
+            f"stage {stage!r}: source {source} gives currents, no torques, and the torque_constant of "
+            f"{', '.join(unknown)} is 0: write it into the robot's description, in Nm/A at the joint side"
+        )
+    supply = _supply(stage, layout, power)
+    return Intake(source, joints, supply, "" if supply is None else layout.names[supply], gain)
+
+
+def _family(layout: Layout, source: str, quantity: str, joints: int) -> tuple[int, ...]:
+    names = [f"{source}.joint_{i + 1}.{quantity}" for i in range(joints)]
+    return tuple(layout.names.index(n) for n in names) if all(n in layout.names for n in names) else ()
+
+
+def _supply(stage: str, layout: Layout, power: str | None) -> int | None:
+    if power is None and not any(channel.short == SUPPLY for channel in layout.channels):
+        return None
+    column = layout.index(power or SUPPLY)
+    _check_unit(stage, layout, (column,), "W")
+    return column
+
+
+def _check_unit(stage: str, layout: Layout, columns: tuple[int, ...], unit: str) -> None:
+    for channel in (layout.channels[c] for c in columns):
+        if channel.unit != unit:
+            raise ConfigError(f"stage {stage!r}: {channel.name} is in {channel.unit}, expected {unit}")

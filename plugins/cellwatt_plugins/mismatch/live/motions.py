@@ -1,0 +1,48 @@
+"""Motions that recur: intervals in which the same joints make the same way from the same pose in the same time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from cellwatt.results import Interval
+
+SAME_WAY = math.radians(2.0)
+SAME_POSE = math.radians(6.0)
+SAME_TIME = 0.10
+"""Intervals are the same motion where each joint's way and start differ by less, and the duration by this share."""
+MOST = 256
+"""Motions that are remembered; the one not seen for longest is forgotten."""
+
+
+@dataclass
+class Motions:
+    """Numbers motions in the order in which they are first seen."""
+
+    _known: dict[int, Interval] = field(default_factory=dict)
+    _next: int = 0
+
+    def number(self, interval: Interval) -> int:
+        """The number of an interval's motion."""
+        number = next((n for n, other in self._known.items() if _same(interval, other)), None)
+        if number is None:
+            number, self._next = self._next, self._next + 1
+        first = self._known.pop(number, interval)
+        self._known[number] = first
+        if len(self._known) > MOST:
+            del self._known[next(iter(self._known))]
+        return number
+
+
+def _same(a: Interval, b: Interval) -> bool:
+    return (
+        a.moving == b.moving
+        and _near(a.displacement, b.displacement, SAME_WAY)
+        and _near(a.pose, b.pose, SAME_POSE)
+        and abs(a.end - a.start - (b.end - b.start)) <= SAME_TIME * (b.end - b.start)
+    )
+
+
+def _near(a: Sequence[float], b: Sequence[float], most: float) -> bool:
+    return len(a) == len(b) and all(abs(x - y) <= most for x, y in zip(a, b, strict=True))

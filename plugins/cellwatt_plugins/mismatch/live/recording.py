@@ -1,0 +1,60 @@
+"""A stretch of the compared frames as a recording for ``cellwatt explain``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import yaml
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.live.intake import Intake
+from cellwatt_plugins.robot import RobotDescription
+
+Float = NDArray[np.float64]
+
+NAMES = {
+    "position": "q",
+    "velocity": "qd",
+    "torque": "tau",
+    "current": "current",
+    "temperature": "temperature",
+    "target_position": "target_q",
+    "target_velocity": "target_qd",
+    "target_acceleration": "target_qdd",
+}
+WHOLE = 0.995
+"""Share of rows that a quantity must be there in to be told at all; the rest is mended in reading."""
+
+
+def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
+    """Write rows (N, width) at ``time`` (N,) ns as Parquet; t counts from the first. Raises ``RecordingError``."""
+    columns: dict[str, Float] = {"t": (time - time[0]) * 1e-9}
+    for quantity, name in NAMES.items():
+        if quantity in intake.places:
+            table = rows[:, intake.places[quantity]]
+            table = table / intake.gain if quantity == "current" else table
+            if _whole(table):
+                columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
+    if "power" in intake.places and _whole(power := rows[:, intake.places["power"]]):
+        columns["power"] = power[:, 0]
+    try:
+        pq.write_table(pa.table(columns), path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _whole(table: Float) -> bool:
+    return bool(np.isfinite(table).all(axis=1).mean() >= WHOLE)
+
+
+def write_robot(path: Path, robot: RobotDescription) -> None:
+    """Write the description, its URDF where it is. Raises ``RecordingError``."""
+    content = robot.model_dump(mode="json", exclude_none=True) | {"urdf": str(robot.urdf.absolute())}
+    try:
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,118 @@
+"""The simulation of a moving arm, a stretch of frames at a time. Imports Pinocchio and scipy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
+from cellwatt_plugins.mismatch.motion import exact, moved
+from cellwatt_plugins.mismatch.run import Run
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot import RigidBody, load_robot
+
+Float = NDArray[np.float64]
+
+PAST = 10.0
+"""s of past that effects with a state of their own (hysteresis, a spring) are simulated from."""
+ALIKE = 0.05
+"""An effect follows where its last second hardly changes, by this share, when much more of the past is known."""
+LONG = 60.0
+"""s of past that this is tried with."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What the simulation says of N samples: torque (N, n) Nm and supply power (N,) W."""
+
+    torque: Float
+    power: Float
+
+
+class Simulation:
+    """A model of an arm on ``recorded`` motion.
+
+    ``left_out`` names the effects of the model that cannot be followed: they depend on more of the past than a daemon
+    can know (it was not there at the start of the run, nor when the joint was cold).
+    """
+
+    def __init__(self, model: Model, step: float, warm: bool) -> None:
+        """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``."""
+        self._body = model.body()
+        followed = _followed(model, self._body, step, warm)
+        self.left_out = tuple(_named(t) for t, follows in zip(model.terms, followed, strict=True) if not follows)
+        self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
+        self.known = frozenset((t.term.effect.name, _joint(t)) for t in model.terms)
+        """Effects of the model by name and 1-based joint."""
+
+    @property
+    def lead(self) -> float:
+        """s of past that it wants."""
+        return PAST if self.model.terms else 0.0
+
+    def run(self, time: Float, position: Float, velocity: Float | None, temperature: Float | None) -> Simulated:
+        """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends."""
+        recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
+        states = States("live", -1, time, moved(recorded), self.model.robot, self._body, temperature)
+        said = predict_states(self.model, states)
+        return Simulated(said.torque, said.power)
+
+
+def open_model(simulation: str, robot: Path | None, folder: Path) -> Model:
+    """The model that the settings name; ``folder`` is where a relative path starts.
+
+    Raises ``ConfigError`` where there is none, or where it cannot be read.
+    """
+    if simulation != "robot":
+        return load_model(folder / simulation)
+    if robot is None:
+        raise ConfigError(
+            "no description of the robot: set `robot` to a folder with robot.yaml and its URDF, for the cell or here"
+        )
+    described = load_robot(robot)
+    return Model(described, Retuned.nothing(len(described.joints)))
+
+
+def _followed(model: Model, body: RigidBody, step: float, warm: bool) -> list[bool]:
+    """Whether each term comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
+    if not model.terms:
+        return []
+    long = _probe(model, body, round((LONG + PAST + 1) / step), step, True)
+    short = _probe(model, body, round((PAST + 1) / step), step, warm)
+    return [_alike(fitted, long, short, round(1 / step)) for fitted in model.terms]
+
+
+def _probe(model: Model, body: RigidBody, samples: int, step: float, warm: bool) -> States:
+    """A motion that ends at t = 0, whenever it began."""
+    joints = len(model.robot.joints)
+    time: Float = step * np.arange(1.0 - samples, 1.0)
+    turn: Float = 2 * np.pi * (0.2 + 0.05 * np.arange(joints, dtype=np.float64))
+    sine, cosine = np.sin(time[:, None] * turn), np.cos(time[:, None] * turn)
+    motion = exact(0.3 + 0.5 * sine, 0.5 * turn * cosine, -0.5 * turn**2 * sine)
+    temperature = np.full((samples, joints), 35.0) if warm else None
+    return States("probe", -1, time, motion, model.robot, body, temperature)
+
+
+def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> bool:
+    term = fitted.term
+    said = [
+        (term.effect.columns(states, term.joint, term.shape) @ fitted.coefficients)[-samples:]
+        for states in (long, short)
+    ]
+    size = float(np.sqrt(np.mean(np.square(said[0]))))
+    if size == 0 and term.effect.scheduled:
+        return False
+    return float(np.sqrt(np.mean(np.square(said[0] - said[1])))) <= ALIKE * size
+
+
+def _joint(fitted: FittedTerm) -> int | None:
+    return None if fitted.term.joint is None else fitted.term.joint + 1
+
+
+def _named(fitted: FittedTerm) -> str:
+    place = "" if fitted.term.joint is None else f" of joint {fitted.term.joint + 1}"
+    return fitted.term.effect.name.replace("_", " ") + place

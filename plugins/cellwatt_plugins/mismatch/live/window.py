@@ -1,0 +1,118 @@
+"""Frames on their way to the simulation: it needs what comes before and after a frame to know its acceleration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+CHUNK = 1.0
+"""s of frames that are simulated at once."""
+EDGE = 0.4
+"""s at both ends of a stretch in which velocity and acceleration are not yet as well known as further in."""
+BRIDGED = 0.1
+"""s without a number that are interpolated where the motion is needed; what is longer ends a stretch."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Frames without a hole: (N,) ns, (N,) numbers, (N, width) values; those in ``new`` were not given before.
+
+    ``bridged`` (N,) is true where a value of the motion was interpolated.
+    """
+
+    time: Integers
+    sequence: Integers
+    values: Float
+    bridged: Bool
+    new: slice
+
+
+class Window:
+    """Cuts frames into stretches with ``lead`` s of past; blocks may be cut anywhere.
+
+    ``motion`` are the columns that must be there, ``step`` is that of the grid, ns. ``counts`` says what was left out:
+    frames in which the motion was ``missing``, and frames too near to the ``edge`` of a stretch.
+    """
+
+    def __init__(self, motion: list[int], step: int, lead: float) -> None:
+        self._motion, self._step = motion, step
+        self._chunk = max(8, round(CHUNK * 1e9 / step))
+        self._edge = max(5, round(EDGE * 1e9 / step))
+        self._most = max(1, round(BRIDGED * 1e9 / step))
+        self._lead = max(self._edge, round(lead * 1e9 / step))
+        self._parts: list[tuple[Integers, Integers, Float]] = []
+        self._waiting = 0
+        self.settled = 0
+        """ns up to which all frames were given or left out."""
+        self.counts: Counter[str] = Counter()
+
+    def feed(self, time: Integers, sequence: Integers, values: Float) -> Iterator[list[Stretch]]:
+        """Take n frames; gives the stretches with frames that can be simulated each time that some have settled."""
+        while len(time):
+            n = min(len(time), self._chunk - self._waiting)
+            self._parts.append((time[:n], sequence[:n], values[:n]))
+            self._waiting += n
+            time, sequence, values = time[n:], sequence[n:], values[n:]
+            if self._waiting == self._chunk:
+                self._waiting = 0
+                yield self._work()
+
+    def _work(self) -> list[Stretch]:
+        """Look at all frames kept: what can be given, what is lost, and what the next ones still need."""
+        time, sequence, values = (np.concatenate(parts) for parts in zip(*self._parts, strict=True))
+        missing = ~np.isfinite(values[:, self._motion]).all(axis=1)
+        spans = _spans(time, missing, self._step, self._most)
+        given = [s for a, b in spans if (s := self._stretch(time[a:b], sequence[a:b], values[a:b], missing[a:b]))]
+        begin, end = spans[-1] if spans else (0, 0)
+        goes_on = end >= len(time) - self._most and end > begin
+        done = max(begin, end - self._edge) if goes_on else len(time)
+        fresh = time[:done] > self.settled
+        self.counts["missing"] += int(np.sum(missing[:done] & fresh))
+        whole = sum(int(np.sum(~s.bridged[s.new])) for s in given)
+        self.counts["edge"] += int(np.sum(~missing[:done] & fresh)) - whole
+        if done:
+            self.settled = max(self.settled, int(time[done - 1]))
+        kept = max(begin, done - self._lead) if goes_on else done
+        self._parts = [(time[kept:], sequence[kept:], values[kept:])]
+        return given
+
+    def _stretch(self, time: Integers, sequence: Integers, values: Float, missing: Bool) -> Stretch | None:
+        first = max(self._edge, int(np.searchsorted(time, self.settled, side="right")))
+        last = len(time) - self._edge
+        if last <= first:
+            return None
+        return Stretch(time, sequence, _bridged(values, self._motion), missing, slice(first, last))
+
+
+def _spans(time: Integers, missing: Bool, step: int, most: int) -> list[tuple[int, int]]:
+    """[start, end) of the parts of a block without a hole in the grid and without more than ``most`` missing rows."""
+    there = np.flatnonzero(~missing)
+    if not len(there):
+        return []
+    breaks = np.flatnonzero(np.diff(there) > most + 1) + 1
+    out: list[tuple[int, int]] = []
+    for part in np.split(there, breaks):
+        start, end = int(part[0]), int(part[-1]) + 1
+        holes = start + 1 + np.flatnonzero(np.diff(time[start:end]) > step + step // 2)
+        edges = [start, *holes.tolist(), end]
+        out += pairwise(edges)
+    return out
+
+
+def _bridged(rows: Float, motion: list[int]) -> Float:
+    out = rows.copy()
+    at = np.arange(len(rows))
+    for column in motion:
+        good = np.isfinite(rows[:, column])
+        if not good.all():
+            out[:, column] = np.interp(at, at[good], rows[good, column])
+    return out

@@ -1,0 +1,189 @@
+"""The augmented model: nominal law with retuned parameters and the effects found; kept as ``model.yaml``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.effects import BY_NAME
+from cellwatt_plugins.mismatch.motion import exact
+from cellwatt_plugins.mismatch.problem import Term
+from cellwatt_plugins.mismatch.run import Motion
+from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import copper_loss
+
+Float = NDArray[np.float64]
+
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class FittedTerm:
+    """An effect with its numbers."""
+
+    term: Term
+    coefficients: Float
+
+
+@dataclass(frozen=True)
+class Retuned:
+    """How far the nominal parameters are off, n joints."""
+
+    inertial: Float
+    """(10 n,), added to the links' parameters."""
+    coulomb_friction: Float
+    """(n,) Nm, added; likewise the next two."""
+    viscous_friction: Float
+    rotor_inertia: Float
+    standby_power: float = 0.0
+    """W, added."""
+    resistance: Float = field(default_factory=lambda: np.zeros(0))
+    """(n,), added to 1 as a factor of each winding's resistance."""
+
+    @classmethod
+    def nothing(cls, joints: int) -> Retuned:
+        """The nominal parameters as they are."""
+        zeros = np.zeros(joints)
+        return cls(np.zeros(10 * joints), zeros, zeros, zeros, 0.0, zeros)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model says of a motion."""
+
+    time: Float
+    """(N,) s."""
+    torque: Float
+    """(N, n) Nm as it would be measured."""
+    power: Float
+    """(N,) W."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A robot with retuned parameters and the effects that its simulation lacked."""
+
+    robot: RobotDescription
+    retuned: Retuned
+    terms: tuple[FittedTerm, ...] = ()
+
+    def body(self) -> RigidBody:
+        """The rigid body of its URDF. Raises ``ConfigError``."""
+        return RigidBody(self.robot.urdf, tuple(j.name for j in self.robot.joints))
+
+
+def predict(model: Model, motion: Motion, body: RigidBody | None = None) -> Prediction:
+    """Torque and power of a motion; hidden states start cold and at rest."""
+    body = body or model.body()
+    moved = exact(motion.position, motion.velocity, motion.acceleration)
+    states = States("motion", -1, motion.time, moved, model.robot, body, motion.temperature)
+    return predict_states(model, states)
+
+
+def predict_states(model: Model, states: States) -> Prediction:
+    """``predict`` of a motion whose states are already there."""
+    mechanical = mechanical_torque(model, states)
+    states = states.with_torque(mechanical)
+    torque, power = mechanical.copy(), nominal_supply(model, states)
+    for fitted in model.terms:
+        effect, joint = fitted.term.effect, fitted.term.joint
+        if effect.place == "supply":
+            power = power + effect.columns(states, None, fitted.term.shape) @ fitted.coefficients
+        elif effect.after:
+            _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
+    return Prediction(states.time, torque, power)
+
+
+def mechanical_torque(model: Model, states: States) -> Float:
+    """Torque (N, n) Nm of law and mechanical effects, before what only the measurement does."""
+    retuned = model.retuned
+    friction = retuned.coulomb_friction * states.sign + retuned.viscous_friction * states.qd
+    carried = states.regressor @ retuned.inertial
+    for fitted in model.terms:
+        if fitted.term.effect.loads:
+            carried += fitted.term.effect.columns(states, fitted.term.joint, fitted.term.shape) @ fitted.coefficients
+    torque = states.nominal + carried + friction + retuned.rotor_inertia * states.qdd
+    states = states.with_torque(states.torque, carried)
+    for fitted in model.terms:
+        if fitted.term.effect.loads:
+            continue
+        effect, joint = fitted.term.effect, fitted.term.joint
+        if effect.place != "supply" and not effect.after:
+            _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
+    return np.asarray(torque)
+
+
+def nominal_supply(model: Model, states: States) -> Float:
+    """Supply power (N,) W of the law with retuned standby power and resistances."""
+    copper = copper_loss(model.robot, states.torque) * (1 + model.retuned.resistance)
+    standby = model.robot.standby_power + model.retuned.standby_power
+    return np.asarray(standby + np.sum(states.torque * states.qd + copper, axis=1))
+
+
+def _add(torque: Float, more: Float, joint: int | None) -> None:
+    if more.ndim == 2:
+        torque += more
+    else:
+        torque[:, joint or 0] += more
+
+
+def save_model(model: Model, path: Path) -> None:
+    """Write ``model.yaml`` with the URDF beside it."""
+    urdf = path.with_name("robot.urdf")
+    if urdf.resolve() != model.robot.urdf.resolve():
+        urdf.write_bytes(model.robot.urdf.read_bytes())
+    robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
+    retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
+    terms = [
+        {
+            "effect": f.term.effect.name,
+            "joint": None if f.term.joint is None else f.term.joint + 1,
+            "shape": [float(x) for x in f.term.shape],
+            "coefficients": f.coefficients.tolist(),
+        }
+        for f in model.terms
+    ]
+    content = {"format": FORMAT, "robot": robot, "retuned": retuned, "effects": terms}
+    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
+
+
+def load_model(path: Path) -> Model:
+    """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` naming the file and what is wrong."""
+    file = path / "model.yaml" if path.is_dir() else path
+    try:
+        content = yaml.safe_load(file.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ConfigError(f"{file}: is not a model that `cellwatt explain` wrote")
+    try:
+        return _model(content, file)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{file}: is damaged: {str(error).splitlines()[0]}") from error
+
+
+def _model(content: Mapping[str, Any], file: Path) -> Model:
+    robot = RobotDescription.model_validate(content["robot"])
+    robot = robot.model_copy(update={"urdf": file.parent / robot.urdf})
+    given = content["retuned"]
+    inertial, coulomb, viscous, rotor, resistance = (
+        np.array(given[name], np.float64)
+        for name in ("inertial", "coulomb_friction", "viscous_friction", "rotor_inertia", "resistance")
+    )
+    retuned = Retuned(inertial, coulomb, viscous, rotor, float(given["standby_power"]), resistance)
+    terms = []
+    for entry in content["effects"]:
+        if entry["effect"] not in BY_NAME:
+            raise ConfigError(f"{file}: effect {entry['effect']!r} is not known to this version")
+        joint = None if entry["joint"] is None else int(entry["joint"]) - 1
+        term = Term(BY_NAME[entry["effect"]], joint, tuple(float(x) for x in entry["shape"]))
+        terms.append(FittedTerm(term, np.array(entry["coefficients"], np.float64)))
+    return Model(robot, retuned, tuple(terms))

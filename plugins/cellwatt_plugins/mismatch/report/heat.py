@@ -1,0 +1,174 @@
+"""Where the mismatch sits: residual ÷ noise floor by joint and velocity, joint and position, channel and time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from cellwatt_plugins.mismatch.report.style import BARE
+from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, root, unroot
+from cellwatt_plugins.mismatch.run import Float
+
+VELOCITY_CELLS, POSITION_CELLS, TIME_CELLS = 41, 48, 180
+ROW = 24
+"""Pixels."""
+MOST_NAMES = 8
+"""Of recordings below the time strip."""
+FEWEST = 20
+"""Samples that a cell needs to be shown."""
+LOWEST, HIGHEST = 3.0, 5.0
+"""Colours end between 2^3 and 2^5 noise floors: chance stays grey, and one large residual does not hide the rest."""
+COLOURS = (
+    (0.0, "rgba(128,140,150,0.16)"),
+    (0.12, "rgba(150,150,140,0.28)"),
+    (0.35, "rgba(244,184,96,0.75)"),
+    (0.65, "rgba(226,98,60,0.95)"),
+    (1.0, "rgba(150,20,60,1)"),
+)
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Rows of cells: ``ratio`` (rows, cells) is rms residual ÷ noise floor, NaN where there are too few samples."""
+
+    rows: tuple[str, ...]
+    places: Float
+    """(cells,) where each cell is drawn."""
+    ratio: Float
+    labels: tuple[str, ...]
+    """What each cell spans."""
+
+
+def rms_by_cell(residual: Float, cell: Float, cells: int) -> Float:
+    """(cells,) rms of (N,) ``residual`` by (N,) ``cell`` number; NaN residuals and cells outside are left out."""
+    good = np.isfinite(residual) & np.isfinite(cell) & (cell >= 0) & (cell < cells)
+    index = cell[good].astype(np.intp)
+    count = np.bincount(index, minlength=cells)
+    total = np.bincount(index, weights=residual[good] ** 2, minlength=cells)
+    return np.where(count >= FEWEST, np.sqrt(total / np.maximum(count, 1)), np.nan)
+
+
+def by_coordinate(traces: Sequence[Trace], which: str, floors: dict[str, float], coordinate: str) -> Strip:
+    """Torque channels over their joint's own ``velocity`` or ``position``."""
+    signed = coordinate == "velocity"
+    warp = root if signed else np.asarray
+    cells = VELOCITY_CELLS if signed else POSITION_CELLS
+    values = np.concatenate([warp(getattr(t, coordinate)).ravel() for t in traces])
+    values = values[np.isfinite(values)]
+    low, high = (float(values.min()), float(values.max())) if len(values) else (-1.0, 1.0)
+    low, high = (-max(-low, high), max(-low, high)) if signed else (low, high)
+    edges = np.linspace(low, high if high > low else low + 1.0, cells + 1)
+    rows = tuple(c for c in floors if joint_of(c) is not None)
+    ratio = np.full((len(rows), cells), np.nan)
+    for r, channel in enumerate(rows):
+        own = (joint_of(channel) or 1) - 1
+        residual = np.concatenate([t.residual(channel, getattr(t, which)) for t in traces])
+        along = np.concatenate([warp(getattr(t, coordinate)[:, own]) for t in traces])
+        cell = np.clip(np.floor((along - edges[0]) / (edges[1] - edges[0])), None, cells - 1)
+        ratio[r] = rms_by_cell(residual, cell, cells) / floors[channel]
+    true = unroot(edges) if signed else edges
+    unit = "rad/s" if signed else "rad"
+    labels = tuple(f"{a:.3g} to {b:.3g} {unit}" for a, b in pairwise(true))
+    return Strip(rows, (edges[:-1] + edges[1:]) / 2, ratio, labels)
+
+
+def by_time(traces: Sequence[Trace], which: str, floors: dict[str, float]) -> tuple[Strip, list[tuple[float, str]]]:
+    """All channels over time, runs side by side with an empty cell between; with the middle and name of each run."""
+    lengths = np.array([max(len(t.time) * t.step, 1e-9) for t in traces])
+    shares = np.maximum(np.round(TIME_CELLS * lengths / lengths.sum()), 6).astype(int)
+    parts, labels, middles, place = [], [], [], 0
+    for trace, cells in zip(traces, shares, strict=True):
+        cell = np.floor(np.arange(len(trace.time)) * cells / max(len(trace.time), 1))
+        block = [rms_by_cell(trace.residual(c, getattr(trace, which)), cell, cells) / f for c, f in floors.items()]
+        parts += [np.array(block), np.full((len(floors), 1), np.nan)]
+        start = float(trace.time[0]) if len(trace.time) else 0.0
+        wide = len(trace.time) * trace.step / cells
+        spans = [f"{start + i * wide:.1f} to {start + (i + 1) * wide:.1f} s" for i in range(cells)]
+        labels += [*(f"{trace.name}, {s}" for s in spans), ""]
+        middles.append((place + (cells - 1) / 2, trace.name))
+        place += cells + 1
+    ratio = np.concatenate(parts[:-1], axis=1)
+    return Strip(tuple(floors), np.arange(ratio.shape[1], dtype=np.float64), ratio, tuple(labels[:-1])), middles
+
+
+def colour_range(traces: Sequence[Trace], floors: dict[str, float]) -> float:
+    """Upper end of the colours in powers of two, the same for all states so that they compare."""
+    strips = [by_time(traces, which, floors)[0].ratio for which in ("simulation", "refit", "model")]
+    known = np.concatenate([s[np.isfinite(s)] for s in strips])
+    return float(np.clip(np.ceil(np.log2(known.max())), LOWEST, HIGHEST)) if len(known) and known.max() > 0 else LOWEST
+
+
+def draw(traces: Sequence[Trace], which: str, floors: dict[str, float], top: float) -> dict[str, Any]:
+    """The three strips of one state (``simulation``, ``refit`` or ``model``)."""
+    velocity, position = (by_coordinate(traces, which, floors, c) for c in ("velocity", "position"))
+    time, middles = by_time(traces, which, floors)
+    upper, lower = ROW * max(len(velocity.rows), 1), ROW * len(time.rows)
+    inner = upper + lower + 66
+    figure = make_subplots(
+        2,
+        2,
+        specs=[[{}, {}], [{"colspan": 2}, None]],
+        row_heights=[upper, lower],
+        vertical_spacing=66 / inner,
+        horizontal_spacing=0.03,
+    )
+    for strip, row, col in ((velocity, 1, 1), (position, 1, 2), (time, 2, 1)):
+        figure.add_trace(_cells(strip), row=row, col=col)
+    figure.update_xaxes(title_standoff=6, tickangle=0, zeroline=False, showgrid=False)
+    marks, labels = _speed_marks(float(velocity.places[-1]))
+    figure.update_xaxes(title_text="joint velocity, rad/s", tickvals=marks, ticktext=labels, row=1, col=1)
+    figure.update_xaxes(title_text="joint position, rad", row=1, col=2)
+    shown = middles[:: -(-len(middles) // MOST_NAMES)]
+    named = {"tickvals": [m for m, _ in shown], "ticktext": [escape(name) for _, name in shown]}
+    figure.update_xaxes(title_text="time, recordings side by side", **named, row=2, col=1)
+    figure.update_yaxes(autorange="reversed", ticklabelstandoff=4, type="category", showgrid=False, ticks="")
+    figure.update_yaxes(showticklabels=False, row=1, col=2)
+    edges = {"l": 64, "r": 80, "t": 12, "b": 50}
+    figure.update_layout(**BARE, height=inner + 62, margin=edges, coloraxis=_colours(top))
+    drawn: dict[str, Any] = figure.to_plotly_json()
+    return drawn
+
+
+def _speed_marks(rooted: float) -> tuple[list[float], list[str]]:
+    """Ticks of the velocity axis up to the root ``rooted``: where they stand and what they say."""
+    speeds = [s for s in (0.1, 0.5, 1.0, 2.0, 4.0, 8.0) if s <= rooted**2]
+    marks = np.array([*(-s for s in reversed(speeds)), 0.0, *speeds])
+    return root(marks).tolist(), [f"{m:g}".replace("-", "−") for m in marks]
+
+
+def _colours(top: float) -> dict[str, Any]:
+    steps = range(int(top) + 1)
+    bar = {
+        "title": {"text": "÷ noise", "side": "right"},
+        "tickvals": list(steps),
+        "ticktext": [f"{2**s}×" for s in steps],
+        "thickness": 12,
+        "outlinewidth": 0,
+    }
+    return {"colorscale": COLOURS, "cmin": 0, "cmax": top, "colorbar": bar}
+
+
+def _cells(strip: Strip) -> go.Heatmap:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shade = np.maximum(np.log2(strip.ratio), 0.0)
+    rows = [f"joint {joint_of(c)}" if joint_of(c) is not None else escape(c) for c in strip.rows]
+    text = [
+        [f"{escape(label)}<br>{r:.1f} × noise floor" for label, r in zip(strip.labels, line, strict=True)]
+        for line in strip.ratio
+    ]
+    return go.Heatmap(
+        x=strip.places.round(4).tolist(),
+        y=rows,
+        z=[[None if np.isnan(v) else round(float(v), 2) for v in line] for line in shade],
+        text=text,
+        hovertemplate="%{y}, %{text}<extra></extra>",
+        coloraxis="coloraxis",
+        ygap=2,
+    )

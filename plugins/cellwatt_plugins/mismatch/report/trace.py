@@ -1,0 +1,131 @@
+"""What the report draws of one recording, and the arithmetic between the recording and its picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt_plugins.mismatch.run import Bool, Float
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One recording of n joints beside the three predictions of it; N samples, C channels, NaN where unknown."""
+
+    name: str
+    """Of the recording, as in ``Span.recording``."""
+    time: Float
+    """(N,) s, evenly spaced."""
+    position: Float
+    """(N, n) rad."""
+    velocity: Float
+    """(N, n) rad/s."""
+    channels: tuple[str, ...]
+    """``tau_1`` … ``tau_n``, ``power`` where recorded."""
+    units: tuple[str, ...]
+    """Of the channels."""
+    measured: Float
+    """(N, C)."""
+    simulation: Float
+    """(N, C), as given."""
+    refit: Float
+    """(N, C), the simulation with its own parameters retuned and nothing added."""
+    model: Float
+    """(N, C), with the findings."""
+    held_out: Bool | None = None
+    """(N,) true where the parameters were not fitted."""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.time), len(self.channels))
+        for name in ("measured", "simulation", "refit", "model"):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{self.name}: {name} is {getattr(self, name).shape}, expected {shape}")
+        if self.position.shape != self.velocity.shape or len(self.position) != len(self.time):
+            raise ValueError(f"{self.name}: position and velocity must both be ({len(self.time)}, joints)")
+
+    @property
+    def step(self) -> float:
+        """Seconds between samples."""
+        return float(self.time[-1] - self.time[0]) / max(len(self.time) - 1, 1) if len(self.time) else 0.0
+
+    def column(self, values: Float, channel: str) -> Float:
+        """(N,) of one channel out of (N, C) ``values``; NaN where this recording lacks the channel."""
+        if channel not in self.channels:
+            return np.full(len(self.time), np.nan)
+        return np.asarray(values[:, self.channels.index(channel)], np.float64)
+
+    def residual(self, channel: str, prediction: Float) -> Float:
+        """(N,) measured minus ``prediction`` (N, C)."""
+        return self.column(self.measured, channel) - self.column(prediction, channel)
+
+
+def joint_of(channel: str) -> int | None:
+    """1-based joint of a torque channel, None for the supply."""
+    head, _, number = channel.partition("_")
+    return int(number) if head == "tau" and number.isdigit() else None
+
+
+def mechanical_power(trace: Trace) -> Float:
+    """(N,) W that the joints give to the arm, Σ τ·ω of the measured torques; NaN where a torque is missing."""
+    torques = [trace.column(trace.measured, f"tau_{j + 1}") for j in range(trace.velocity.shape[1])]
+    return np.asarray((np.stack(torques, axis=1) * trace.velocity).sum(axis=1), np.float64)
+
+
+def root(values: Float) -> Float:
+    """Signed square root: gives low speeds, where friction shows, the room they need."""
+    return np.asarray(np.sign(values) * np.sqrt(np.abs(values)), np.float64)
+
+
+def unroot(values: Float) -> Float:
+    """The inverse of ``root``."""
+    return np.asarray(np.sign(values) * values**2, np.float64)
+
+
+def thin(values: Float, most: int) -> tuple[Float, float]:
+    """At most ``most`` values that keep the extremes of (N,) ``values``, and how many samples apart they lie.
+
+    Each span gives its lowest and highest value in the order in which they came, so a peak is never lost and
+    lies at most half a span off its place. A span without a finite value stays a gap.
+    """
+    count = len(values)
+    if count <= most:
+        return values, 1.0
+    span = -(-count // (most // 2))
+    padded = np.concatenate([values, np.full(-count % span, np.nan)]).reshape(-1, span)
+    known = np.isfinite(padded)
+    low = np.where(known, padded, np.inf).argmin(axis=1)
+    high = np.where(known, padded, -np.inf).argmax(axis=1)
+    rows = np.arange(len(padded))
+    pairs = np.stack([padded[rows, np.minimum(low, high)], padded[rows, np.maximum(low, high)]], axis=1)
+    return np.where(known.any(axis=1)[:, None], pairs, np.nan).ravel(), span / 2
+
+
+def spans(mask: Bool) -> list[tuple[int, int]]:
+    """First and last index of each stretch of true in (N,) ``mask``."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def telling_stretch(trace: Trace, channel: str, length: float) -> tuple[float, float]:
+    """Start and end s of the stretch of ``length`` s in which the simulation is furthest off."""
+    start, end = float(trace.time[0]), float(trace.time[-1])
+    width = max(int(length / trace.step), 1) if trace.step > 0 else 1
+    if width >= len(trace.time):
+        return start, end
+    squared = np.nan_to_num(trace.residual(channel, trace.simulation) ** 2, posinf=0.0)
+    total = np.concatenate([[0.0], np.cumsum(squared)])
+    first = int(np.argmax(total[width:] - total[:-width]))
+    return float(trace.time[first]), float(trace.time[first]) + length
+
+
+def worst_first(traces: Sequence[Trace], floors: dict[str, float], most: int) -> list[Trace]:
+    """The ``most`` traces whose simulation is furthest off, in the order given."""
+
+    def off(trace: Trace) -> float:
+        squares = [(trace.residual(c, trace.simulation) / floor) ** 2 for c, floor in floors.items()]
+        return float(sum(np.mean(s[np.isfinite(s)]) for s in squares if np.isfinite(s).any()))
+
+    chosen = sorted(range(len(traces)), key=lambda i: -off(traces[i]))[:most]
+    return [traces[i] for i in sorted(chosen)]

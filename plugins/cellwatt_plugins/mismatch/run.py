@@ -1,0 +1,81 @@
+"""One recorded run and what the simulation says of it, on one even time grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The motion that was commanded, and what the simulation says for it; (N, n) each, power (N,)."""
+
+    position: Float
+    """rad."""
+    velocity: Float
+    """rad/s."""
+    acceleration: Float
+    """rad/s²."""
+    torque: Float | None = None
+    """Nm."""
+    power: Float | None = None
+    """W."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recorded run of n joints: N samples, evenly spaced."""
+
+    name: str
+    """File name without its endings, e.g. ``run_01``."""
+    time: Float
+    """(N,) s, evenly spaced."""
+    position: Float
+    """(N, n) rad."""
+    velocity: Float | None
+    """(N, n) rad/s, where recorded."""
+    torque: Float
+    """(N, n) Nm, motor torque at the joint side."""
+    power: Float | None = None
+    """(N,) W of the supply, where recorded."""
+    temperature: Float | None = None
+    """(N, n) °C, where recorded."""
+    plan: Plan | None = None
+    gaps: Bool | None = None
+    """(N,) true where samples were missing and values were filled in."""
+    torque_from: Literal["torque", "current"] = "torque"
+    """What was recorded; current is times the torque constants of the description."""
+    notes: tuple[str, ...] = ()
+    """What was mended in reading it, one sentence each."""
+
+    @property
+    def step(self) -> float:
+        """Seconds between samples."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    @property
+    def joints(self) -> int:
+        """Number of joints, n."""
+        return int(self.position.shape[1])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion to simulate: N samples of n joints, evenly spaced."""
+
+    time: Float
+    """(N,) s."""
+    position: Float
+    """(N, n) rad."""
+    velocity: Float
+    """(N, n) rad/s."""
+    acceleration: Float
+    """(N, n) rad/s²."""
+    temperature: Float | None = None
+    """(N, n) °C, where recorded."""

@@ -1,0 +1,198 @@
+"""The live side of the explainer: frames and intervals in, predictions of the simulation and alarms out.
+
+Pinocchio and scipy are imported where a stage is made, not where its settings are read.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Frames, Layout
+from cellwatt.results import Alarm, Interval, Prediction, Result
+from cellwatt.stage import CellInfo, Stage
+from cellwatt_plugins.mismatch.live.band import Band
+from cellwatt_plugins.mismatch.live.history import History
+from cellwatt_plugins.mismatch.live.intake import intake
+from cellwatt_plugins.mismatch.live.motions import Motions
+from cellwatt_plugins.mismatch.live.settings import MismatchSettings
+from cellwatt_plugins.mismatch.live.watch import ChannelWatch
+from cellwatt_plugins.mismatch.live.window import Stretch, Window
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.mismatch.live.explainer import Explainer
+    from cellwatt_plugins.mismatch.live.simulation import Simulation
+
+Float = NDArray[np.float64]
+
+LONGEST = 120.0
+"""s of an interval, from its end, that are judged."""
+COVERED = 0.8
+"""Share of an interval's frames that must have been compared for it to be judged."""
+WAITING = 64
+"""Intervals that may wait for their frames to be simulated."""
+
+
+class MismatchStage(Stage[MismatchSettings]):
+    """Gives a ``Prediction`` of torques and power each second, and alarms.
+
+    ``simulation_differs`` for a channel outside its band, ``mismatch`` for what explains it, ``explanation_failed``
+    where that could not be said, ``effect_not_followed`` for effects of a model that a daemon cannot simulate.
+    """
+
+    Settings = MismatchSettings
+    title = "where and since when a simulation and the recording differ, and the physics that explains it"
+    needs = ("segment",)
+
+    def __init__(self, name: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        self._simulation = _simulation(name, settings, layout, cell)
+        robot = self._simulation.model.robot
+        constants = np.array([joint.torque_constant for joint in robot.joints])
+        self._intake = intake(name, layout, settings.arm, settings.power, constants)
+        places = self._intake.places
+        motion = [c for q in ("position", "velocity") if q in places for c in range(places[q].start, places[q].stop)]
+        self._window = Window(motion, layout.step, self._simulation.lead)
+        self._width = max(place.stop for place in places.values())
+        keep = max(LONGEST, settings.explain.recording if settings.explain else 0.0)
+        self._history = History(round(keep * layout.rate), self._width + len(self._intake.judged))
+        self._motions = Motions()
+        self._band = Band(settings.band, self._intake.judged, layout.step * 1e-9)
+        self._watch = ChannelWatch(name, self._intake.source, settings.band.confirm)
+        self._intervals: deque[Interval] = deque(maxlen=WAITING)
+        self._explainer = _explainer(self)
+        self._unsaid = self._simulation.left_out
+        self.counts: Counter[str] = Counter()
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """Predictions that are ready with this block, and the alarms that changed."""
+        self._intervals.extend(r for r in upstream if isinstance(r, Interval) and self._counts_for_us(r))
+        if not len(frames):
+            return ()
+        out: list[Result] = self._say_once(int(frames.time[0]))
+        sequence = frames.sequence + np.arange(len(frames))
+        for stretches in self._window.feed(frames.time, sequence, self._intake.rows(frames)):
+            out += map(self._compare, stretches)
+            out += self._judge()
+        out += self._judge()
+        if self._explainer is not None:
+            out += self._explainer.step(int(frames.time[-1]), self._watch, self._history)
+        return out
+
+    def close(self) -> Sequence[Result]:
+        """End an explanation that still runs."""
+        if self._explainer is not None:
+            self._explainer.stop()
+        return ()
+
+    def _counts_for_us(self, interval: Interval) -> bool:
+        return (
+            interval.source == self._intake.source and interval.closed and interval.complete and bool(interval.moving)
+        )
+
+    def _say_once(self, now: int) -> list[Result]:
+        names, self._unsaid = self._unsaid, ()
+        if not names:
+            return []
+        from cellwatt_plugins.mismatch.live.alarms import left_out
+
+        return [left_out(self.name, self._intake.source, names, now)]
+
+    def _compare(self, stretch: Stretch) -> Prediction:
+        """Simulate a stretch; what is new in it goes into the history beside what was measured."""
+        places, new = self._intake.places, stretch.new
+        temperature = _whole(stretch.values[:, places["temperature"]]) if "temperature" in places else None
+        velocity = stretch.values[:, places["velocity"]] if "velocity" in places else None
+        time = (stretch.time - stretch.time[0]) * 1e-9
+        said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature)
+        parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
+        simulated = np.column_stack(parts)[new]
+        measured = stretch.values[new]
+        whole = np.isfinite(measured[:, places[self._intake.measured]]).all(axis=1) & ~stretch.bridged[new]
+        self._history.add(stretch.time[new][whole], np.column_stack([measured, simulated])[whole])
+        self.counts["compared"] += int(whole.sum())
+        self.counts["torque missing"] += int(np.sum(~whole & ~stretch.bridged[new]))
+        simulated[stretch.bridged[new]] = np.nan
+        judged = self._intake.judged
+        return Prediction(
+            model=self.name,
+            sequence=int(stretch.sequence[new.start]),
+            time=tuple(stretch.time[new].tolist()),
+            outputs={c.name: tuple(simulated[:, i].tolist()) for i, c in enumerate(judged)},
+            units={c.name: c.unit for c in judged},
+        )
+
+    def _judge(self) -> list[Alarm]:
+        """Alarms that change with the intervals whose frames have all been simulated."""
+        out: list[Alarm] = []
+        while self._intervals and self._intervals[0].end <= self._window.settled:
+            interval = self._intervals.popleft()
+            start = max(interval.start, interval.end - round(LONGEST * 1e9))
+            time, rows = self._history.between(start, interval.end)
+            if len(time) < max(8, COVERED * (interval.end - start) / self.layout.step):
+                self.counts["intervals not covered"] += 1
+                continue
+            motion = self._motions.number(interval)
+            readings = self._band.read(motion, interval.moving, rows[:, self._judged], rows[:, self._width :])
+            out += map(self._with_counts, self._watch.take(motion, interval, readings))
+            self.counts["intervals judged" if readings else "intervals learned"] += 1
+        return out
+
+    def _with_counts(self, alarm: Alarm) -> Alarm:
+        counts = {
+            "frames_compared": self.counts["compared"],
+            "frames_missing": self._window.counts["missing"] + self.counts["torque missing"],
+            "frames_beside_gaps": self._window.counts["edge"],
+        }
+        return replace(alarm, evidence={**alarm.evidence, **counts})
+
+    @property
+    def _judged(self) -> list[int]:
+        """Columns of the history that were measured and are compared."""
+        places = self._intake.places
+        torque = places[self._intake.measured]
+        return [*range(torque.start, torque.stop), *([places["power"].start] if "power" in places else [])]
+
+
+def _simulation(name: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> Simulation:
+    try:
+        from cellwatt_plugins.mismatch.live.simulation import Simulation, open_model
+    except ImportError as error:
+        raise ConfigError(f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[explain]'") from error
+    robot = settings.robot
+    if robot is None and cell.robot is not None and (cell.folder / cell.robot / "robot.yaml").is_file():
+        robot = cell.folder / cell.robot
+    model = open_model(settings.simulation, robot and cell.folder / robot, cell.folder)
+    source = layout.channels[layout.joints("position", settings.arm)[0]].source
+    warm = f"{source}.joint_1.temperature" in layout.names
+    return Simulation(model, layout.step * 1e-9, warm)
+
+
+def _explainer(stage: MismatchStage) -> Explainer | None:
+    settings = stage.settings.explain
+    if settings is None:
+        return None
+    from cellwatt_plugins.mismatch.live.explainer import Explainer
+
+    if settings.folder is not None:
+        settings = settings.model_copy(update={"folder": Path(stage.cell.folder / settings.folder)})
+    simulation = stage._simulation
+    return Explainer(stage.name, stage.cell.cell, settings, stage._intake, simulation.model.robot, simulation.known)
+
+
+def _whole(temperature: Float) -> Float | None:
+    """Temperatures (N, n) with what is missing interpolated; None where a joint has none at all."""
+    there = np.isfinite(temperature)
+    if there.all():
+        return temperature
+    if not there.any(axis=0).all():
+        return None
+    at = np.arange(len(temperature))
+    return np.column_stack([np.interp(at, at[ok], t[ok]) for t, ok in zip(temperature.T, there.T, strict=True)])

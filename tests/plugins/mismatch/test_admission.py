@@ -1,0 +1,401 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.admission import examine
+from cellwatt_plugins.mismatch.reading import read_runs
+from cellwatt_plugins.robot import RigidBody, load_robot
+from tests.plugins.mismatch.recorded_arm import (
+    CONSTANT,
+    EFFECTS,
+    JOINTS,
+    NOISE,
+    excitation,
+    load,
+    points,
+    recorded,
+    without_plan,
+    write_robot,
+)
+
+CASES = Path(__file__).resolve().parents[3] / ".." / "shared" / "concealed" / "dev"
+DEGREES = 57.29577951308232
+MOTIONS = {"excitation": excitation, "points": points}
+PLAN = ("position", "velocity", "acceleration", "torque", "power")
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    return write_robot(tmp_path_factory.mktemp("described"))
+
+
+@pytest.fixture(scope="module")
+def arm(described):
+    return load(described)
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """A description that knows no friction and no rotors."""
+    changes = {"coulomb_friction": 0.0, "viscous_friction": 0.0, "rotor_inertia": 0.0}
+    return load(write_robot(tmp_path_factory.mktemp("bare"), **changes))
+
+
+@pytest.fixture(scope="module", params=MOTIONS)
+def run(request, described):
+    return recorded(described, MOTIONS[request.param](seed=1))
+
+
+def refusal(runs, arm):
+    with pytest.raises(RecordingError) as caught:
+        examine(runs, *arm)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def times(factor, *names):
+    """The named quantities times a factor, or one factor a joint."""
+
+    def change(run):
+        return replace(run, **{name: getattr(run, name) * factor for name in names})
+
+    return change
+
+
+def joint(number, factor, *names):
+    factors = np.ones(JOINTS)
+    factors[number - 1] = factor
+    return times(factors, *names)
+
+
+def ordered(order, *names):
+    def change(run):
+        return replace(run, **{name: getattr(run, name)[:, order] for name in names})
+
+    return change
+
+
+def simulated(factor, *names):
+    def change(run):
+        return replace(run, plan=replace(run.plan, **{name: getattr(run.plan, name) * factor for name in names}))
+
+    return change
+
+
+def stuck(name, number=None):
+    def change(run):
+        values = getattr(run, name).copy()
+        values[..., slice(None) if number is None else number - 1] = values[5, ...] if number is None else 0.25
+        return replace(run, **{name: values})
+
+    return change
+
+
+def shifted(seconds):
+    """The simulation later by so much."""
+
+    def change(run):
+        samples = round(seconds / run.step)
+        parts = {name: np.roll(getattr(run.plan, name), samples, axis=0) for name in PLAN}
+        return replace(run, plan=replace(run.plan, **parts))
+
+    return change
+
+
+def both(*changes):
+    def change(run):
+        for one in changes:
+            run = one(run)
+        return run
+
+    return change
+
+
+MOTION = ("position", "velocity")
+ALL = ("position", "velocity", "torque")
+ELBOW_FIRST = [2, 1, 0, 3, 4, 5]
+ELBOW_TEXT = "q_1 holds joint 3, q_3 holds joint 1"
+
+WRONG = {
+    "positions in degrees": (times(DEGREES, "position"), "57.3 times the simulated ones (degrees against radians)"),
+    "motion in degrees": (times(DEGREES, *MOTION), "joints 1, 2, 3, 4, 5, 6 are 57.3 times the simulated ones"),
+    "simulation in degrees": (
+        simulated(DEGREES, "position", "velocity", "acceleration"),
+        "simulated positions of joints 1, 2, 3, 4, 5, 6 are 57.3 times the recorded ones (degrees against radians)",
+    ),
+    "positions of motors": (times(100.0, "position"), "100 times the simulated ones (the motor's angle"),
+    "velocity in degrees/s": (times(DEGREES, "velocity"), "velocity of joint 1 is 57.3 times the derivative"),
+    "velocity in rpm": (times(30 / np.pi, "velocity"), "it seems to be in rpm"),
+    "velocity of motors": (times(100.0, "velocity"), "it seems to be that of the motor;"),
+    "velocity of motors in rpm": (times(3000 / np.pi, "velocity"), "it seems to be that of the motor, in rpm"),
+    "velocity of one joint in degrees/s": (joint(4, DEGREES, "velocity"), "velocity of joint 4 is 57.3 times"),
+    "torque in mNm": (
+        times(1e3, "torque"),
+        "torque is 1000 times what motion and description ask for: it seems to be in mNm",
+    ),
+    "torque in kNm": (times(1e-3, "torque"), "torque is 0.001 times what motion and description ask for: it seems"),
+    "torque of motors": (times(0.01, "torque"), "it seems to be that of the motors, before the gears"),
+    "torque of one joint in mNm": (joint(4, 1e3, "torque"), "torque of joint 4 is some thousand times too large"),
+    "torque of one joint in kNm": (joint(2, 1e-3, "torque"), "torque of joint 2 is some thousand times too small"),
+    "simulated torque in mNm": (simulated(1e3, "torque"), "its simulation's torque is 1000 times what"),
+    "power in kW": (times(1e-3, "power"), "is it in kW? It must be in W"),
+    "power in mW": (times(1e3, "power"), "is it in mW? It must be in W"),
+    "simulated power in kW": (simulated(1e-3, "power"), "in its simulation: power is"),
+    "joints in another order": (ordered(ELBOW_FIRST, *ALL), f"another order than the simulation's: {ELBOW_TEXT}"),
+    "joints in reverse order": (ordered([5, 4, 3, 2, 1, 0], *ALL), "q_1 holds joint 6, q_2 holds joint 5, q_3 holds"),
+    "joints moved on by one": (ordered([5, 0, 1, 2, 3, 4], *ALL), "q_1 holds joint 6, q_2 holds joint 1, q_3 holds"),
+    "positions in another order": (ordered(ELBOW_FIRST, *MOTION), ELBOW_TEXT),
+    "torques in another order": (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3, tau_3 holds joint 1"),
+    "velocities in another order": (ordered(ELBOW_FIRST, "velocity"), "qd_1 holds joint 3, qd_3 holds joint 1"),
+    "joint turned round": (joint(2, -1, *ALL), "positions of joint 2 have opposite signs"),
+    "torque turned round": (joint(2, -1, "torque"), "torque of joint 2 has the opposite sign"),
+    "torques turned round": (times(-1, "torque"), "torque of joints 1, 2, 3, 4, 5, 6 has the opposite sign"),
+    "velocity turned round": (joint(3, -1, "velocity"), "velocity of joint 3 has the opposite sign"),
+    "torque stuck": (stuck("torque", 3), "tau_3 stays at one value in every sample although the joint moves"),
+    "position stuck": (stuck("position", 3), "q_3 stays at one value in every sample"),
+    "velocity stuck": (stuck("velocity", 3), "qd_3 stays at one value in every sample"),
+    "power stuck": (stuck("power"), "in every sample although the arm moves"),
+    "simulation late": (shifted(1.5), "1.50 s later than the recording: take 1.50 s off the simulation's times"),
+    "simulation early": (shifted(-0.8), "0.80 s earlier than the recording: add 0.80 s to the simulation's times"),
+    "another zero": (
+        lambda run: replace(run, position=run.position + np.array([0, np.pi / 2, 0, 0, 0, 0])),
+        "positions of joint 2 are 1.57 rad off the simulated ones throughout",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_input_is_said_in_one_line(case, run, arm):
+    change, message = WRONG[case]
+    assert message in refusal([change(run)], arm)
+
+
+@pytest.mark.parametrize("case", [case for case in WRONG if case not in {"another zero"} and "simul" not in case])
+def test_it_is_seen_without_a_simulation_too(case, run, arm):
+    change, message = WRONG[case]
+    found = refusal([without_plan(change(run))], arm)
+    if "simulated" not in message and "simulation" not in message and "opposite signs" not in message:
+        assert message in found
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (times(DEGREES, *MOTION), "are they in degrees?"),
+        (times(DEGREES, "position"), "are they in degrees?"),
+        (ordered(ELBOW_FIRST, *ALL), f"the joints are in another order than in the robot's description: {ELBOW_TEXT}"),
+        (ordered([1, 2, 3, 4, 5, 0], *ALL), "q_1 holds joint 2, q_2 holds joint 3, q_3 holds joint 4"),
+        (ordered([0, 2, 1, 3, 4, 5], *MOTION), "the positions are in another order than in the robot's description"),
+        (joint(2, -1, *ALL), "position and torque count the other way round at joint 2"),
+    ],
+)
+def test_without_a_simulation_the_torques_tell(change, message, run, arm):
+    assert message in refusal([without_plan(change(run))], arm)
+
+
+def test_small_motions_in_degrees_are_told_by_the_torques(described, arm):
+    moves = excitation(seed=2)
+    small = replace(moves, q=moves.q / 20, qd=moves.qd / 20, qdd=moves.qdd / 20)
+    run = times(DEGREES, *MOTION)(without_plan(recorded(described, small)))
+    assert "the positions are in degrees: taken so, the torques agree" in refusal([run], arm)
+
+
+def test_both_in_degrees(run, arm):
+    change = both(times(DEGREES, *MOTION), simulated(DEGREES, "position", "velocity", "acceleration"))
+    assert "are they in degrees?" in refusal([change(run)], arm)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (joint(4, 1e3, "torque"), "torque of joint 4 is some thousand times too large"),
+        (times(1e3, "torque"), "it seems to be in mNm"),
+        (ordered(ELBOW_FIRST, "torque"), "tau_1 holds joint 3"),
+        (joint(6, -1, "torque"), "torque of joint 6 has the opposite sign"),
+    ],
+)
+def test_a_description_without_friction_suffices(change, message, run, bare):
+    assert message in refusal([change(run)], bare)
+
+
+def test_currents_in_milliampere(run, arm):
+    wrong = replace(run, torque=run.torque * 1e3, torque_from="current")
+    assert "torque from current is 1000 times what motion and description ask for: it seems to be in mA" in refusal(
+        [wrong], arm
+    )
+
+
+def test_a_simulation_of_another_run(described, arm):
+    runs = [recorded(described, excitation(seed), name=f"run_0{seed}") for seed in (1, 2, 3)]
+    crossed = [replace(run, plan=plan.plan) for run, plan in zip(runs, runs[1:] + runs[:1], strict=True)]
+    assert "run_01: the recording follows the simulation of run_03, not its own" in refusal(crossed, arm)
+    alone = refusal(crossed[:1], arm)
+    assert "run_01: the recording does not follow its simulation (joint " in alone
+    assert "is it the simulation of this run?" in alone
+
+
+def test_one_joint_of_another_program(run, arm):
+    plan = run.plan.position.copy()
+    plan[:, 4] = 0.5 * np.sin(3.3 * run.time + 1)
+    other = replace(run, plan=replace(run.plan, position=plan))
+    assert "does not follow its simulation (joint 5 is" in refusal([other], arm)
+
+
+def test_too_short(described, arm):
+    assert "250 usable samples in 2.50 s are too few: at least 3 s and 200 samples" in refusal(
+        [recorded(described, excitation(1, seconds=2.5))], arm
+    )
+    assert "150 usable samples in 6.00 s" in refusal([recorded(described, excitation(1, seconds=6, rate=25))], arm)
+    gappy = recorded(described, excitation(1, seconds=5))
+    assert "200 usable samples in 2.00 s" in refusal([replace(gappy, gaps=gappy.time >= 2.0)], arm)
+
+
+def at_rest(described, name="rest"):
+    moves = excitation(1)
+    still = replace(moves, q=np.tile(moves.q[0], (len(moves.time), 1)), qd=0 * moves.qd, qdd=0 * moves.qdd)
+    return recorded(described, still, name=name)
+
+
+def test_nothing_moves(described, arm):
+    assert "rest: nothing moves (at most 0.000" in refusal([at_rest(described)], arm)
+
+
+def test_a_run_at_rest_among_others_is_a_note(described, arm):
+    assert examine([at_rest(described), recorded(described, excitation(1))], *arm) == ["rest: the arm stands still"]
+
+
+def test_no_recording(arm):
+    assert refusal([], arm) == "no recording given"
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_what_a_robot_may_do_is_no_wrong_input(effect, motion, described, arm, bare):
+    run = recorded(described, MOTIONS[motion](seed=4), effect=EFFECTS[effect], seed=7)
+    for kept in (run, without_plan(run), replace(run, plan=None, velocity=None)):
+        assert examine([kept], *arm) == []
+        assert examine([kept], *bare) == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_nor_with_other_motions(effect, described, arm, bare):
+    for seed in range(5, 11):
+        for motion in MOTIONS.values():
+            run = recorded(described, motion(seed), effect=EFFECTS[effect], seed=seed)
+            for kept in (run, without_plan(run)):
+                assert examine([kept], *arm) == []
+                assert examine([kept], *bare) == []
+
+
+def tracked(run, seconds, error):
+    late = np.column_stack([np.interp(run.time - seconds, run.time, one) for one in run.position.T])
+    return replace(run, position=late + error, velocity=None)
+
+
+@pytest.mark.parametrize(("seconds", "error"), [(0.03, 0.0), (0.1, 0.0), (0.0, 0.1), (0.1, -0.05), (0.0, 2 * np.pi)])
+def test_loose_tracking_is_no_wrong_input(seconds, error, run, arm):
+    assert examine([tracked(run, seconds, error)], *arm) == []
+
+
+def test_late_tracking_is_a_note(described, arm):
+    run = recorded(described, excitation(1))
+    (note,) = examine([tracked(run, 0.2, 0.0)], *arm)
+    assert note == "run_01: the recorded motion comes 0.20 s after the simulation's"
+
+
+def test_a_multi_turn_joint_is_no_wrong_unit(described, arm):
+    moves = excitation(1)
+    screw = 2.0 * moves.time
+    turning = replace(moves, q=np.column_stack([moves.q[:, :5], screw]), qd=moves.qd.copy(), qdd=moves.qdd.copy())
+    turning.qd[:, 5], turning.qdd[:, 5] = 2.0, 0.0
+    assert examine([recorded(described, turning)], *arm) == []
+
+
+def test_other_supplies_are_no_wrong_unit(run, arm):
+    joints = np.sum(run.torque * run.plan.velocity, axis=1)
+    for power in (
+        2000 + joints / 0.6,
+        0.5 + np.maximum(joints, 0),
+        np.convolve(run.power, np.ones(300) / 300, "same"),
+        np.full(len(joints), 90.0) + 0.1 * np.sin(run.time),
+    ):
+        assert examine([replace(run, power=power)], *arm) == []
+
+
+def test_what_never_moved_is_a_note(described, arm):
+    moves = excitation(1)
+    still = np.array([1, 1, 1, 1, 0, 0])
+    some = replace(moves, q=moves.q * still, qd=moves.qd * still, qdd=moves.qdd * still)
+    assert examine([recorded(described, some)], *arm) == [
+        "joints 5, 6 never moved: friction and inertia cannot be seen there"
+    ]
+
+
+def test_cut_off_and_coarse_torques_are_notes(described, arm):
+    run = recorded(described, excitation(1))
+    limit = 0.7 * run.torque[:, 1].max()
+    cut = replace(run, torque=np.clip(run.torque, None, [1e9, limit, 1e9, 1e9, 1e9, 1e9]))
+    (note,) = examine([cut], *arm)
+    assert f"the torque of joint 2 stays at its extreme of {limit:.4g} Nm in" in note
+    steps = 20 * NOISE[2]
+    torque = run.torque.copy()
+    torque[:, 2] = np.round(torque[:, 2] / steps) * steps
+    (note,) = examine([replace(run, torque=torque)], *arm)
+    assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be seen"
+
+
+def test_notes_of_reading_and_missing_power(described, arm):
+    run = recorded(described, excitation(1))
+    gaps = np.arange(len(run.time)) % 100 == 0
+    notes = examine([replace(run, power=None, gaps=gaps, notes=("as read",))], *arm)
+    assert notes == [
+        "as read",
+        "no power recorded: nothing can be said of the supply",
+        "run_01: 1 % of the samples were filled in and do not count",
+    ]
+
+
+def test_filled_samples_do_not_count(described, arm):
+    run = recorded(described, excitation(1))
+    gaps = (run.time > 5) & (run.time < 7)
+    torque = np.where(gaps[:, None], 1e6, run.torque)
+    power = np.where(gaps, 0.0, run.power)
+    (note,) = examine([replace(run, torque=torque, power=power, gaps=gaps)], *arm)
+    assert "10 % of the samples" in note
+
+
+@pytest.mark.parametrize("case", sorted(CASES.iterdir()) if CASES.is_dir() else [], ids=lambda case: case.name)
+def test_concealed_cases_are_admitted_without_a_word(case):
+    robot = load_robot(case)
+    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    seen, said = sorted(case.glob("*.recording.parquet")), sorted(case.glob("*.simulation.parquet"))
+    runs = read_runs(seen, said, robot, body)
+    assert len(runs) == len(seen)
+    assert examine(runs, robot, body) == []
+    assert examine([without_plan(run) for run in runs], robot, body) == []
+
+
+def test_the_constants_of_the_arm_are_the_descriptions(arm):
+    np.testing.assert_array_equal([joint.torque_constant for joint in arm[0].joints], CONSTANT)
+
+
+def test_a_torque_that_was_not_read_for_a_while_is_a_note(described, arm):
+    run = recorded(described, excitation(1))
+    torque = run.torque.copy()
+    torque[400:700, 2] = torque[400, 2]
+    (note,) = examine([replace(run, torque=torque)], *arm)
+    assert f"the torque of joint 3 stays at {torque[400, 2]:.4g} Nm from 4.00 to 6.99 s while the joint moves" in note
+
+
+def test_motion_that_was_only_filled_in_is_none(described, arm):
+    run = at_rest(described)
+    ramp = np.interp(run.time, [8, 9], [0, 0.5])[:, None]
+    gaps = (run.time > 8) & (run.time < 9)
+    filled = replace(run, position=run.position + ramp * gaps[:, None], plan=None, velocity=None, gaps=gaps)
+    assert "nothing moves" in refusal([filled], arm)

@@ -1,0 +1,274 @@
+import json
+import shutil
+import sys
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.commands import EXIT_ERROR, EXIT_USAGE, main
+from cellwatt_plugins.mismatch.model import load_model, predict
+from cellwatt_plugins.mismatch.run import Motion
+from tests.plugins.mismatch import plant
+
+OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
+
+
+def parquet(path, columns):
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A folder with the robot and two runs, under the names that the contract gives them."""
+    folder = tmp_path_factory.mktemp("cell")
+    plant.write_robot(folder)
+    for seed, name in ((1, "run_01"), (2, "run_02")):
+        recorded, simulated = plant.tables(plant.record(name, seed, OFFSET, 14.0))
+        parquet(folder / f"{name}.recording.parquet", recorded)
+        parquet(folder / f"{name}.simulation.parquet", simulated)
+    return folder
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """The command line as a person calls it: exit code, output, errors."""
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["cellwatt", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        said = capsys.readouterr()
+        return stopped.value.code or 0, said.out, said.err
+
+    return run
+
+
+def recordings(cell):
+    return [cell / "run_01.recording.parquet", cell / "run_02.recording.parquet"]
+
+
+def simulations(cell):
+    return [cell / "run_01.simulation.parquet", cell / "run_02.simulation.parquet"]
+
+
+@pytest.fixture(scope="module")
+def explained(cell, tmp_path_factory):
+    """What ``explain`` leaves in its folder."""
+    out = tmp_path_factory.mktemp("explained") / "results"
+    words = [*recordings(cell), "--simulation", *simulations(cell), "--robot", cell / "robot.yaml", "--out", out]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["cellwatt", "explain", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+    assert not stopped.value.code
+    return out
+
+
+def test_findings_model_and_report_are_written(explained):
+    found = json.loads((explained / "findings.json").read_text())
+    assert found["verdict"] == "explained"
+    assert [(f["effect"], f["joint"]) for f in found["findings"]] == [("torque_offset", 3)]
+    assert found["findings"][0]["parameters"]["offset"]["value"] == pytest.approx(1.5, abs=0.2)
+    assert [f["channel"] for f in found["fit"]] == ["tau_1", "tau_2", "tau_3", "power"]
+    assert (explained / "model.yaml").exists()
+    page = (explained / "report.html").read_text()
+    assert "<html" in page
+    assert 'src="http' not in page
+
+
+@pytest.mark.parametrize("order", ["all after one", "one each", "apart"])
+def test_simulations_may_follow_one_option_or_several(cell, call, tmp_path, order):
+    out = tmp_path / "out"
+    tail = ["--robot", cell, "--out", out, "--json", "--no-report"]
+    one, two = simulations(cell)
+    if order == "all after one":
+        words = [*recordings(cell), "--simulation", one, two, *tail]
+    elif order == "one each":
+        words = [*recordings(cell), "--simulation", one, "--simulation", two, *tail]
+    else:
+        words = [*recordings(cell), "--simulation", one, "--no-report", "--simulation", two, *tail]
+    code, said, errors = call("explain", *words)
+    assert (code, errors) == (0, "")
+    assert json.loads(said) == json.loads((out / "findings.json").read_text())
+    assert not (out / "report.html").exists()
+
+
+def test_simulations_find_their_recordings_by_name(cell, call, tmp_path, explained):
+    swapped = [*recordings(cell), "--simulation", *reversed(simulations(cell))]
+    code, said, _ = call("explain", *swapped, "--robot", cell, "--out", tmp_path, "--json", "--no-report")
+    assert code == 0
+    assert json.loads(said) == json.loads((explained / "findings.json").read_text())
+
+
+def test_in_words_each_finding_is_a_sentence(cell, call, tmp_path):
+    code, said, _ = call(
+        "explain", *recordings(cell), "--simulation", *simulations(cell), "--robot", cell, "--out", tmp_path
+    )
+    assert code == 0
+    assert said.startswith("Explained")
+    assert "joint 3" in said.lower()
+    assert "held-out error" in said
+    assert str(tmp_path) in said
+
+
+def test_without_a_simulation_the_robot_is_simulated(cell, call, tmp_path):
+    code, said, _ = call("explain", *recordings(cell), "--robot", cell, "--out", tmp_path, "--json", "--no-report")
+    assert code == 0
+    assert ("torque_offset", 3) in {(f["effect"], f["joint"]) for f in json.loads(said)["findings"]}
+
+
+def motion_columns():
+    time = np.arange(500) / plant.RATE
+    q, qd, qdd = plant.moves(9, 5.0)(time)
+    columns = {"t": time}
+    for stem, values in (("q", q), ("qd", qd), ("qdd", qdd)):
+        columns |= {f"{stem}_{i + 1}": values[:, i] for i in range(plant.JOINTS)}
+    return columns, Motion(time, q, qd, qdd)
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_simulate_says_what_the_model_says(call, explained, tmp_path, ending):
+    columns, motion = motion_columns()
+    source = tmp_path / f"motion.{ending}"
+    if ending == "parquet":
+        parquet(source, columns)
+    else:
+        rows = "\n".join(",".join(repr(float(cell)) for cell in row) for row in zip(*columns.values(), strict=True))
+        source.write_text(",".join(columns) + "\n" + rows + "\n")
+    code, _, errors = call(
+        "simulate", "--model", explained / "model.yaml", "--motion", source, "--out", tmp_path / "deep" / "said.parquet"
+    )
+    assert (code, errors) == (0, "")
+    table = pq.read_table(tmp_path / "deep" / "said.parquet")
+    assert table.column_names == ["t", "tau_1", "tau_2", "tau_3", "power"]
+    expected = predict(load_model(explained), motion)
+    assert np.allclose(table["t"], motion.time)
+    assert np.allclose(table["power"], expected.power)
+    for i in range(plant.JOINTS):
+        assert np.allclose(table[f"tau_{i + 1}"], expected.torque[:, i])
+
+
+def test_simulated_torque_is_that_of_the_plant_and_its_offset(call, explained, tmp_path):
+    columns, motion = motion_columns()
+    call(
+        "simulate", "--model", explained, "--motion", parquet(tmp_path / "m.parquet", columns), "--out", tmp_path / "p"
+    )
+    table = pq.read_table(tmp_path / "p")
+    truth = plant.motors(plant.REAL, motion.position, motion.velocity, motion.acceleration) + np.array([0, 0, 1.5])
+    nominal = plant.motors(plant.NOMINAL, motion.position, motion.velocity, motion.acceleration)
+    for i in range(plant.JOINTS):
+        off = np.sqrt(np.mean((np.asarray(table[f"tau_{i + 1}"]) - truth[:, i]) ** 2))
+        assert off < 0.5 * np.sqrt(np.mean((nominal - truth)[:, i] ** 2)) + 0.05
+
+
+def one_line(call, *words):
+    code, said, errors = call(*words)
+    assert said == ""
+    assert "Traceback" not in errors
+    assert len(errors.strip().splitlines()) == 1
+    return code, errors
+
+
+def changed(cell, folder, **columns):
+    """A copy of the cell in which columns of run_01's recording are others, or gone (None)."""
+    shutil.copytree(cell, folder, dirs_exist_ok=True)
+    path = folder / "run_01.recording.parquet"
+    table = pq.read_table(path)
+    own = {name: np.asarray(table[name]) for name in table.column_names}
+    own |= {name: change(own[name]) for name, change in columns.items() if change is not None}
+    parquet(path, {name: values for name, values in own.items() if not (name in columns and columns[name] is None)})
+    return folder
+
+
+def explain_words(cell, out):
+    first = cell / "run_01.recording.parquet"
+    return ["explain", first, "--simulation", cell / "run_01.simulation.parquet", "--robot", cell, "--out", out]
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"tau_2": None}, "tau_2"),
+        ({"t": None}, "time"),
+        ({"tau_1": lambda x: np.full_like(x, np.nan)}, "tau_1"),
+        ({"q_1": np.degrees, "q_2": np.degrees, "q_3": np.degrees}, "deg"),
+    ],
+)
+def test_a_bad_recording_is_one_line_and_an_error(cell, call, tmp_path, columns, said):
+    code, errors = one_line(call, *explain_words(changed(cell, tmp_path / "cell", **columns), tmp_path / "out"))
+    assert code == EXIT_ERROR
+    assert said in errors
+    assert "run_01" in errors
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_is_no_table_is_one_line(cell, call, tmp_path):
+    (tmp_path / "run_01.parquet").write_bytes(b"not a table\n" * 20)
+    words = ["explain", tmp_path / "run_01.parquet", "--robot", cell, "--out", tmp_path / "out"]
+    code, errors = one_line(call, *words)
+    assert code == EXIT_ERROR
+    assert "run_01.parquet" in errors
+
+
+def test_a_bad_robot_is_one_line_and_a_usage_error(cell, call, tmp_path):
+    folder = changed(cell, tmp_path / "cell")
+    text = (folder / "robot.yaml").read_text()
+    (folder / "robot.yaml").write_text(text.replace("coulomb_friction: 5.0", "coulomb_friction: -5.0"))
+    code, errors = one_line(call, *explain_words(folder, tmp_path / "out"))
+    assert code == EXIT_USAGE
+    assert "coulomb_friction" in errors
+
+
+def test_more_simulations_than_recordings_are_refused(cell, call, tmp_path):
+    other = parquet(tmp_path / "other.parquet", plant.tables(plant.record("x", 3, OFFSET, 5.0))[1])
+    words = [recordings(cell)[0], "--simulation", *simulations(cell), other, "--robot", cell, "--out", tmp_path / "out"]
+    code, errors = one_line(call, "explain", *words)
+    assert code == EXIT_ERROR
+    assert "3 simulations" in errors
+
+
+def test_a_recording_given_twice_is_refused(cell, call, tmp_path):
+    code, errors = one_line(call, "explain", *2 * recordings(cell)[:1], "--robot", cell, "--out", tmp_path / "out")
+    assert code == EXIT_ERROR
+    assert "run_01" in errors
+
+
+@pytest.mark.parametrize("missing", ["--robot", "--out"])
+def test_a_missing_option_is_a_usage_error(cell, call, tmp_path, missing):
+    words = {"--robot": cell, "--out": tmp_path / "out"}
+    del words[missing]
+    code, said, errors = call("explain", recordings(cell)[0], *[w for pair in words.items() for w in pair])
+    assert (code, said) == (EXIT_USAGE, "")
+    assert missing in errors
+
+
+def test_a_file_that_is_not_there_is_a_usage_error(cell, call, tmp_path):
+    code, _, errors = call("explain", tmp_path / "run_07.parquet", "--robot", cell, "--out", tmp_path / "out")
+    assert code == EXIT_USAGE
+    assert "run_07.parquet" in errors
+
+
+def test_simulate_refuses_what_is_no_model(cell, call, tmp_path):
+    source = parquet(tmp_path / "m.parquet", motion_columns()[0])
+    words = ["simulate", "--model", cell / "robot.yaml", "--motion", source, "--out", tmp_path / "p.parquet"]
+    code, errors = one_line(call, *words)
+    assert code == EXIT_USAGE
+    assert "not a model" in errors
+
+
+def test_simulate_refuses_a_motion_of_another_arm(call, explained, tmp_path):
+    columns = {k: v for k, v in motion_columns()[0].items() if not k.endswith("_3")}
+    source = parquet(tmp_path / "m.parquet", columns)
+    code, errors = one_line(call, "simulate", "--model", explained, "--motion", source, "--out", tmp_path / "p.parquet")
+    assert code == EXIT_ERROR
+    assert "2 joints" in errors
+
+
+@pytest.mark.parametrize("command", ["explain", "simulate"])
+def test_help_says_what_is_written(call, command):
+    code, said, _ = call(command, "--help")
+    assert code == 0
+    assert "--out" in said

@@ -1,0 +1,213 @@
+"""What the plant has and the simulation lacks is found in its recordings, and nothing where nothing is."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from cellwatt_plugins.mismatch.explain import explain
+from cellwatt_plugins.mismatch.model import predict
+from cellwatt_plugins.mismatch.run import Motion
+from tests.plugins.mismatch import plant
+from tests.plugins.mismatch.plant import REAL, Missing, column, loaded, turned
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What must be found, and the true numbers of it."""
+
+    missing: Missing
+    effect: str
+    joint: int | None
+    truth: dict[str, float]
+
+
+SINGLE = {
+    "friction": Expected(
+        Missing(added=lambda t, q, qd, run: column(4 * np.exp(-((qd[:, 1] / 0.15) ** 2)) * turned(qd[:, 1]), 2)),
+        "stribeck_friction",
+        2,
+        {"excess": 4.0, "velocity": 0.15},
+    ),
+    "payload": Expected(
+        Missing(arm=loaded(REAL, 2.0, 0.12)), "payload", None, {"mass": 2.0, "com_x": 0.12, "com_z": 0.0}
+    ),
+    "offset": Expected(
+        Missing(read=lambda torque: torque + np.array([0, 0, 1.5])), "torque_offset", 3, {"offset": 1.5}
+    ),
+    "delay": Expected(Missing(delay=0.03), "time_delay", None, {"delay": 0.03}),
+    "contact": Expected(
+        Missing(added=lambda t, q, qd, run: column((run == "run_01") * 20 * np.exp(-0.5 * ((t - 9) / 0.2) ** 2), 2)),
+        "external_contact",
+        2,
+        {"torque": 20.0, "time": 9.0, "width": 0.2},
+    ),
+    "supply": Expected(
+        Missing(drawn=lambda t, power, qd: REAL.standby + (power - REAL.standby) / 0.86),
+        "converter_efficiency",
+        None,
+        {"efficiency": 0.86},
+    ),
+    "iron": Expected(
+        Missing(drawn=lambda t, power, qd: power + 12 * np.sum(np.abs(qd) ** 1.5, axis=1)),
+        "iron_loss",
+        None,
+        {"coefficient": 12.0, "exponent": 1.5},
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def explained(arm):
+    @cache
+    def of(missing, seed=1):
+        runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
+        with threadpool_limits(1):
+            return explain(runs, *arm)
+
+    return of
+
+
+@pytest.mark.parametrize("seed", [1, 11, 21])
+def test_a_simulation_that_is_only_mistuned_lacks_nothing(explained, seed):
+    found = explained(plant.NOTHING, seed).findings
+    assert found.verdict == "no_mismatch"
+    assert found.findings == ()
+    assert found.unexplained == ()
+    for fit in found.fit:
+        assert fit.model == pytest.approx(fit.noise_floor, rel=0.25)
+        assert fit.model <= fit.simulation * 1.02
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_one_effect_is_found_alone_with_its_numbers(explained, name):
+    expected = SINGLE[name]
+    found = explained(expected.missing).findings
+    assert [(f.effect, f.joint) for f in found.findings] == [(expected.effect, expected.joint)]
+    assert found.verdict == "explained"
+    (finding,) = found.findings
+    assert finding.kind == "missing"
+    assert finding.confidence > 0.5
+    for key, value in expected.truth.items():
+        parameter = finding.parameters[key]
+        # 1 % more: errors of the fitted torque (power) and the smoothed motion (delay) are not in the deviation.
+        assert abs(parameter.value - value) < 4 * parameter.std + 0.01 * abs(value), key
+        assert parameter.std < 0.5 * max(abs(value), 0.1), key
+
+
+@pytest.mark.parametrize("name", SINGLE)
+def test_each_finding_shows_its_gain_and_whether_on_data_left_out(explained, name):
+    (finding,) = explained(SINGLE[name].missing).findings.findings
+    gain = finding.improvement
+    # What happened once cannot be told from the time in which it did not happen.
+    assert gain.held_out == (name != "contact")
+    assert gain.after < gain.before
+    assert gain.after < 1.5 * gain.noise_floor
+    assert gain.channel in finding.where.channels
+    assert finding.statement.endswith(".")
+
+
+def test_two_effects_at_two_joints_are_both_found(explained):
+    both = Missing(
+        added=lambda t, q, qd, run: column(30 * (q[:, 1] + 0.3), 2),
+        read=lambda torque: torque + np.array([0, 0, 1.5]),
+    )
+    found = {(f.effect, f.joint): f for f in explained(both).findings.findings}
+    assert set(found) == {("spring_load", 2), ("torque_offset", 3)}
+    stiffness = found["spring_load", 2].parameters["stiffness"]
+    assert abs(stiffness.value - 30) < 4 * stiffness.std
+    offset = found["torque_offset", 3].parameters["offset"]
+    assert abs(offset.value - 1.5) < 4 * offset.std
+
+
+def test_one_at_the_arm_and_one_at_the_supply_are_both_found(explained):
+    both = replace(SINGLE["offset"].missing, drawn=SINGLE["supply"].missing.drawn)
+    found = {(f.effect, f.joint) for f in explained(both).findings.findings}
+    assert found == {("torque_offset", 3), ("converter_efficiency", None)}
+
+
+def test_what_is_none_of_the_known_effects_is_called_unknown(explained):
+    """A torque whose frequency rises with time: it depends on nothing that the arm does."""
+    strange = Missing(added=lambda t, q, qd, run: column(4 * np.sin(2 * np.pi * (0.5 * t + 0.06 * t**2)), 2))
+    found = explained(strange).findings
+    assert ("unknown", 2) in {(f.effect, f.joint) for f in found.findings}
+    assert found.verdict in ("unexplained", "partly_explained")
+    (left,) = found.unexplained
+    assert left.channel == "tau_2"
+    assert left.rms > 2 * left.noise_floor
+    assert "tau_2" in left.statement
+
+
+def test_the_push_is_placed_in_time(explained):
+    (finding,) = explained(SINGLE["contact"].missing).findings.findings
+    (span,) = finding.where.times
+    assert span.recording == "run_01"
+    assert span.start < 9.0 < span.end
+    assert span.end - span.start < 2.0
+
+
+@pytest.mark.parametrize("name", ["friction", "payload", "supply"])
+def test_the_model_predicts_a_run_that_it_has_not_seen(explained, name):
+    """Against the plant without noise; the simulation alone is several times worse."""
+    expected = SINGLE[name]
+    model = explained(expected.missing).model
+    time = np.arange(2000) / plant.RATE
+    q, qd, qdd = plant.moves(77, 20.0)(time)
+    said = predict(model, Motion(time, q, qd, qdd))
+    torque = plant.motors(expected.missing.arm, q, qd, qdd) + expected.missing.added(time, q, qd, "run_09")
+    power = expected.missing.drawn(time, plant.draw(expected.missing.arm, torque, qd), qd)
+    simulated = plant.motors(plant.NOMINAL, q, qd, qdd)
+    if name == "supply":
+        before = np.std(plant.draw(plant.NOMINAL, simulated, qd) - power)
+        assert np.std(said.power - power) < 0.25 * before
+    else:
+        before = np.std((simulated - torque)[:, 1])
+        assert np.std((said.torque - torque)[:, 1]) < 0.25 * before
+
+
+def test_runs_without_power_leave_the_supply_out_and_say_so(arm):
+    runs = [plant.record("run_01", 1, power=False)]
+    with threadpool_limits(1):
+        found = explain(runs, *arm)
+    assert found.supply is None
+    assert found.findings.verdict == "no_mismatch"
+    assert [fit.channel for fit in found.findings.fit] == ["tau_1", "tau_2", "tau_3"]
+    assert any("power" in note for note in found.findings.notes)
+
+
+def test_power_in_some_runs_is_used(arm):
+    missing = SINGLE["supply"].missing
+    runs = [plant.record("run_01", 1, missing, power=False), plant.record("run_02", 2, missing)]
+    with threadpool_limits(1):
+        found = explain(runs, *arm).findings
+    assert ("converter_efficiency", None) in {(f.effect, f.joint) for f in found.findings}
+
+
+def test_recordings_without_a_plan_are_explained_from_the_encoders(arm):
+    missing = SINGLE["offset"].missing
+    runs = [plant.record("run_01", 1, missing, plan=False), plant.record("run_02", 2, missing, plan=False)]
+    with threadpool_limits(1):
+        found = explain(runs, *arm).findings
+    assert ("torque_offset", 3) in {(f.effect, f.joint) for f in found.findings}
+
+
+def test_the_findings_are_plain_data(explained):
+    """What is written as JSON holds numbers, text, lists and nothing else."""
+
+    def plain(value):
+        if isinstance(value, dict):
+            return all(isinstance(k, str) and plain(v) for k, v in value.items())
+        if isinstance(value, list | tuple):
+            return all(plain(v) for v in value)
+        return value is None or isinstance(value, str | bool | int | float)
+
+    content = explained(SINGLE["payload"].missing).findings.as_json()
+    assert plain(content)
+    assert {"verdict", "findings", "unexplained", "fit"} <= set(content)

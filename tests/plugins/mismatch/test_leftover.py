@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.mismatch.leftover import leftover, unexplained
+from cellwatt_plugins.mismatch.motion import moved
+from cellwatt_plugins.mismatch.problem import torque_problem
+from cellwatt_plugins.mismatch.search import search
+from cellwatt_plugins.mismatch.states import States
+from tests.plugins.mismatch import plant
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+
+
+def left(arm, added):
+    """What is unexplained where no effect is known at all."""
+    missing = plant.Missing(added=added)
+    runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
+    states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+    problem = torque_problem(runs, states)
+    solution = search(lambda turning: torque_problem(runs, states, turning), plant.JOINTS, effects=())
+    return unexplained(problem.chi2(problem.fit([]).residual), solution)
+
+
+def test_nothing_is_left_of_noise_and_mistuned_parameters(arm):
+    assert left(arm, plant.NOTHING.added) == []
+
+
+def test_the_joint_and_the_size_are_told(arm):
+    def wandering(time, q, qd, run):
+        return plant.column(4 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 2)
+
+    (found,) = left(arm, wandering)
+    assert found.channel == 1
+    assert found.rms == pytest.approx(np.sqrt(8 + plant.TORQUE_NOISE[1] ** 2), rel=0.2)
+    assert found.floor < 0.5 * found.rms
+
+
+def test_the_time_is_told(arm):
+    def at_times(time, q, qd, run):
+        on = (run == "run_02") & (time > 9) & (time < 15)
+        return plant.column(on * 8 * np.sign(np.sin(2 * np.pi * 0.7 * time)), 3)
+
+    (found,) = left(arm, at_times)
+    assert found.channel == 2
+    assert found.times
+    for span in found.times:
+        assert span.recording == "run_02"
+        assert span.start > 8
+        assert span.end < 16
+
+
+def test_the_position_is_told(arm):
+    def dent(time, q, qd, run):
+        return plant.column(25 * np.exp(-(((q[:, 0] - 0.5) / 0.08) ** 2)), 1)
+
+    (found,) = left(arm, dent)
+    assert found.channel == 0
+    low, high = found.position
+    assert low < 0.5 < high
+    # Of the 2.8 rad that the joint covers.
+    assert high - low < 1.8
+    said = leftover(found, "tau_1", "N*m")
+    assert said.channel == "tau_1"
+    assert said.statement.startswith("tau_1 keeps")
+    assert "rad" in said.statement
+    assert said.noise_floor == found.floor

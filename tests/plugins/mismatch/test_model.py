@@ -1,0 +1,169 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.effects import BY_NAME
+from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict, save_model
+from cellwatt_plugins.mismatch.problem import Term
+from cellwatt_plugins.mismatch.run import Motion
+from tests.plugins.mismatch import plant
+
+MASS, REACH = 1.7, 0.3
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))[0]
+
+
+@pytest.fixture(scope="module")
+def motion():
+    time = np.arange(600) / plant.RATE
+    return Motion(time, *plant.moves(5, 6.0)(time))
+
+
+def inertial(arm):
+    """Mass, first moment and moments of inertia about the joint of the two moving links; link 1 has only its column."""
+    out = np.zeros((3, 10))
+    for link in (0, 1):
+        mass, centre, axial, transverse = arm.masses[link], arm.centres[link], arm.axial[link], arm.transverse[link]
+        across = transverse + mass * centre**2
+        out[link + 1] = [mass, mass * centre, 0, 0, axial, 0, across, 0, 0, across]
+    return out.ravel()
+
+
+def difference(new, old):
+    """What retuning must add to one arm's numbers to have another's."""
+    off = {name: np.subtract(getattr(new, name), getattr(old, name)) for name in ("coulomb", "viscous", "rotor")}
+    return Retuned(
+        inertial(new) - inertial(old),
+        off["coulomb"],
+        off["viscous"],
+        off["rotor"],
+        new.standby - old.standby,
+        np.divide(new.resistance, old.resistance) - 1,
+    )
+
+
+def term(name, joint, shape, coefficients):
+    return FittedTerm(Term(BY_NAME[name], joint, tuple(shape)), np.array(coefficients, float))
+
+
+PAYLOAD = term("payload", None, (), [MASS, MASS * REACH, 0, 0, 0, 0, MASS * REACH**2, 0, 0, MASS * REACH**2])
+TERMS = (
+    PAYLOAD,
+    term("stribeck_friction", 1, (0.2,), [4.0]),
+    term("spring_load", 2, (), [12.0, -3.0]),
+    term("torque_gain", 0, (), [0.07]),
+    term("time_delay", None, (0.013,), [1.0]),
+    term("joint_elasticity", 0, (3000.0, 12.0, 0.0), [1.0, 0.9]),
+    term("fan_switching", None, (1.0, 2.0, 3.0), [30.0]),
+    term("converter_efficiency", None, (0.0,), [0.2]),
+)
+
+
+def test_the_nominal_model_is_the_simulation(robot, motion):
+    said = predict(Model(robot, Retuned.nothing(plant.JOINTS)), motion)
+    torque = plant.motors(plant.NOMINAL, motion.position, motion.velocity, motion.acceleration)
+    assert np.allclose(said.torque, torque, atol=1e-9)
+    assert np.allclose(said.power, plant.draw(plant.NOMINAL, torque, motion.velocity), atol=1e-7)
+    assert np.array_equal(said.time, motion.time)
+
+
+def test_a_retuned_model_is_the_arm_as_it_was_built(robot, motion):
+    real = replace(plant.REAL, resistance=(0.66, 0.57, 1.2))
+    said = predict(Model(robot, difference(real, plant.NOMINAL)), motion)
+    torque = plant.motors(real, motion.position, motion.velocity, motion.acceleration)
+    assert np.allclose(said.torque, torque, atol=1e-9)
+    assert np.allclose(said.power, plant.draw(real, torque, motion.velocity), atol=1e-6)
+
+
+def test_a_payload_is_carried_and_paid_for(robot, motion):
+    said = predict(Model(robot, Retuned.nothing(plant.JOINTS), (PAYLOAD,)), motion)
+    loaded = plant.loaded(plant.NOMINAL, MASS, REACH)
+    torque = plant.motors(loaded, motion.position, motion.velocity, motion.acceleration)
+    assert np.allclose(said.torque, torque, atol=1e-9)
+    assert np.allclose(said.power, plant.draw(loaded, torque, motion.velocity), atol=1e-7)
+
+
+def test_errors_of_the_torque_sensor_draw_no_power(robot, motion):
+    """A gain scales what is read, not what the arm needs."""
+    nominal = predict(Model(robot, Retuned.nothing(plant.JOINTS)), motion)
+    said = predict(Model(robot, Retuned.nothing(plant.JOINTS), (TERMS[3],)), motion)
+    assert np.allclose(said.torque, nominal.torque * [1.07, 1, 1], atol=1e-9)
+    assert np.array_equal(said.power, nominal.power)
+
+
+def test_supply_effects_add_up(robot, motion):
+    nominal = predict(Model(robot, Retuned.nothing(plant.JOINTS)), motion)
+    said = predict(Model(robot, Retuned.nothing(plant.JOINTS), TERMS[-2:]), motion)
+    fan = 30.0 * ((motion.time >= 1) & ((motion.time - 1) % 5 < 2))
+    expected = nominal.power + 0.2 * (nominal.power - plant.NOMINAL.standby) + fan
+    assert np.mean(np.abs(said.power - expected) > 1e-6) < 0.005
+    assert np.array_equal(said.torque, nominal.torque)
+
+
+def test_a_model_says_the_same_after_its_file(robot, motion, tmp_path):
+    model = Model(robot, difference(plant.REAL, plant.NOMINAL), TERMS)
+    save_model(model, tmp_path / "model.yaml")
+    again = load_model(tmp_path / "model.yaml")
+    assert again.terms[1].term == model.terms[1].term
+    assert [f.term.place for f in again.terms] == [f.term.place for f in model.terms]
+    before, after = predict(model, motion), predict(again, motion)
+    assert np.array_equal(before.torque, after.torque)
+    assert np.array_equal(before.power, after.power)
+
+
+def test_a_model_travels_with_its_folder(robot, motion, tmp_path):
+    (tmp_path / "here").mkdir()
+    model = Model(robot, Retuned.nothing(plant.JOINTS), TERMS)
+    save_model(model, tmp_path / "here" / "model.yaml")
+    moved = (tmp_path / "here").rename(tmp_path / "there")
+    assert np.array_equal(predict(load_model(moved), motion).torque, predict(model, motion).torque)
+
+
+def test_a_model_can_be_saved_over_itself(robot, tmp_path):
+    save_model(Model(robot, Retuned.nothing(plant.JOINTS)), tmp_path / "model.yaml")
+    again = load_model(tmp_path)
+    save_model(again, tmp_path / "model.yaml")
+    assert load_model(tmp_path).robot == again.robot
+
+
+def damaged(folder, robot, change):
+    save_model(Model(robot, Retuned.nothing(plant.JOINTS), TERMS), folder / "model.yaml")
+    content = yaml.safe_load((folder / "model.yaml").read_text())
+    change(content)
+    (folder / "model.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(ConfigError) as caught:
+        load_model(folder / "model.yaml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "model.yaml" in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c.update(format=99), "not a model"),
+        (lambda c: c.pop("retuned"), "retuned"),
+        (lambda c: c["robot"].pop("joints"), "damaged"),
+        (lambda c: c["retuned"].update(standby_power="much"), "damaged"),
+        (lambda c: c["effects"][0].update(effect="phlogiston"), "'phlogiston'"),
+        (lambda c: c["effects"][0].pop("coefficients"), "coefficients"),
+    ],
+)
+def test_a_damaged_model_is_said_in_one_line(robot, tmp_path, change, said):
+    assert said in damaged(tmp_path, robot, change)
+
+
+@pytest.mark.parametrize("content", [b"a: [b", b"\xff\xfe\x00\x01\x80", b"", b"- 1\n- 2\n"])
+def test_what_is_no_model_is_said_in_one_line(tmp_path, content):
+    (tmp_path / "model.yaml").write_bytes(content)
+    with pytest.raises(ConfigError) as caught:
+        load_model(tmp_path)
+    assert "model.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)

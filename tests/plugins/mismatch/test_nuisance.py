@@ -1,0 +1,96 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.mismatch.nuisance import link_prior, supply_nuisance, torque_nuisance
+from tests.plugins.mismatch import plant
+
+LINK = np.array([4.0, 0.8, 0.1, -0.2, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+
+
+@pytest.fixture(scope="module")
+def states(arm):
+    return plant.states(*arm, seconds=6.0)
+
+
+def added(blocks, name_to_find):
+    """What one unit of the block of a joint's parameter adds, by place in the list after the links."""
+    kind, joint = name_to_find
+    kinds = ["coulomb", "viscous", "rotor"]
+    return blocks[plant.JOINTS + plant.JOINTS * kinds.index(kind) + joint - 1]
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "viscous", "rotor"])
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_columns_of_friction_and_rotor_are_what_another_arm_needs_more(states, kind, joint):
+    values = list(getattr(plant.NOMINAL, kind))
+    values[joint - 1] += 0.25
+    other = replace(plant.NOMINAL, **{kind: tuple(values)})
+    difference = plant.motors(other, states.q, states.qd, states.qdd) - states.nominal
+    block = added(torque_nuisance([states]), (kind, joint))
+    assert block.channel == joint - 1
+    assert np.allclose(block.times(np.array([0.25]), plant.JOINTS), difference, atol=1e-9)
+
+
+def test_columns_of_a_link_are_what_a_heavier_one_needs_more(states):
+    """Mass, first moment and moments of inertia about the joint, by the parallel-axis theorem."""
+    old, new = plant.NOMINAL, plant.loaded(plant.NOMINAL, 0.7, 0.3)
+
+    def parameters(arm):
+        mass, centre, axial, transverse = arm.masses[1], arm.centres[1], arm.axial[1], arm.transverse[1]
+        across = transverse + mass * centre**2
+        return np.array([mass, mass * centre, 0, 0, axial, 0, across, 0, 0, across])
+
+    block = torque_nuisance([states])[2]
+    difference = plant.links(new, states.q, states.qd, states.qdd) - states.rigid
+    assert np.allclose(block.times(parameters(new) - parameters(old), plant.JOINTS), difference, atol=1e-9)
+
+
+def test_what_the_simulation_leaves_out_is_not_retuned(tmp_path):
+    robot, body = plant.load(plant.write_robot(tmp_path, coulomb_friction=0.0, rotor_inertia=0.0))
+    blocks = torque_nuisance([plant.states(robot, body, seconds=3.0)])
+    assert len(blocks) == 2 * plant.JOINTS
+
+
+def test_tolerances_are_the_spread_of_the_priors(tmp_path):
+    tolerances = {"friction": 0.2, "rotor_inertia": 0.03, "link": 0.04, "supply": 0.07}
+    robot, body = plant.load(plant.write_robot(tmp_path, tolerances=tolerances))
+    states = plant.states(robot, body, seconds=3.0)
+    blocks = torque_nuisance([states])
+    spread = [np.sqrt(b.prior.covariance[0, 0]) for b in blocks[plant.JOINTS :]]
+    expected = [*(0.2 * np.array(plant.NOMINAL.coulomb)), *(0.2 * np.array(plant.NOMINAL.viscous))]
+    assert spread == pytest.approx([*expected, *(0.03 * np.array(plant.NOMINAL.rotor))])
+    supply = [np.sqrt(b.prior.covariance[0, 0]) for b in supply_nuisance([states])]
+    assert supply == pytest.approx([0.07 * plant.NOMINAL.standby, 0.07, 0.07, 0.07])
+
+
+def test_supply_columns_are_what_other_resistances_draw(states):
+    blocks = supply_nuisance([states])
+    hotter = replace(plant.NOMINAL, standby=plant.NOMINAL.standby + 3, resistance=(0.6 * 1.1, 0.6, 1.1 * 0.8))
+    more = sum(block.columns[:, 0] * c for block, c in zip(blocks, [3, 0.1, 0.0, -0.2], strict=True))
+    before = plant.draw(plant.NOMINAL, states.torque, states.qd)
+    assert np.allclose(more, plant.draw(hotter, states.torque, states.qd) - before)
+
+
+def test_a_link_that_is_scaled_as_a_whole_is_within_its_tolerance():
+    prior = link_prior(LINK, 0.05)
+    stretch = 0.05 * LINK @ np.linalg.solve(prior.covariance, 0.05 * LINK)
+    assert 0.2 < stretch <= 1.0
+
+
+def test_a_link_of_twice_the_mass_is_far_beyond_its_tolerance():
+    prior = link_prior(LINK, 0.05)
+    heavier = np.zeros(10)
+    heavier[0] = LINK[0]
+    assert heavier @ np.linalg.solve(prior.covariance, heavier) > 9
+
+
+@pytest.mark.parametrize("own", [LINK, np.zeros(10)])
+def test_a_links_prior_is_a_covariance(own):
+    assert np.linalg.eigvalsh(link_prior(own, 0.05).covariance)[0] > 0

@@ -1,0 +1,486 @@
+import datetime
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.record import Header, Recorder, RecordSettings
+from cellwatt_plugins.mismatch.reading import read_motion, read_runs, run_name
+from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_robot
+
+RATE = 125.0
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return load(write_robot(tmp_path_factory.mktemp("arm")))
+
+
+def motion(t):
+    """Position, velocity, acceleration and torque of every joint, in closed form."""
+    w = 0.5 + 0.2 * np.arange(JOINTS)
+    angle = np.outer(t, w)
+    return np.sin(angle), w * np.cos(angle), -(w**2) * np.sin(angle), 10 * np.cos(angle / 2)
+
+
+def numbered(stem, values, first=1):
+    return {f"{stem}_{i + first}": values[:, i] for i in range(values.shape[1])}
+
+
+def recording(t, **more):
+    q, qd, _, tau = motion(t)
+    return {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("tau", tau), "power": 100 + t, **more}
+
+
+def simulation(t):
+    q, qd, qdd, tau = motion(t)
+    return {
+        "t": t,
+        **numbered("q", q),
+        **numbered("qd", qd),
+        **numbered("qdd", qdd),
+        **numbered("tau", tau),
+        "power": 90 + t,
+    }
+
+
+def times(seconds=8.0, rate=RATE):
+    return np.arange(round(seconds * rate)) / rate
+
+
+def parquet(path, columns):
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def csv(path, columns, separator=",", decimal="."):
+    rows = zip(*columns.values(), strict=True)
+    lines = [separator.join(columns)]
+    lines += [separator.join(f"{cell:.10g}".replace(".", decimal) for cell in row) for row in rows]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def one(path, arm):
+    (run,) = read_runs([path], [], *arm)
+    return run
+
+
+def refused(path, arm, simulations=()):
+    with pytest.raises((RecordingError, ConfigError)) as caught:
+        read_runs([path], simulations, *arm)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_a_table_and_its_simulation_become_a_run(tmp_path, arm):
+    t = times()
+    seen = parquet(tmp_path / "run_01.recording.parquet", recording(t, **numbered("temperature", 30 + motion(t)[0])))
+    said = parquet(tmp_path / "run_01.simulation.parquet", simulation(t))
+    (run,) = read_runs([seen], [said], *arm)
+    q, qd, qdd, tau = motion(t)
+    assert run.name == "run_01"
+    assert run.step == pytest.approx(1 / RATE)
+    for got, true in ((run.position, q), (run.velocity, qd), (run.torque, tau), (run.temperature, 30 + q)):
+        np.testing.assert_array_equal(got, true)
+    np.testing.assert_array_equal(run.power, 100 + t)
+    assert run.gaps is None
+    assert run.notes == ()
+    for got, true in ((run.plan.position, q), (run.plan.velocity, qd), (run.plan.acceleration, qdd)):
+        np.testing.assert_allclose(got, true, atol=1e-12)
+    np.testing.assert_allclose(run.plan.torque, tau)
+    np.testing.assert_allclose(run.plan.power, 90 + t)
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(",", "."), (";", "."), (";", ","), ("\t", "."), (" ", "."), ("   ", "."), ("\t", ",")]
+)
+def test_csv_of_any_separator(tmp_path, arm, separator, decimal):
+    t = times()
+    run = one(csv(tmp_path / "a.csv", recording(t), separator, decimal), arm)
+    np.testing.assert_allclose(run.position, motion(t)[0], atol=1e-8)
+    np.testing.assert_allclose(run.torque, motion(t)[3], atol=1e-8)
+
+
+@pytest.mark.parametrize("ending", ["\r\n", "\r"])
+def test_csv_of_other_line_ends_with_a_byte_order_mark(tmp_path, arm, ending):
+    path = csv(tmp_path / "a.csv", recording(times()))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_text().replace("\n", ending).encode())
+    assert one(path, arm).position == pytest.approx(motion(times())[0])
+
+
+def test_rtde_names_count_from_0_and_hold_the_plan(tmp_path, arm):
+    t = times()
+    q, qd, qdd, tau = motion(t)
+    columns = {
+        "timestamp": t + 4029.5,
+        **numbered("target_q", q, 0),
+        **numbered("target_qd", qd, 0),
+        **numbered("target_qdd", qdd, 0),
+        **numbered("actual_q", q + 1e-3, 0),
+        **numbered("actual_qd", qd, 0),
+        **numbered("actual_current", tau / CONSTANT, 0),
+        **numbered("joint_temperatures", 30 + q, 0),
+        "runtime_state": np.full(len(t), 2.0),
+    }
+    run = one(csv(tmp_path / "robot_data.csv", columns, " "), arm)
+    assert run.time[0] == 4029.5
+    np.testing.assert_allclose(run.position, q + 1e-3, atol=1e-8)
+    np.testing.assert_allclose(run.torque, tau, atol=1e-7)
+    assert run.torque_from == "current"
+    np.testing.assert_allclose(run.temperature, 30 + q, atol=1e-7)
+    np.testing.assert_allclose(run.plan.position, q, atol=1e-8)
+    np.testing.assert_allclose(run.plan.acceleration, qdd, atol=1e-8)
+    assert run.plan.torque.shape == tau.shape
+
+
+def test_targets_logged_ahead_of_the_motion_are_moved_back(tmp_path, arm):
+    t = times(20.0)
+    columns = recording(t, **numbered("target_q", motion(t + 1.4)[0]))
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    np.testing.assert_allclose(run.plan.position, run.position, atol=1e-3)
+    assert run.time[0] == pytest.approx(1.4, abs=0.0081)
+    assert any("1.40 s ahead" in note for note in run.notes)
+
+
+def test_cellwatt_channels_of_an_export(tmp_path, arm):
+    t = times()
+    q, qd, _, tau = motion(t)
+    columns = {"t": t, "arm.supply.power.quality": 0 * t, "meter.supply.power": 100 + t}
+    for i in range(JOINTS):
+        columns[f"arm.joint_{i + 1}.position"] = q[:, i]
+        columns[f"arm.joint_{i + 1}.position.quality"] = 0 * t
+        columns[f"arm.joint_{i + 1}.velocity"] = qd[:, i]
+        columns[f"arm.joint_{i + 1}.torque"] = tau[:, i]
+    run = one(parquet(tmp_path / "frames.parquet", columns), arm)
+    np.testing.assert_array_equal(run.torque, tau)
+    np.testing.assert_array_equal(run.power, 100 + t)
+
+
+async def recorded_by_cellwatt(folder, t, sources=("arm",), silent=slice(0, 0)):
+    """Frames at 50 Hz; those of ``silent`` lack the arm."""
+    q, qd, _, tau = motion(t)
+    channels, values = [], []
+    for source in sources:
+        for quantity, unit, block in (("position", "rad", q), ("velocity", "rad/s", qd), ("torque", "Nm", tau)):
+            channels += [
+                FrameChannel(f"{source}.joint_{i + 1}.{quantity}", unit, "continuous", "linear") for i in range(JOINTS)
+            ]
+            values.append(block)
+    table = np.column_stack([*values, 100 + t])
+    table[silent, :-1] = np.nan
+    layout = Layout((*channels, FrameChannel("meter.supply.power", "W", "continuous", "average")), 50.0)
+    start = 1_790_000_000 * 10**9
+    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "bench", start))
+    recorder.start()
+    none = np.zeros(table.shape, np.int64)
+    time = start + np.arange(len(t)) * layout.step
+    assert recorder.frames(Frames(layout, 0, time, table, np.where(np.isnan(table), 4, 0).astype(np.uint8), none))
+    await recorder.close()
+
+
+async def test_cellwatts_own_recordings(tmp_path, arm):
+    t = times(rate=50.0)
+    await recorded_by_cellwatt(tmp_path, t)
+    (file,) = tmp_path.glob("*.mcap")
+    for path in (file, tmp_path):
+        run = one(path, arm)
+        assert run.step == pytest.approx(0.02)
+        np.testing.assert_array_equal(run.position, motion(t)[0])
+        np.testing.assert_array_equal(run.torque, motion(t)[3])
+        np.testing.assert_array_equal(run.power, 100 + t)
+
+
+async def test_a_source_that_was_away_leaves_a_gap(tmp_path, arm):
+    t = times(rate=50.0)
+    await recorded_by_cellwatt(tmp_path, t, silent=slice(100, 150))
+    run = one(tmp_path, arm)
+    assert run.gaps[100:150].all()
+    assert run.gaps.sum() == 50
+
+
+async def test_two_arms_are_not_guessed_between(tmp_path, arm):
+    await recorded_by_cellwatt(tmp_path, times(rate=50.0), sources=("left", "right"))
+    assert "several sources give joint_1.position (left, right)" in refused(tmp_path, arm)
+
+
+def test_currents_need_torque_constants(tmp_path):
+    arm = load(write_robot(tmp_path, torque_constant=0.0))
+    columns = recording(times())
+    for i in range(JOINTS):
+        columns[f"current_{i + 1}"] = columns.pop(f"tau_{i + 1}")
+    message = refused(parquet(tmp_path / "a.parquet", columns), arm)
+    assert "torque_constant of axis_1, axis_2" in message
+
+
+def test_uneven_times_are_brought_onto_an_even_grid(tmp_path, arm):
+    random = np.random.default_rng(4)
+    t = times() + random.uniform(-0.3, 0.3, len(times())) / RATE
+    run = one(parquet(tmp_path / "a.parquet", recording(t)), arm)
+    steps = np.diff(run.time)
+    assert np.ptp(steps) < 1e-9
+    assert steps[0] == pytest.approx(np.median(np.diff(t)))
+    q, _, _, tau = motion(run.time)
+    assert np.max(np.abs(run.position - q)) < 1e-4
+    assert np.max(np.abs(run.torque - tau)) < 1e-3
+    assert run.gaps is None
+
+
+def test_holes_in_time_are_marked(tmp_path, arm):
+    t = times()
+    kept = (t < 3.0) | (t > 3.4)
+    run = one(parquet(tmp_path / "a.parquet", recording(t[kept])), arm)
+    assert len(run.time) == len(t)
+    np.testing.assert_array_equal(run.gaps, ~kept)
+    np.testing.assert_allclose(run.position[kept], motion(t)[0][kept], atol=1e-9)
+
+
+def test_a_simulation_of_another_rate_is_interpolated(tmp_path, arm):
+    t = times()
+    seen = parquet(tmp_path / "seen.parquet", recording(t))
+    said = parquet(tmp_path / "said.parquet", simulation(times(rate=1000.0)))
+    (run,) = read_runs([seen], [said], *arm)
+    q, qd, qdd, tau = motion(t)
+    for got, true in (
+        (run.plan.position, q),
+        (run.plan.velocity, qd),
+        (run.plan.acceleration, qdd),
+        (run.plan.torque, tau),
+    ):
+        np.testing.assert_allclose(got, true, atol=1e-5)
+    assert run.notes == ()
+
+
+def test_a_simulation_on_another_clock_is_lined_up_by_the_motion(tmp_path, arm):
+    t = times(20.0)
+    seen = parquet(tmp_path / "seen.parquet", {**recording(t), "t": t + 1e6})
+    said = parquet(tmp_path / "said.parquet", {**simulation(t + 2.0), "t": t})
+    (run,) = read_runs([seen], [said], *arm)
+    assert run.time[0] == pytest.approx(1e6 + 2.0, abs=0.0081)
+    np.testing.assert_allclose(run.plan.position, run.position, atol=1e-3)
+    assert any("different clocks" in note for note in run.notes)
+    assert any("2.00 s of the recording lie outside" in note for note in run.notes)
+
+
+def test_a_simulation_that_covers_little_is_refused(tmp_path, arm):
+    seen = parquet(tmp_path / "seen.parquet", recording(times()))
+    said = parquet(tmp_path / "said.parquet", simulation(times(3.0)))
+    assert "spans 0.00 to 2.99 s, the recording 0.00 to 7.99 s" in refused(seen, arm, [said])
+
+
+def test_what_a_simulation_lacks_is_derived(tmp_path, arm):
+    t = times()
+    q = motion(t)[0]
+    seen = parquet(tmp_path / "seen.parquet", recording(t))
+    said = parquet(tmp_path / "said.parquet", {"t": t, **numbered("q", q)})
+    (run,) = read_runs([seen], [said], *arm)
+    inside = slice(50, -50)
+    np.testing.assert_allclose(run.plan.velocity[inside], motion(t)[1][inside], atol=2e-3)
+    np.testing.assert_allclose(run.plan.acceleration[inside], motion(t)[2][inside], atol=5e-3)
+    assert run.plan.torque.shape == q.shape
+    assert run.plan.power.shape == t.shape
+
+
+def test_missing_velocity_power_and_temperature_are_none(tmp_path, arm):
+    t = times()
+    q, _, _, tau = motion(t)
+    run = one(parquet(tmp_path / "a.parquet", {"t": t, **numbered("q", q), **numbered("tau", tau)}), arm)
+    assert run.velocity is None
+    assert run.power is None
+    assert run.temperature is None
+    assert run.plan is None
+
+
+def test_an_empty_column_is_one_that_was_not_recorded(tmp_path, arm):
+    t = times()
+    assert one(parquet(tmp_path / "a.parquet", recording(t, power=np.full(len(t), np.nan))), arm).power is None
+
+
+def test_rare_temperatures_are_no_gap(tmp_path, arm):
+    t = times()
+    warm = np.where(np.arange(len(t)) % 125 == 0, 30 + t, np.nan)
+    columns = recording(t, **numbered("temperature", np.column_stack([warm] * JOINTS)))
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    assert run.gaps is None
+    np.testing.assert_allclose(run.temperature[:876, 2], 30 + t[:876])
+
+
+def test_few_unusable_values_are_filled_and_marked(tmp_path, arm):
+    t = times()
+    columns = recording(t)
+    for row, value in ((200, np.nan), (201, np.inf), (500, -1e189)):
+        columns["tau_3"][row] = value
+    columns["q_2"][700] = 253.0
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    np.testing.assert_array_equal(np.flatnonzero(run.gaps), [200, 201, 500, 700])
+    assert np.max(np.abs(run.torque - motion(t)[3])) < 1e-2
+    assert np.max(np.abs(run.position - motion(t)[0])) < 1e-2
+    assert any("3 unusable values of tau_3 filled in, first at t = 1.600 s" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (slice(300, 320), "column tau_3 has no usable number in 2.0 % of its rows, first at t = 2.400 s"),
+        (slice(0, 1000), "column q_1 has no usable number"),
+    ],
+)
+def test_many_unusable_values_are_refused(tmp_path, arm, rows, message):
+    columns = recording(times())
+    name = message.split()[1]
+    columns[name][rows] = np.nan
+    assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
+
+
+def test_a_long_stretch_is_refused_though_it_is_a_small_share(tmp_path, arm):
+    t = times(200.0)
+    columns = recording(t)
+    columns["qd_6"][1000:1150] = np.nan
+    message = refused(parquet(tmp_path / "a.parquet", columns), arm)
+    assert "column qd_6" in message
+    assert "the longest stretch 1.2" in message
+
+
+def changed(**changes):
+    def change(columns):
+        columns.update({name: function(columns) for name, function in changes.items()})
+
+    return change
+
+
+def without(*names):
+    def change(columns):
+        for name in names:
+            del columns[name]
+
+    return change
+
+
+TAU = tuple(f"tau_{i + 1}" for i in range(JOINTS))
+Q = tuple(f"q_{i + 1}" for i in range(JOINTS))
+TEXT = np.array(["12.0", "ERR"] * 500)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (without("t"), "no column t, timestamp, time for the time; there are: q_1, q_2"),
+        (without(*Q), "no position: expected q_1, q_2, … or target_q_1, target_q_2, …; there are: qd_1"),
+        (without(*TAU), "no torque: expected tau_1, tau_2, … or current_1, current_2, …; there are: q_1"),
+        (without("tau_4"), "no column tau_4; there are tau_1, tau_2, tau_3, tau_5, tau_6"),
+        (without("qd_6"), "5 joints in the columns qd_1 … qd_5, but the robot's description has 6 (axis_1, axis_2"),
+        (changed(q_7=lambda c: c["q_1"]), "7 joints in the columns q_1 … q_7, but the robot's description has 6"),
+        (changed(t=lambda c: np.minimum(c["t"], 5.0)), "374 of 1000 rows have no new time"),
+        (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
+        (changed(t=lambda c: 1000 * c["t"]), "the time rises by 8 from row to row: is it in milliseconds"),
+        (changed(t=lambda c: np.arange(1000.0)), "the time rises by 1 from row to row"),
+        (changed(tau_2=lambda c: TEXT), "column tau_2 holds text, first 'ERR', not numbers"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said_in_one_line(tmp_path, arm, change, message):
+    columns = recording(times())
+    change(columns)
+    assert message in refused(parquet(tmp_path / "a.parquet", columns), arm)
+
+
+def test_few_repeated_rows_are_left_out(tmp_path, arm):
+    t = times()
+    columns = {name: np.insert(values, 400, values[400]) for name, values in recording(t).items()}
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    np.testing.assert_array_equal(run.position, motion(t)[0])
+    assert any("1 rows without a time of their own" in note for note in run.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"", "cannot be read as a table"),
+        (b"t,q_1\n0.0,1\n0.1\n", "Expected 2 columns, got 1"),
+        (b"0.62,0.0,-1.57\n0.63,0.0,-1.57\n", "no names in its first row"),
+        (b"t,q_1,q_1\n0.62,0.0,-1.57\n", "two columns are called 'q_1'"),
+        (b"\x00\x01\xff\xfe" * 40, "a.csv: "),
+    ],
+)
+def test_files_that_are_no_table(tmp_path, arm, text, message):
+    path = tmp_path / "a.csv"
+    path.write_bytes(text)
+    assert message in refused(path, arm)
+
+
+def test_files_that_are_not_there_or_damaged(tmp_path, arm):
+    assert "No such file" in refused(tmp_path / "a.csv", arm)
+    (tmp_path / "b.parquet").write_bytes(b"PAR1 and nothing else")
+    assert "b.parquet: cannot be read" in refused(tmp_path / "b.parquet", arm)
+    (tmp_path / "c.mcap").write_bytes(b"nothing")
+    assert "c.mcap" in refused(tmp_path / "c.mcap", arm)
+
+
+def test_clock_times_are_seconds(tmp_path, arm):
+    start = datetime.datetime(2026, 3, 1, 12, tzinfo=datetime.UTC)
+    columns = recording(times())
+    columns["t"] = [start + datetime.timedelta(milliseconds=8 * i) for i in range(1000)]
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    assert run.step == pytest.approx(0.008)
+    assert run.time[0] == pytest.approx(start.timestamp())
+
+
+@pytest.mark.parametrize(
+    ("name", "run"),
+    [
+        ("run_01.recording.parquet", "run_01"),
+        ("run_01.simulation.csv", "run_01"),
+        ("ur-20_02_12.csv", "ur-20_02_12"),
+        ("bench_20260301T120000_000000001Z_000001.mcap.part", "bench_20260301T120000_000000001Z_000001"),
+        ("folder", "folder"),
+    ],
+)
+def test_runs_are_called_after_their_files(tmp_path, name, run):
+    assert run_name(tmp_path / name) == run
+
+
+def test_simulations_are_matched_by_name_or_by_place(tmp_path, arm):
+    t = times()
+    later = {name: values + (name[0] == "q" and name[1] == "_") for name, values in recording(t).items()}
+    a = parquet(tmp_path / "a.recording.parquet", recording(t))
+    b = parquet(tmp_path / "b.recording.parquet", later)
+    sims = {}
+    for name, shift in (("a.simulation", 0), ("b.simulation", 1), ("x", 0), ("y", 1)):
+        columns = {n: v + shift * n.startswith("q_") for n, v in simulation(t).items()}
+        sims[name] = parquet(tmp_path / f"{name}.parquet", columns)
+    for simulations in ([sims["b.simulation"], sims["a.simulation"]], [sims["x"], sims["y"]]):
+        for run in read_runs([a, b], simulations, *arm):
+            np.testing.assert_allclose(run.plan.position, run.position)
+    first, second = read_runs([a, b], [sims["b.simulation"]], *arm)
+    assert first.plan is None
+    assert second.plan is not None
+    with pytest.raises(RecordingError, match="2 recordings but 1 simulations"):
+        read_runs([a, b], [sims["x"]], *arm)
+
+
+def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
+    paths = []
+    for folder in ("cold", "warm"):
+        (tmp_path / folder).mkdir()
+        paths.append(parquet(tmp_path / folder / "run.parquet", recording(times())))
+    assert [run.name for run in read_runs(paths, [], *arm)] == ["cold/run", "warm/run"]
+    with pytest.raises(RecordingError, match="two recordings are called cold/run"):
+        read_runs([paths[0], paths[0]], [], *arm)
+
+
+def test_a_motion_to_simulate(tmp_path, arm):
+    t = times()
+    q, qd, qdd, _ = motion(t)
+    whole = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
+    got = read_motion(parquet(tmp_path / "a.parquet", {**whole, **numbered("temperature", 30 + q)}), arm[0])
+    np.testing.assert_allclose(got.time, t)
+    for have, true in ((got.position, q), (got.velocity, qd), (got.acceleration, qdd), (got.temperature, 30 + q)):
+        np.testing.assert_array_equal(have, true)
+    got = read_motion(csv(tmp_path / "a.csv", {"t": t, **numbered("q", q)}), arm[0])
+    inside = slice(50, -50)
+    np.testing.assert_allclose(got.velocity[inside], qd[inside], atol=2e-3)
+    np.testing.assert_allclose(got.acceleration[inside], qdd[inside], atol=1e-2)
+    assert got.temperature is None

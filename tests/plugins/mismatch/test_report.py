@@ -1,0 +1,297 @@
+"""The page of ``explain``: what it holds, that it is safe to open, small, and survives gaps."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cellwatt.errors import CellwattError
+from cellwatt_plugins.mismatch.findings import Findings, Span, Where
+from cellwatt_plugins.mismatch.report import Trace, write_report
+from cellwatt_plugins.mismatch.report.heat import by_coordinate, by_time, rms_by_cell
+from cellwatt_plugins.mismatch.report.trace import spans, telling_stretch, thin, worst_first
+from tests.plugins.mismatch import reported
+
+FIVE_MB = 5_000_000
+
+
+def page(folder: Path, findings: Findings, traces: list[Trace], robot: str = "MH12", floors: Any = None) -> str:
+    path = folder / "report.html"
+    write_report(path, findings, traces, robot, reported.floors(traces[0]) if floors is None else floors)
+    return path.read_text(encoding="utf-8")
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+def unpacked(text: str) -> str:
+    return gzip.decompress(base64.b64decode(text)).decode()
+
+
+def figures(html: str) -> list[dict[str, Any]]:
+    """All drawn figures as a browser would read them."""
+    packed = re.findall(r"<div class=figure[^>]*><script type=text/plain>([^<]*)</script>", html)
+    return [json.loads(unpacked(p), parse_constant=refuse) for p in packed]
+
+
+def test_page_tells_everything_that_was_found(tmp_path: Path) -> None:
+    findings, traces = reported.arm()
+    html = page(tmp_path, findings, traces)
+    told = [
+        "Stribeck friction (joint 2) and standby power explain part of the difference; at joint 3 something remains",
+        "4.12 ± 0.19 <span class=unit>N·m</span>",
+        "84.6 ± 0.4 <span class=unit>W</span>",
+        "very likely, 97 %",
+        "near certain, &gt;99 %",
+        "at −0.30 to 0.30 rad/s; in run_01 3.1 to 4.0 s, run_01 6.2 to 6.9 s and 1 more",
+        "98 % of the gap closed.",
+        "Load-dependent friction (joint 2)</b>: same sign and speed range; run a slow sweep at two loads",
+        "at 0.50 to 0.90 rad (29 to 52°)",
+        "helps in 3 of 6 blocks left out only",
+        "no joint warms by more than 2 K in 100 s.",
+        "2 recordings (run_01, run_02) · 100 s · 125 Hz",
+    ]
+    assert [t for t in told if t not in html] == []
+    assert html.index("Joint 3 needs up to") < html.index("Where the mismatch sits") < html.index("What was tried")
+
+
+def test_page_holds_the_library_and_asks_nobody_for_anything(tmp_path: Path) -> None:
+    html = page(tmp_path, *reported.single())
+    (packed,) = re.findall(r"<script type=text/plain id=plotly>([^<]*)</script>", html)
+    assert "Plotly" in unpacked(packed)
+    assert "://" not in html
+    assert re.findall(r"(?:src|href)=", html) == []
+
+
+def test_channels_of_findings_are_open_and_the_others_folded(tmp_path: Path) -> None:
+    html = page(tmp_path, *reported.arm())
+    channels = re.findall(r"<details( open)?><summary>([^<]*)</summary><div", html)
+    opened = [name for state, name in channels if state]
+    assert opened == ["Joint 2 torque", "Supply power", "Joint 3 torque", "Joint 1 torque"]
+    assert [name for state, name in channels if not state] == ["Joint 4 torque", "Joint 5 torque", "Joint 6 torque"]
+
+
+def test_figures_are_the_three_states_each_channel_and_run_and_the_clouds(tmp_path: Path) -> None:
+    findings, traces = reported.arm()
+    html = page(tmp_path, findings, traces)
+    assert re.findall(r"data-state=(\w+)( hidden)?", html) == [
+        ("simulation", ""),
+        ("refit", " hidden"),
+        ("model", " hidden"),
+    ]
+    assert len(figures(html)) == 3 + 2 * 7 + 4
+
+
+def test_agreement_is_said_and_no_finding_drawn(tmp_path: Path) -> None:
+    html = page(tmp_path, *reported.agreement())
+    assert "Simulation and recordings agree" in html
+    assert "What was found" not in html
+    assert "What the difference follows" not in html
+
+
+def test_one_joint_without_power(tmp_path: Path) -> None:
+    html = page(tmp_path, *reported.single())
+    assert "At joint 1 recordings and simulation differ, and no known effect explains it." in html
+    assert "An effect that is not in the library (joint 1)" in html
+    assert "Supply power" not in html
+    assert "gap closed" not in html
+
+
+def test_foreign_text_is_never_markup(tmp_path: Path) -> None:
+    findings, traces = reported.arm()
+    bad = "<script>alert('x')</script><a href=x>\"&"
+    first = findings.findings[0]
+    nasty = replace(
+        first,
+        effect=bad,
+        statement=bad,
+        parameters={bad: replace(first.parameters["excess"], unit=bad)},
+        where=Where(("tau_2", bad), times=(Span(bad, 0.0, 1.0),)),
+        improvement=replace(first.improvement, unit=bad),
+        alternatives=(replace(first.alternatives[0], effect=bad, why=bad),),
+    )
+    findings = replace(
+        findings,
+        findings=(nasty,),
+        unexplained=(replace(findings.unexplained[0], statement=bad),),
+        fit=(replace(findings.fit[0], unit=bad, channel=bad),),
+        tried=(replace(findings.tried[0], effect=bad, why=bad),),
+        notes=(bad,),
+    )
+    html = page(tmp_path, findings, [replace(t, name=bad) for t in traces], robot=bad)
+    assert "<script>alert" not in html.lower()
+    assert "<a " not in html
+    drawn = json.dumps(figures(html))
+    assert "&lt;a href" in drawn
+    assert "<a " not in drawn
+
+
+def test_long_recordings_stay_below_five_megabytes(tmp_path: Path) -> None:
+    findings, _ = reported.arm()
+    traces = [reported.trace(f"run_{i}", i, 45_000, 7) for i in range(4)]
+    html = page(tmp_path, findings, traces)
+    assert len(html.encode()) < FIVE_MB
+
+
+def test_many_recordings_are_drawn_in_part_and_said_so(tmp_path: Path) -> None:
+    traces = [reported.trace(f"run_{i}", i, 500, 2, effects=i > 4) for i in range(9)]
+    html = page(tmp_path, replace(reported.arm()[0], fit=reported.fit(traces)), traces)
+    assert "These are the 6 that differ most of 9." in html
+    assert "(run_0, run_1, run_2, run_3, run_4, run_5 and 3 more)" in html
+    assert [t.name for t in worst_first(traces, {"tau_2": 0.6}, 4)] == ["run_5", "run_6", "run_7", "run_8"]
+
+
+def test_gaps_and_unknown_floors_leave_holes_and_no_failure(tmp_path: Path) -> None:
+    findings, traces = reported.arm()
+    measured, model = traces[0].measured.copy(), traces[0].model.copy()
+    measured[100:900] = np.nan
+    measured[:, 3] = np.nan
+    model[2000:2100] = np.inf
+    velocity = traces[0].velocity.copy()
+    velocity[:50] = np.nan
+    velocity[:, 4] = np.nan
+    holed = replace(traces[0], measured=measured, model=model, velocity=velocity, held_out=None)
+    floors = reported.floors(holed)
+    floors[0], floors[6] = np.nan, 0.0
+    fit = (replace(findings.fit[0], refit=np.nan, noise_floor=np.nan), *findings.fit[1:])
+    broken = replace(findings.findings[0], confidence=np.nan)
+    html = page(tmp_path, replace(findings, fit=fit, findings=(broken,)), [holed, traces[1]], floors=floors)
+    assert "confidence not stated" in html
+    assert not re.search(r"\b(nan|inf)\b", re.sub(r"<script.*?</script>", "", html), re.IGNORECASE)
+    assert len(figures(html)) == 3 + 2 * 7 + 2
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_hardly_any_samples(tmp_path: Path, count: int) -> None:
+    findings, _ = reported.arm()
+    html = page(tmp_path, findings, [reported.trace(count=count, joints=2)])
+    assert "What was found" in html
+
+
+def test_nothing_to_draw_leaves_the_words(tmp_path: Path) -> None:
+    write_report(tmp_path / "r.html", reported.arm()[0], [], "MH12", np.zeros(0))
+    html = (tmp_path / "r.html").read_text()
+    assert "Stribeck friction (joint 2)" in html
+    assert figures(html) == []
+
+
+def test_recordings_may_lack_channels_of_the_first(tmp_path: Path) -> None:
+    findings, traces = reported.arm()
+    html = page(tmp_path, findings, [traces[0], reported.trace("run_02", 2, 3000, power=False)])
+    assert len(figures(html)) == 3 + 7 + 6 + 4
+
+
+def test_what_cannot_be_written_is_said_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CellwattError, match=r"cannot write the report .*: No such file or directory"):
+        page(tmp_path / "nowhere", *reported.single())
+
+
+def test_missing_plotly_names_the_extra() -> None:
+    code = (
+        "import sys; sys.modules['plotly'] = None\n"
+        "from pathlib import Path\nfrom tests.plugins.mismatch import reported\n"
+        "from cellwatt_plugins.mismatch.report import write_report\n"
+        "f, t = reported.single()\nwrite_report(Path('x.html'), f, t, 'r', reported.floors(t[0]))"
+    )
+    root = Path(__file__).resolve().parents[3]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=False)
+    assert "CellwattError: the report needs plotly: pip install 'cellwatt[plot]'" in done.stderr
+
+
+def test_shapes_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    one = reported.single()[1][0]
+    with pytest.raises(ValueError, match=r"bench: refit is \(4000, 2\), expected \(4000, 1\)"):
+        replace(one, refit=np.zeros((4000, 2)))
+    with pytest.raises(ValueError, match="position and velocity"):
+        replace(one, velocity=one.velocity[:-1])
+    with pytest.raises(ValueError, match="2 noise floors for 1 channels"):
+        page(tmp_path, *reported.single(), floors=np.ones(2))
+
+
+@given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), max_size=400), st.integers(4, 60))
+def test_thinning_keeps_extremes_and_gaps(values: list[float], most: int) -> None:
+    given_values = np.array(values, np.float64)
+    kept, apart = thin(given_values, most)
+    assert len(kept) <= most or len(kept) == len(given_values)
+    known, left = given_values[np.isfinite(given_values)], kept[np.isfinite(kept)]
+    assert set(left) <= set(known)
+    assert len(known) == 0 or (left.min(), left.max()) == (known.min(), known.max())
+    assert len(kept) * apart >= len(given_values)
+
+
+def test_thinning_keeps_a_peak_at_its_place() -> None:
+    values = np.zeros(10_000)
+    values[7321] = 9.0
+    kept, apart = thin(values, 1000)
+    assert abs(int(np.argmax(kept)) * apart - 7321) <= apart * 2
+
+
+def test_a_gap_as_wide_as_a_span_stays_a_gap() -> None:
+    values = np.ones(1000)
+    values[400:600] = np.nan
+    kept, apart = thin(values, 100)
+    assert np.isnan(kept[int(420 / apart) : int(580 / apart)]).all()
+
+
+def test_stretches_of_a_mask() -> None:
+    assert spans(np.array([True, True, False, True, False])) == [(0, 1), (3, 3)]
+    assert spans(np.zeros(3, bool)) == []
+
+
+def test_opens_where_the_simulation_is_furthest_off() -> None:
+    one = reported.single()[1][0]
+    measured = one.simulation.copy()
+    measured[2500:2600] += 5.0
+    start, end = telling_stretch(replace(one, measured=measured), "tau_1", 4.0)
+    assert start <= 20.0
+    assert end >= 20.8
+    assert end - start == pytest.approx(4.0)
+
+
+def test_rms_by_cell_against_the_definition() -> None:
+    random = np.random.default_rng(3)
+    residual, cell = random.normal(size=3000), random.integers(-1, 6, 3000).astype(np.float64)
+    residual[::7] = np.nan
+    rms = rms_by_cell(residual, cell, 5)
+    for k in range(5):
+        mine = residual[(cell == k) & np.isfinite(residual)]
+        assert rms[k] == pytest.approx(np.sqrt((mine**2).mean()))
+    assert np.isnan(rms_by_cell(residual[:20], np.zeros(20), 1)).all()
+
+
+def test_strips_show_the_effect_where_it_was_put() -> None:
+    traces = reported.arm()[1]
+    floors = dict(zip(traces[0].channels, reported.floors(traces[0]), strict=True))
+    velocity = by_coordinate(traces, "simulation", floors, "velocity")
+    slow = np.abs(velocity.places) < np.sqrt(0.13)
+    assert np.nanmax(velocity.ratio[1, slow]) > 4
+    assert np.nanmax(velocity.ratio[1, np.abs(velocity.places) > np.sqrt(0.5)]) < 1.5
+    assert np.nanmax(by_coordinate(traces, "model", floors, "velocity").ratio[1]) < 1.5
+    position = by_coordinate(traces, "model", floors, "position")
+    assert position.places[np.nanargmax(position.ratio[2])] == pytest.approx(0.7, abs=0.15)
+    time, middles = by_time(traces, "simulation", floors)
+    assert [name for _, name in middles] == ["run_01", "run_02"]
+    assert np.nanmedian(time.ratio[6]) == pytest.approx(85 / 4, rel=0.05)
+
+
+def test_curve_through_the_cloud_is_what_the_model_adds(tmp_path: Path) -> None:
+    html = page(tmp_path, *reported.arm())
+    cloud = next(f for f in figures(html) if "velocity of joint 2" in json.dumps(f, ensure_ascii=False))
+    curve = next(t for t in cloud["data"] if t["name"] == "what the model adds")
+    points = [(x, y) for x, y in zip(curve["x"], curve["y"], strict=True) if y is not None and abs(x) > 0.03]
+    assert len(points) > 20
+    for x, y in points:
+        assert y == pytest.approx(0.98 * 4.1 * np.exp(-((x / 0.13) ** 2)) * np.sign(x), abs=0.35)

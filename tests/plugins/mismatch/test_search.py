@@ -1,0 +1,198 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.mismatch.belief import blurred, tension
+from cellwatt_plugins.mismatch.effects import BY_NAME
+from cellwatt_plugins.mismatch.motion import moved
+from cellwatt_plugins.mismatch.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.refinement import at_bound, climb
+from cellwatt_plugins.mismatch.search import search
+from cellwatt_plugins.mismatch.solution import Solution, Thresholds
+from cellwatt_plugins.mismatch.states import States
+from tests.plugins.mismatch import plant
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+
+
+def searched(arm, missing, names, seed=1, thresholds=None):
+    runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
+    states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+    return search(
+        lambda turning: torque_problem(runs, states, turning),
+        plant.JOINTS,
+        thresholds or Thresholds(),
+        [BY_NAME[name] for name in names],
+    )
+
+
+def places(solution):
+    return {(name, joint + 1) for name, joint in (t.place for t in solution.terms)}
+
+
+OFFSETS = plant.Missing(read=lambda torque: torque + np.array([1.5, 0, -1.0]))
+CHEAP = ("torque_offset", "stribeck_friction", "spring_load", "position_periodic_torque", "rotor_inertia")
+
+
+@pytest.mark.parametrize("seed", [1, 11, 21])
+def test_nothing_enters_where_there_is_noise_alone(arm, seed):
+    solution = searched(arm, plant.NOTHING, CHEAP, seed)
+    assert solution.terms == []
+    assert solution.tried
+    assert all(not trial.kept and trial.why for trial in solution.tried)
+
+
+@pytest.fixture(scope="module")
+def offsets(arm):
+    return searched(arm, OFFSETS, CHEAP)
+
+
+def test_what_is_there_enters_and_no_more(offsets):
+    assert places(offsets) == {("torque_offset", 1), ("torque_offset", 3)}
+    found = {t.joint: float(offsets.fit.coefficients[offsets.block(t)[1]][0]) for t in offsets.terms}
+    assert found[0] == pytest.approx(1.5, abs=0.2)
+    assert found[2] == pytest.approx(-1.0, abs=0.1)
+    assert offsets.problem.chi2(offsets.residual) == pytest.approx(1.0, abs=0.2)
+
+
+def test_each_term_comes_with_its_evidence_and_its_rivals(offsets):
+    for term in offsets.terms:
+        own, rivals = offsets.rivals[term.place]
+        assert own > Thresholds().gain
+        assert all(rival.term.place != term.place for rival in rivals)
+        assert all(rival.gain <= own for rival in rivals)
+
+
+def test_no_more_terms_than_are_allowed(arm):
+    assert len(searched(arm, OFFSETS, CHEAP, thresholds=Thresholds(most=1)).terms) == 1
+
+
+def test_a_higher_threshold_refuses_the_weaker(arm):
+    strict = Thresholds(gain=1e6)
+    solution = searched(arm, OFFSETS, CHEAP, thresholds=strict)
+    assert solution.terms == []
+    refused = {(trial.effect, trial.joint): trial for trial in solution.tried}
+    assert any(effect == "torque_offset" for effect, _ in refused)
+
+
+def test_a_shape_is_refined_beyond_what_was_tried(arm):
+    speed = 0.231
+
+    def sticky(time, q, qd, run):
+        return plant.column(5 * np.exp(-((qd[:, 1] / speed) ** 2)) * plant.turned(qd[:, 1]), 2)
+
+    (term,) = searched(arm, plant.Missing(added=sticky), ("stribeck_friction",)).terms
+    assert term.place == ("stribeck_friction", 1)
+    assert term.shape[0] == pytest.approx(speed, rel=0.05)
+
+
+def test_parameters_that_are_stretched_beyond_their_tolerances_are_seen(arm):
+    usual = tension(searched(arm, plant.NOTHING, ()))
+    strange = plant.Missing(arm=plant.loaded(plant.REAL, 3.0, 0.3))
+    assert usual < 15
+    assert tension(searched(arm, strange, ())) > 3 * usual
+
+
+def test_an_error_of_the_last_link_is_not_named_beside_a_payload(arm):
+    """The two turn the same joints by the same torques: one of them at most can be told."""
+    carried = plant.Missing(arm=plant.loaded(plant.REAL, 3.0, 0.3))
+    solution = searched(arm, carried, ("payload", "link_inertial_error"))
+    assert [t.effect.name for t in solution.terms] == ["payload"]
+
+
+def test_effects_see_the_load_with_what_the_arm_carries(arm):
+    heavy = plant.loaded(plant.REAL, 3.0, 0.3)
+    state = searched(arm, plant.Missing(arm=heavy), ("payload",)).problem.states[0]
+    load = plant.links(heavy, state.q, state.qd, state.qdd)[:, 1]
+    assert np.std(state.load[:, 1] - load) < 0.05 * np.std(load)
+    assert np.std(state.rigid[:, 1] - load) > 0.3 * np.std(load)
+
+
+def test_a_delay_of_one_joint_alone_is_no_delay_of_the_recording(arm):
+    def late(torque):
+        out = torque.copy()
+        out[4:, 1] = torque[:-4, 1]
+        return out
+
+    assert searched(arm, plant.Missing(read=late), ("time_delay",)).terms == []
+    (whole,) = searched(arm, plant.Missing(delay=4 / plant.RATE), ("time_delay",)).terms
+    assert whole.shape[0] == pytest.approx(4 / plant.RATE, rel=0.05)
+
+
+def test_what_turns_over_at_random_is_not_half_an_offset(arm):
+    """A contact that is loose now and then: a constant explains half of it, and is not named for that."""
+
+    def loose(time, q, qd, run):
+        return plant.column(8.0 * (np.sin(2 * np.pi * 0.7 * time + 2 * np.sin(0.9 * time)) > 0), 0)
+
+    assert searched(arm, plant.Missing(added=loose), ("torque_offset",)).terms == []
+
+
+def test_a_term_that_blurs_another_is_seen(arm):
+    runs = [plant.record("run_01", 1), plant.record("run_02", 2)]
+    states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+    problem = torque_problem(runs, states)
+    offset, spring = Term(BY_NAME["torque_offset"], 0, ()), Term(BY_NAME["spring_load"], 0, ())
+    speed = Term(BY_NAME["viscous_friction"], 1, ())
+
+    def solved(*terms):
+        fit = problem.fit([problem.block(t) for t in terms])
+        return Solution(problem, list(terms), fit, problem.factor(fit.residual))
+
+    assert blurred(solved(offset), solved(offset, spring), 4.0) is offset
+    assert blurred(solved(offset), solved(offset, speed), 4.0) is None
+
+
+def hill(*top):
+    """Evidence that falls off with the square of the relative distance from ``top``."""
+
+    def evidence(shape):
+        return -sum(((x - t) / t) ** 2 for x, t in zip(shape, top, strict=True))
+
+    return evidence
+
+
+@pytest.mark.parametrize("top", [0.15, 0.2, 0.26])
+def test_climbing_reaches_the_top(top):
+    (found,) = climb(hill(top), (0.2,), [(0.01, 1.0)])
+    assert found == pytest.approx(top, rel=0.02)
+
+
+def test_climbing_stays_within_bounds():
+    assert climb(hill(5.0), (1.0,), [(0.5, 1.3)]) == pytest.approx((1.3,))
+
+
+def test_climbing_moves_each_parameter_but_those_without_room():
+    assert climb(hill(2.2, 0.9, 7.0), (2.0, 1.0, 5.0), [(1, 4), (0.5, 2), (5, 5)]) == pytest.approx(
+        (2.2, 0.9, 5.0), rel=0.02
+    )
+
+
+def test_the_time_of_a_push_late_in_a_run_is_met_to_milliseconds():
+    """The range counts, not the value: 100 s into a run a push is no less sharp."""
+
+    def evidence(shape):
+        return -(((shape[0] - 100.013) / 0.1) ** 2)
+
+    (found,) = climb(evidence, (100.05,), [(99.8, 100.3)])
+    assert found == pytest.approx(100.013, abs=0.003)
+
+
+@pytest.mark.parametrize("top", [7e-5, 9e-4, 0.2])
+def test_what_spans_decades_is_climbed_by_its_logarithm(top):
+    def evidence(shape):
+        return -(np.log(shape[0] / top) ** 2)
+
+    (found,) = climb(evidence, (2 * top,), [(5e-5, 0.6)])
+    assert found == pytest.approx(top, rel=0.05)
+    assert not at_bound(Term(BY_NAME["presliding_hysteresis"], 0, (2e-4, 1.0)))
+
+
+def test_climbing_never_goes_down():
+    def rough(shape):
+        return float(np.sin(40 * shape[0]) + 0.1 * shape[0])
+
+    (found,) = climb(rough, (0.7,), [(0.0, 2.0)])
+    assert rough((found,)) >= rough((0.7,))

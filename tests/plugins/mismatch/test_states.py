@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from tests.plugins.mismatch import plant
+
+
+@pytest.fixture(scope="module")
+def states(tmp_path_factory):
+    return plant.states(*plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))), seconds=6.0)
+
+
+def test_what_the_links_need_is_what_the_closed_form_says(states):
+    expected = plant.links(plant.NOMINAL, states.q, states.qd, states.qdd)
+    assert np.allclose(states.rigid, expected, atol=1e-10)
+
+
+def test_what_a_joint_feels_alone_is_the_diagonal_of_the_mass_matrix(states):
+    expected = np.diagonal(plant.inertia(plant.NOMINAL, states.q), axis1=1, axis2=2)
+    assert np.allclose(states.own_inertia, expected, atol=1e-10)
+
+
+def test_the_nominal_torque_is_that_of_the_nominal_arm(states):
+    expected = plant.motors(plant.NOMINAL, states.q, states.qd, states.qdd)
+    assert np.allclose(states.nominal, expected, atol=1e-9)
+    assert np.allclose(states.rigid + np.array(plant.NOMINAL.rotor) * states.qdd + states.friction, expected, atol=1e-9)
+
+
+def test_the_torque_is_nominal_until_a_model_has_another(states):
+    assert np.array_equal(states.torque, states.nominal)
+    other = states.with_torque(states.nominal + 1)
+    assert np.allclose(other.torque - states.torque, 1)
+    assert np.array_equal(other.nominal, states.nominal)
+    assert other.regressor is states.regressor
+
+
+def test_the_arm_moves_where_a_joint_does(states):
+    fast = np.max(np.abs(states.qd), axis=1)
+    assert states.moving[fast > 0.02].all()
+    assert not states.moving[fast < 0.001].any()
+
+
+def test_the_step_is_the_time_between_samples(states):
+    assert states.step == pytest.approx(1 / plant.RATE)
