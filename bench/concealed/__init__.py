@@ -1,0 +1,12 @@
+"""Blind benchmark of `cellwatt explain`: recordings by another physics engine, effects drawn by a committed seed.
+
+Nothing here imports the product or its dynamics library: the product runs as a process on the files written here.
+
+    families, arms, describe     an arm, as MJCF for the plant and as URDF and robot.yaml for the product
+    motion, plant, law           what it is told to do, what MuJoCo makes of it, what the simulation says
+    mechanics, sensing, supply   what acts at the joints, in the measured torque and at the meter
+    setting, effects, cases      what is drawn how, and which cases a seed stands for; seal: the promise on the seed
+    record, files, refit         a case as files with its key; read back; refit of the nominal parameters alone
+    product, sparse, network     the answers: the product's and those of two baselines
+    scoring, totals, page        one case against its key, all cases, tables
+"""

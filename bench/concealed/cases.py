@@ -1,0 +1,130 @@
+"""Which cases a seed stands for, and the drawing of each."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from concealed.effects import KINDS, UNKNOWNS, Kind
+from concealed.families import FAMILIES
+from concealed.record import Key, write_case
+from concealed.setting import RATIO, NotVisibleError, Setting, new_setting
+
+NULLS = {"short": 46, "jerky": 6, "medium": 6, "long": 6}
+REPEATS = 3
+"""Single cases of each effect, one a level of strength; unknown kinds have as many."""
+MASKED = (
+    ("payload", "stribeck_friction"),
+    ("payload", "asymmetric_friction"),
+    ("payload", "position_periodic_torque"),
+    ("gravity_tilt", "presliding_hysteresis"),
+    ("coulomb_friction", "stribeck_friction"),
+    ("payload", "torque_offset"),
+    ("viscous_friction", "nonlinear_viscous_friction"),
+    ("spring_load", "position_periodic_torque"),
+    ("torque_gain", "stribeck_friction"),
+    ("standby_power", "converter_efficiency"),
+    ("copper_loss", "iron_loss"),
+    ("joint_elasticity", "asymmetric_friction"),
+)
+"""A large effect and a small one in the same channel."""
+PAIRS = 26
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What one case shall hold: level of the case, effects with their strength, and whether they share a joint."""
+
+    level: str
+    effects: tuple[tuple[str, str], ...]
+    run_set: str
+    shared: bool = False
+
+
+def kind_of(name: str) -> Kind:
+    """The entry of an effect or of an unknown kind."""
+    return KINDS[name] if name in KINDS else UNKNOWNS[name]
+
+
+def run_set_of(names: list[str]) -> str:
+    """The recordings that show all the named effects."""
+    wanted = {kind_of(n).run_set for n in names} - {"short"}
+    return wanted.pop() if wanted else "short"
+
+
+def generator(seed: str, *words: str | int) -> np.random.Generator:
+    """Random numbers that depend on the seed and the words alone."""
+    digest = hashlib.sha256(":".join([seed, *map(str, words)]).encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest, "big"))
+
+
+def draw_pair(rng: np.random.Generator) -> Spec:
+    """Two effects of the table, on one joint in half of the cases where both have one."""
+    names = list(KINDS)
+    while True:
+        pair = [str(x) for x in rng.choice(names, 2, replace=False)]
+        sets = {kind_of(n).run_set for n in pair} - {"short"}
+        hides = {"payload", "payload_change"} <= set(pair) or {"joint_elasticity", "backlash"} <= set(pair)
+        if len(sets) < 2 and not hides:
+            break
+    levels = [str(x) for x in rng.choice(list(RATIO), 2)]
+    shared = all(kind_of(n).joints for n in pair) and bool(rng.random() < 0.5)
+    return Spec("pair", tuple(zip(pair, levels, strict=True)), run_set_of(pair), shared)
+
+
+def specs(seed: str) -> list[Spec]:
+    """All cases of the benchmark in the order of the draw."""
+    rng = generator(seed, "cases")
+    out = [Spec("null", (), s) for s, count in NULLS.items() for _ in range(count)]
+    for name in KINDS:
+        levels = list(RATIO)
+        out += [Spec("single", ((name, levels[k % 3]),), run_set_of([name])) for k in range(REPEATS)]
+    out += [Spec("masked", ((a, "strong"), (b, "medium")), run_set_of([a, b]), True) for a, b in MASKED]
+    out += [draw_pair(rng) for _ in range(PAIRS)]
+    for name in UNKNOWNS:
+        out += [Spec("unknown", ((name, level),), "short") for level in RATIO]
+    return [out[i] for i in rng.permutation(len(out))]
+
+
+def joints_for(rng: np.random.Generator, spec: Spec, n: int) -> list[int]:
+    """One joint for each effect of the case (any number for effects without one)."""
+    allowed = [list(k.joints(n)) if k.joints else list(range(n)) for k in (kind_of(e) for e, _ in spec.effects)]
+    if spec.shared:
+        both = sorted(set.intersection(*map(set, allowed)))
+        return [int(rng.choice(both))] * len(allowed)
+    chosen: list[int] = []
+    for options in allowed:
+        chosen.append(int(rng.choice([j for j in options if j not in chosen] or options)))
+    return chosen
+
+
+def build(rng: np.random.Generator, spec: Spec) -> tuple[Setting, list[Key]]:
+    """One attempt at a case; raises NotVisibleError where an effect would not show."""
+    family = str(rng.choice(list(FAMILIES)))
+    n = len(FAMILIES[family].mass)
+    joints = joints_for(rng, spec, n)
+    named = [j for j, (e, _) in zip(joints, spec.effects, strict=True) if kind_of(e).joints]
+    s = new_setting(rng, family, spec.run_set, sorted(set(named)))
+    effects = []
+    for joint, (name, level) in zip(joints, spec.effects, strict=True):
+        s.level, entry = level, kind_of(name)
+        truth = entry.draw(s, joint)
+        label = f"unknown_{name}" if name in UNKNOWNS else name
+        effects.append({"effect": label, "joint": joint if entry.joints else None, "strength": level, **truth})
+    return s, effects
+
+
+def make_case(seed: str, index: int, spec: Spec, work: Path) -> Key:
+    """Draw the case, attempt after attempt until every effect shows, and write its files."""
+    name = f"case-{index + 1:03d}"
+    for attempt in range(200):
+        rng = generator(seed, "case", index, attempt)
+        try:
+            s, effects = build(rng, spec)
+            return write_case(s, effects, spec.level, name, work)
+        except NotVisibleError:
+            continue
+    raise NotVisibleError(f"{name}: {spec} shows with no arm in 200 draws")

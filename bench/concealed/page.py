@@ -1,0 +1,81 @@
+"""The figures as tables for the proof's page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+Row = dict[str, Any]
+LINES = (
+    ("F1 over (effect, joint)", "f1"),
+    ("precision", "precision"),
+    ("recall", "recall"),
+    ("exact set", "exact"),
+    ("false alarms on nulls", "null_false_rate"),
+    ("unknown called unknown", "unknown_recall"),
+    ("right joint among those named", "localisation"),
+    ("95 % intervals that hold the truth", "interval_coverage"),
+    ("parameter error, median", "parameter_error_median"),
+    ("gap to the best possible closed on sealed runs, median", "gap_closed_median"),
+    ("the same by a refit of the nominal parameters alone", "gap_closed_by_refit_median"),
+    ("gap that such a refit leaves, closed, median", "gap_beyond_refit_median"),
+    ("channels better than that refit", "channels_better_than_refit"),
+    ("channels made worse than the simulation", "channels_made_worse"),
+    ("seconds a case, median", "seconds_median"),
+)
+
+
+def cell(x: Any) -> str:
+    """A figure as text; a share with its interval and counts."""
+    if isinstance(x, dict):
+        if x["of"] == 0:
+            return "–"
+        low, high = x["interval"]
+        return f"{x['value']:.3f} ({low:.2f}–{high:.2f}; {x['hits']}/{x['of']})"
+    return "–" if x is None else f"{x:.3f}" if isinstance(x, float) else str(x)
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """One markdown table."""
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join(lines + ["| " + " | ".join(r) + " |" for r in rows])
+
+
+def markdown(result: Row, titles: dict[str, str]) -> str:
+    """Head table with all methods, then the first method by level, strength and effect, then its failures."""
+    methods = result["methods"]
+    first = next(iter(methods.values()))
+    head = table(
+        ["", *(titles[m] for m in methods)], [[name, *(cell(t[key]) for t in methods.values())] for name, key in LINES]
+    )
+    groups = [
+        table([title, "F1", "exact set"], [[g, cell(x["f1"]), cell(x["exact"])] for g, x in first[key].items()])
+        for title, key in (("level", "by_level"), ("strength", "by_strength"), ("robot", "by_robot"))
+    ]
+    effects = table(
+        ["effect", "found", "named where it is not", "parameter error, median", "gap closed, median"],
+        [
+            [
+                e,
+                cell(x["recall"]),
+                cell(x["named_wrongly"]),
+                cell(x["parameter_error_median"]),
+                cell(x["gap_closed_median"]),
+            ]
+            for e, x in first["by_effect"].items()
+        ],
+    )
+    failures = table(
+        ["case", "robot", "level", "size / noise", "truth", "named"],
+        [
+            [
+                f["id"],
+                f["robot"],
+                f["level"],
+                cell(f["ratio"]),
+                ", ".join(f["truth"]) or "–",
+                f["error"] or ", ".join(f["named"]) or "–",
+            ]
+            for f in result["failures"]
+        ],
+    )
+    return "\n\n".join([f"{result['cases']} cases, {result['nulls']} of them nulls.", head, *groups, effects, failures])

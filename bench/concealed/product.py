@@ -1,0 +1,109 @@
+"""The product as a process: `explain` on the open runs of a case, `simulate` on the sealed motions."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+
+from concealed.arms import Array
+
+LIMIT = 300.0
+
+
+def default_command() -> str:
+    """`cellwatt` of the environment that runs the benchmark."""
+    return str(Path(sys.executable).with_name("cellwatt"))
+
+
+def call(words: list[str]) -> str | None:
+    """Run one command on one thread; what went wrong, or None."""
+    threads = {f"{lib}_NUM_THREADS": "1" for lib in ("OMP", "OPENBLAS", "MKL")}
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=LIMIT, env={**os.environ, **threads})
+    except subprocess.TimeoutExpired:
+        return f"no answer in {LIMIT:.0f} s"
+    except OSError as broken:
+        return str(broken)
+    return None if done.returncode == 0 else (done.stderr or done.stdout).strip()[-300:]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What `explain` wrote, how long it took, and what went wrong."""
+
+    findings: list[dict[str, Any]]
+    unexplained: list[dict[str, Any]]
+    verdict: str | None
+    seconds: float
+    error: str | None
+
+
+def explain(command: str, case: Path, out: Path) -> Answer:
+    """Run `explain` on all open runs of one case."""
+    runs = sorted(case.glob("run_*.recording.parquet"))
+    told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
+    words = [
+        *shlex.split(command),
+        "explain",
+        *map(str, runs),
+        "--simulation",
+        *map(str, told),
+        "--robot",
+        str(case / "robot.yaml"),
+        "--out",
+        str(out),
+    ]
+    out.mkdir(parents=True, exist_ok=True)
+    start = time.monotonic()
+    error = call(words)
+    return answer(out, time.monotonic() - start, error)
+
+
+def answer(out: Path, seconds: float, error: str | None) -> Answer:
+    """Read what `explain` wrote."""
+    try:
+        found = json.loads((out / "findings.json").read_text())
+        named = [(f["effect"], f["joint"], f["kind"]) for f in found["findings"]]
+        if not all(kind in ("missing", "mistuned") for _, _, kind in named):
+            raise ValueError(named)
+        return Answer(found["findings"], found.get("unexplained", []), found.get("verdict"), seconds, error)
+    except (OSError, ValueError, KeyError, TypeError) as broken:
+        return Answer([], [], None, seconds, error or f"findings.json: {broken!r}")
+
+
+def predict(command: str, out: Path, recording: Path) -> tuple[Array, Array] | None:
+    """Torque (N, n) and power (N,) that the product's model gives for a sealed motion; it never sees the answer."""
+    plan = pq.read_table(recording.with_name(recording.name.replace(".recording.", ".simulation.")))
+    motion = plan.drop_columns([c for c in plan.column_names if c.startswith("tau_") or c == "power"])
+    seen = pq.read_table(recording)
+    for column in (c for c in seen.column_names if c.startswith("temperature_")):
+        motion = motion.append_column(column, seen[column])
+    name = recording.name.split(".")[0]
+    source, result = out / f"{name}.motion.parquet", out / f"{name}.prediction.parquet"
+    pq.write_table(motion, source)
+    words = [
+        *shlex.split(command),
+        "simulate",
+        "--model",
+        str(out / "model.yaml"),
+        "--motion",
+        str(source),
+        "--out",
+        str(result),
+    ]
+    if call(words) is not None or not result.exists():
+        return None
+    table = pq.read_table(result)
+    n = sum(c.startswith("tau_") for c in table.column_names)
+    torque = np.stack([table[f"tau_{j + 1}"].to_numpy() for j in range(n)], axis=1)
+    return torque.astype(float), table["power"].to_numpy().astype(float)

@@ -1,0 +1,167 @@
+"""One function an experiment: from the recordings to what `explain` says of them, beside what the owner knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellwatt_plugins.robot import RigidBody
+from real import kuka, panda, ur10e
+from real.calibrate import calibrated_gains
+from real.describe import Drives, nothing, with_links, write_robot
+from real.identify import Identified, carried_mass, identify
+from real.product import Explained, explain
+from real.recording import Float, Recording
+
+Figures = dict[str, Any]
+NORMAL_95 = 1.96
+CALIBRATED_DOUBT = 0.01
+"""What is left of the doubt of the gains after the pair of known mass."""
+PAYLOAD_CASES = (
+    ("published", ur10e.LOAD),
+    ("controller", ur10e.LOAD),
+    ("calibrated", ur10e.OTHER_LOAD),
+    ("published", ur10e.UNSEEN_NO_LOAD),
+)
+"""Gains, and the recording that is explained with them; the last carries nothing."""
+
+
+def payload(data: Path, work: Path) -> Figures:
+    """UR10e with 2.805 kg at its flange: what is found with the published, the controller's and calibrated gains."""
+    body = _ur10e_body(data)
+    unloaded = [ur10e.read(data, name) for name in ur10e.NO_LOAD]
+    loaded = ur10e.read(data, ur10e.LOAD)
+    gains = {
+        "published": ur10e.PUBLISHED_GAINS,
+        "controller": ur10e.controller_gains(data),
+        "calibrated": calibrated_gains(unloaded[:2], [loaded], ur10e.PAYLOAD, body, ur10e.PUBLISHED_GAINS),
+    }
+    out: Figures = {"true_mass": ur10e.PAYLOAD, "gains": {name: _rounded(gain) for name, gain in gains.items()}}
+    plain = {n: carried_mass(unloaded[:2], [loaded], body, gains[n]) for n in ("published", "controller")}
+    out["plain_fit"] = {name: round(mass, 3) for name, mass in plain.items()}
+    robots = {}
+    for name, gain in gains.items():
+        known = identify(unloaded, body, gain, ur10e.GEAR)
+        doubt = CALIBRATED_DOUBT if name == "calibrated" else None
+        robots[name] = _ur10e_robot(data, work / "payload" / name, known, replace(known.drives, gain_doubt=doubt))
+        out[f"{name}_identification_residual"] = _rounded(known.residual)
+    for name, recording in PAYLOAD_CASES:
+        folder = robots[name].parent
+        said = explain([ur10e.moving(data, recording).save(folder)], robots[name], folder / recording)
+        out[f"{name}/{recording}"] = {"payload": _mass(said, ur10e.PAYLOAD), **said.summary()}
+    return out
+
+
+def friction(data: Path, work: Path) -> Figures:
+    """UR10e with two friction terms taken out of its description, which was identified on other recordings."""
+    body = _ur10e_body(data)
+    gain = ur10e.controller_gains(data)
+    known = identify([ur10e.read(data, name) for name in ur10e.NO_LOAD], body, gain, ur10e.GEAR)
+    coulomb, viscous = known.drives.coulomb.copy(), known.drives.viscous.copy()
+    coulomb[1] = viscous[3] = 0.0
+    left_out = {
+        "coulomb_friction@2": float(known.drives.coulomb[1]),
+        "viscous_friction@4": float(known.drives.viscous[3]),
+    }
+    folder = work / "friction"
+    robot = _ur10e_robot(data, folder, known, replace(known.drives, coulomb=coulomb, viscous=viscous))
+    path = ur10e.moving(data, ur10e.UNSEEN_NO_LOAD).save(folder)
+    said = explain([path], robot, folder / "out")
+    return {"left_out": left_out, **said.summary()}
+
+
+def lwr(data: Path, work: Path) -> Figures:
+    """KUKA LWR4: the model that was there before its identification, and the one after."""
+    out: Figures = {"repeat_noise": _rounded(kuka.repeat_noise(data))}
+    for model in kuka.MODELS:
+        folder = work / "lwr" / model
+        robot = write_robot(folder, f"kuka_lwr4_{model}", kuka.JOINTS, kuka.urdf(data, model), nothing(7), 200.0)
+        paths = [kuka.read(data, run).save(folder) for run in kuka.RUNS]
+        out[model] = explain(paths, robot, folder / "out").summary()
+    return out
+
+
+def franka(data: Path, work: Path) -> Figures:
+    """Panda: the published model without and with the published friction."""
+    recording = panda.read(data)
+    zero = np.zeros(7)
+    out: Figures = {}
+    for name, coulomb in {"without_friction": zero, "with_friction": panda.FRICTION}.items():
+        folder = work / "franka" / name
+        robot = write_robot(folder, "panda", panda.JOINTS, panda.urdf(), Drives(coulomb, zero, zero, zero), 1000.0)
+        paths = [part.save(folder) for part in _halves(recording)]
+        out[name] = explain(paths, robot, folder / "out").summary()
+    return out
+
+
+def warm(data: Path, work: Path) -> Figures:
+    """UR10e identified warm, recorded cold: whether 9 minutes of warming up are seen.
+
+    Two warm runs 4 minutes apart say how far such ratios of friction stray by themselves.
+    """
+    body = _ur10e_body(data)
+    gain = ur10e.controller_gains(data)
+    known = {
+        name: identify([ur10e.read(data, name)], body, gain, ur10e.GEAR)
+        for name in (ur10e.COLD, ur10e.WARM, *ur10e.NO_LOAD[:2])
+    }
+    at_half = {name: k.drives.coulomb + 0.5 * k.drives.viscous for name, k in known.items()}
+    earlier, later = (at_half[name] for name in ur10e.NO_LOAD[:2])
+    folder = work / "warm"
+    robot = _ur10e_robot(data, folder, known[ur10e.WARM], known[ur10e.WARM].drives)
+    said = explain([ur10e.moving(data, ur10e.COLD).save(folder)], robot, folder / "out")
+    return {
+        "friction_cold_over_warm": _rounded(at_half[ur10e.COLD] / at_half[ur10e.WARM]),
+        "friction_warm_over_warm": _rounded(earlier / later),
+        **said.summary(),
+    }
+
+
+STORIES: Mapping[str, tuple[str, Callable[[Path, Path], Figures]]] = {
+    "payload": (ur10e.FOLDER, payload),
+    "friction": (ur10e.FOLDER, friction),
+    "warm": (ur10e.FOLDER, warm),
+    "lwr": (kuka.FOLDER, lwr),
+    "franka": (panda.FOLDER, franka),
+}
+"""The folder that a story needs, and the story."""
+
+
+def _ur10e_body(data: Path) -> RigidBody:
+    return RigidBody(data / ur10e.FOLDER / "ur10e.urdf", ur10e.JOINTS)
+
+
+def _ur10e_robot(data: Path, folder: Path, known: Identified, drives: Drives) -> Path:
+    urdf = with_links((data / ur10e.FOLDER / "ur10e.urdf").read_text(), ur10e.JOINTS, known.links)
+    return write_robot(folder, "ur10e", ur10e.JOINTS, urdf, drives, 100.0)
+
+
+def _halves(recording: Recording) -> Sequence[Recording]:
+    """The only run as two, so that one can be held out."""
+    middle = float(recording.time[-1]) / 2
+    parts = recording.between(0.0, middle), recording.between(middle, 2 * middle)
+    return [replace(part, name=f"half_{i}", time=part.time - part.time[0]) for i, part in enumerate(parts, start=1)]
+
+
+def _mass(said: Explained, true: float) -> Figures | None:
+    """The payload's mass with its 95 % interval, or None where no payload was named."""
+    found = said.named("payload")
+    if found is None:
+        return None
+    mass = found["parameters"]["mass"]
+    low, high = (mass["value"] + sign * NORMAL_95 * mass["std"] for sign in (-1, 1))
+    return {
+        "mass": round(mass["value"], 3),
+        "interval": [round(low, 3), round(high, 3)],
+        "holds_true_mass": low <= true <= high,
+        "error_percent": round(100 * (mass["value"] / true - 1), 2),
+        "com": [round(found["parameters"][f"com_{axis}"]["value"], 4) for axis in "xyz"],
+    }
+
+
+def _rounded(values: Float) -> list[float]:
+    return [round(float(value), 3) for value in values]

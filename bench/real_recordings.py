@@ -1,0 +1,95 @@
+"""`cellwatt explain` on recordings of real arms: a concealed payload, friction left out, models before identification.
+
+    python bench/real_recordings.py --json
+    python bench/real_recordings.py --story payload --work out
+    python bench/real_recordings.py --pictures docs/pictures
+
+The recordings are looked for in ../shared/data beside the checkout, or where --data says; a story whose recordings
+are absent is skipped, with the reason. ``docs/proof-real.md`` tells what comes out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from real.browser import drawn
+from real.page import markdown
+from real.pictures import PICTURES
+from real.product import ExplainError
+from real.stories import STORIES
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def tell(names: list[str], data: Path, work: Path) -> dict[str, Any]:
+    """Figures of each story, or why there are none."""
+    out: dict[str, Any] = {}
+    for name in names:
+        needed, story = STORIES[name]
+        if not (data / needed).exists():
+            out[name] = {"skipped": f"no recordings in {needed} of the data folder"}
+            continue
+        try:
+            out[name] = story(data, work)
+        except ExplainError as error:
+            out[name] = {"failed": str(error)}
+    return out
+
+
+def draw(result: dict[str, Any], data: Path, work: Path, folder: Path) -> None:
+    """Write the pictures of all stories that were told."""
+    told = {name: figures for name, figures in result.items() if not {"skipped", "failed"} & figures.keys()}
+    figures = {name: figure for story in told for name, figure in PICTURES[story](data, work, told[story]).items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, svg in drawn(figures).items():
+        (folder / f"{name}.svg").write_text(svg)
+
+
+def show(name: str, figures: dict[str, Any], indent: int = 0) -> None:
+    """Findings of a story as text."""
+    print("  " * indent + name)
+    for key, value in figures.items():
+        if key == "findings":
+            for finding in value:
+                print("  " * (indent + 1) + f"[{finding['kind']}, {finding['confidence']}] {finding['statement']}")
+        elif key == "fit":
+            for fit in value:
+                figures_ = ", ".join(f"{k} {v:.3g}" for k, v in fit.items() if isinstance(v, float))
+                print("  " * (indent + 1) + f"{fit['channel']}: {figures_}")
+        elif isinstance(value, dict):
+            show(key, value, indent + 1)
+        else:
+            print("  " * (indent + 1) + f"{key}: {value}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
+    parser.add_argument("--markdown", action="store_true", help="the tables of docs/proof-real.md instead of text")
+    parser.add_argument("--story", action="append", choices=list(STORIES), help="only these")
+    parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--work", type=Path, help="keep robots, recordings and reports here")
+    parser.add_argument("--pictures", type=Path, help="draw pictures into this folder, which takes a browser")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        work = options.work or Path(temporary)
+        work.mkdir(parents=True, exist_ok=True)
+        result = tell(options.story or list(STORIES), options.data, work)
+        if options.pictures:
+            draw(result, options.data, work, options.pictures)
+    if options.json:
+        print(json.dumps(result, indent=2))
+        return
+    if options.markdown:
+        print(markdown(result))
+        return
+    for name, figures in result.items():
+        show(name, figures)
+
+
+if __name__ == "__main__":
+    main()

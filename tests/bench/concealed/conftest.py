@@ -1,0 +1,27 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).resolve().parents[3] / "bench"
+sys.path.append(str(BENCH))
+pytest.importorskip("mujoco", reason="the blind benchmark's plant needs MuJoCo")
+pytest.importorskip("sklearn", reason="one of the blind benchmark's baselines needs scikit-learn")
+
+
+@pytest.fixture(scope="session")
+def bench() -> Path:
+    return BENCH
+
+
+@pytest.fixture(scope="session")
+def small_case(tmp_path_factory):
+    """Folder and key of one case, a torque offset on runs of a few seconds."""
+    from concealed import setting
+    from concealed.cases import Spec, make_case
+
+    runs = setting.RunSet((("excite", 8), ("task", 8)), (("excite", 6),), (100,), 0.001, 0.004)
+    work = tmp_path_factory.mktemp("cases")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(setting.RUN_SETS, "short", runs)
+        return work, make_case("x", 4, Spec("single", (("torque_offset", "strong"),), "short"), work)

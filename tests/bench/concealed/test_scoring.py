@@ -1,0 +1,125 @@
+"""Scores and totals from answers written by hand."""
+
+import sys
+
+import numpy as np
+import pytest
+from concealed import product
+from concealed.page import markdown
+from concealed.scoring import comparisons, hold_out, score, strength_of
+from concealed.sparse import Group, pursue
+from concealed.totals import totals, wilson
+
+
+def finding(effect, joint, **parameters):
+    return {"effect": effect, "joint": joint, "kind": "missing",
+            "parameters": {k: {"value": v, "std": s} for k, (v, s) in parameters.items()}}  # fmt: skip
+
+
+def key_of(*effects, level="single"):
+    required = [{"effect": e["effect"], "joint": None if e.get("joint") is None else e["joint"] + 1} for e in effects]
+    return {"required": required, "effects": list(effects), "level": level, "ratio": 4.0, "runs": [], "allowed": []}
+
+
+def test_names_are_counted_by_effect_and_joint():
+    key = key_of({"effect": "stribeck_friction", "joint": 1}, {"effect": "payload", "joint": None})
+    said = [finding("stribeck_friction", 2), finding("torque_offset", 3),
+            {"effect": "coulomb_friction", "joint": 1, "kind": "mistuned"}]  # fmt: skip
+    s = score(key, said, [], [])
+    assert (s["hit"], s["false"], s["missed"], s["exact"]) == (1, 1, 1, False)
+    assert (s["joints_found"], s["joints"]) == (1, 1)
+    assert score(key_of(), [], [], [])["exact"]
+
+
+def test_what_is_allowed_is_neither_right_nor_wrong():
+    key = key_of({"effect": "backlash", "joint": 1}) | {"allowed": [{"effect": "unknown", "joint": 4}]}
+    s = score(key, [finding("backlash", 2), finding("unknown", 4)], [], [])
+    assert (s["exact"], s["false"]) == (True, 0)
+
+
+def test_alternatives_are_listed_not_counted():
+    said = [finding("torque_offset", 3) | {"alternatives": [{"effect": "payload", "joint": None}]}]
+    assert score(key_of({"effect": "payload", "joint": None}), said, [], [])["listed"] == 1
+
+
+def test_intervals_are_judged_where_definitions_agree():
+    key = key_of({"effect": "payload", "joint": None, "strength": "weak", "mass": 2.0, "com": [0.0, 0.1, 0.2]})
+    said = [finding("payload", None, mass=(2.1, 0.1), com_y=(0.3, 0.05), colour=(1.0, 1.0))]
+    got = {c["parameter"]: c["covered"] for c in comparisons(key, said)}
+    assert got == {"mass": True, "com_y": False}
+
+
+def test_phase_goes_round_and_a_coefficient_needs_the_same_power():
+    cogging = key_of({"effect": "position_periodic_torque", "joint": 0, "amplitude": 1.0, "cycles": 5.0, "phase": 6.2})
+    said = [finding("position_periodic_torque", 1, phase=(-0.1, 0.05), cycles=(5.0, 0.01))]
+    assert [c["covered"] for c in comparisons(cogging, said)] == [True, True]
+    power = key_of({"effect": "nonlinear_viscous_friction", "joint": 0, "coefficient": 1.0, "exponent": 3.0})
+    other = [finding("nonlinear_viscous_friction", 1, coefficient=(1.0, 0.1), exponent=(2.0, 0.0))]
+    assert [c["parameter"] for c in comparisons(power, other)] == ["exponent"]
+
+
+def test_gap_is_measured_from_simulation_to_best_possible():
+    key = {"runs": [{"run": "holdout_05", "split": "sealed", "rmse_simulation": [3.0, 1.0], "rmse_oracle": [1.0, 1.0],
+                     "power_rmse_simulation": 1.0, "power_rmse_oracle": 1.0}]}  # fmt: skip
+    flat = lambda size: (np.full((50, 2), size), np.full(50, size))  # noqa: E731
+    (row,) = hold_out(key, lambda name: flat(1.5), lambda name: flat(2.0))
+    assert (row["channel"], row["gap_closed"], row["gap_closed_refit"]) == (
+        "tau_1",
+        pytest.approx(0.75),
+        pytest.approx(0.5),
+    )
+    assert row["gap_beyond_refit"] == pytest.approx(0.5)
+    assert hold_out(key, lambda name: None, lambda name: flat(2.0))[0]["gap_closed"] is None
+
+
+@pytest.mark.parametrize(
+    ("hits", "of", "interval"), [(8, 10, [0.49, 0.943]), (0, 59, [0.0, 0.061]), (17, 28, [0.424, 0.764])]
+)
+def test_wilson_interval(hits, of, interval):
+    assert wilson(hits, of) == pytest.approx(interval, abs=1e-3)
+
+
+def test_totals_and_page():
+    rows = []
+    for level, key, said in (
+        ("null", key_of(level="null"), [finding("payload", None)]),
+        ("null", key_of(level="null"), []),
+        ("unknown", key_of({"effect": "unknown", "joint": 0}), [finding("unknown", 1)]),
+        (
+            "single",
+            key_of({"effect": "torque_gain", "joint": 0, "gain": 0.1}),
+            [finding("torque_gain", 1, gain=(0.11, 0.01))],
+        ),
+    ):
+        s = score(key, said, [], []) | {"seconds": 2.0, "error": None}
+        rows.append(
+            {"id": "case", "level": level, "robot": "r", "ratio": 4.0, "strength": strength_of(key), "explain": s}
+        )
+    t = totals(rows, "explain")
+    assert t["f1"] == 0.8
+    assert t["null_false_rate"]["value"] == 0.5
+    assert t["unknown_recall"]["value"] == 1.0
+    assert t["interval_coverage"]["hits"] == 1
+    assert t["by_effect"]["payload"]["named_wrongly"] == 1
+    text = markdown(
+        {"cases": 4, "nulls": 2, "methods": {"explain": t}, "failures": []}, {"explain": "cellwatt explain"}
+    )
+    assert "| unknown called unknown | 1.000 (0.21–1.00; 1/1) |" in text
+
+
+def test_pursuit_picks_what_is_there_and_stops():
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(2000, 2, 4))
+    groups = [Group(f"effect_{k}", k % 2, np.where(np.arange(2)[None, :, None] == k % 2, x[:, :, [k]], 0.0), ("size",))
+              for k in range(4)]  # fmt: skip
+    noise = np.array([1.0, 2.0])
+    residual = 3.0 * groups[2].values[:, :, 0] + noise * rng.normal(size=(2000, 2))
+    got = pursue(np.ones((2000, 2, 1)), np.array([0.01]), groups, residual, noise)
+    assert got.picked == [2]
+    assert got.coefficients[-1] == pytest.approx(3.0, abs=4 * np.sqrt(got.covariance[-1, -1]))
+
+
+def test_a_failing_product_is_an_error_of_its_case(tmp_path):
+    got = product.explain(f"{sys.executable} -c 'raise SystemExit(3)'", tmp_path, tmp_path / "out")
+    assert got.error
+    assert got.findings == []
