@@ -22,7 +22,7 @@ import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
 
 from cellwatt import CellInfo, FrameChannel, Frames, Layout
-from cellwatt_plugins.model import Input, Metadata, ModelSettings, ModelStage, Output, Training, describe
+from cellwatt_plugins.models import Input, Metadata, ModelSettings, ModelStage, Output, Training, describe
 
 COLUMNS, INPUTS, HIDDEN, WINDOW, RATE = 60, 12, 100, 10, 50.0
 BUDGET_US = 100.0

@@ -1,0 +1,68 @@
+"""``cellwatt train``: one command a kind of model; ``cellwatt predict``: a trained model on a table."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import Final
+
+import click
+
+from cellwatt.errors import CellwattError
+
+KINDS: Final = {
+    "collect": "cellwatt_plugins.models.static.command:collect",
+    "plan-poses": "cellwatt_plugins.models.static.command:plan_poses",
+    "power": "cellwatt_plugins.models.power.command:train_power",
+    "static": "cellwatt_plugins.models.static.command:train_static",
+}
+"""What can be trained: the command's name and where it is; imported only when called."""
+
+
+class _Kinds(click.Group):
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(KINDS)
+
+    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
+        if name not in KINDS:
+            return None
+        module, attribute = KINDS[name].split(":")
+        command: click.Command = getattr(import_module(module), attribute)
+        return command
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            if (error.name or "").startswith("cellwatt"):
+                raise
+            raise CellwattError(
+                f"training needs {error.name}: install it with pip install 'cellwatt[train]'"
+            ) from error
+
+
+@click.group(cls=_Kinds)
+def train() -> None:
+    """Make a model of a robot from recordings: its energy at rest, or its power in motion."""
+
+
+@click.command()
+@click.argument("table", metavar="TABLE", type=click.Path(exists=True, path_type=Path))
+@click.option(
+    "--model", required=True, type=click.Path(dir_okay=False, path_type=Path), help="model.onnx of a training."
+)
+@click.option(
+    "--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Table to write: .parquet or .csv."
+)
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def predict(table: Path, model: Path, out: Path, as_json: bool) -> None:
+    """Say what a model gives for the rows of TABLE (Parquet, CSV, or a recording of cellwatt).
+
+    Columns are q_1 …, qd_1 …, torque_1 …, or named as channels (joint_1.position); those that number the rows
+    (t, pose, move) are kept. A model that sees several rows at once begins anew where move changes or t jumps.
+    """
+    from cellwatt_plugins.models.predict import predict_file
+
+    report = predict_file(model, table, out)
+    click.echo(json.dumps(report.as_json()) if as_json else report.in_words())

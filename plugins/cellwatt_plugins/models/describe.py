@@ -1,0 +1,46 @@
+"""Writes metadata into an exported ONNX file, and reads it back."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from cellwatt.errors import CellwattError
+from cellwatt_plugins.models.metadata import KEY, Metadata, encode, refused
+from cellwatt_plugins.models.network import Network, check_intact, metadata_of, open_session
+from cellwatt_plugins.models.seal import KEY as SEAL_KEY
+from cellwatt_plugins.models.seal import sealed
+
+
+def describe(path: str | PathLike[str], metadata: Metadata) -> None:
+    """Writes metadata, and a digest of the whole, into an ONNX file; the file is replaced in one step.
+
+    Raises ``ModelError``, and leaves the file as it is, where its tensors do not agree with the metadata or it
+    cannot be written; ``CellwattError`` where the package onnx, or onnxruntime, is not installed.
+    """
+    try:
+        import onnx
+    except ImportError as error:
+        raise CellwattError(
+            f"writing metadata into {path} needs onnx ({error}): install it with pip install onnx"
+        ) from error
+    file = Path(path)
+    Network(open_session(file), metadata, file)
+    model = onnx.load(file, load_external_data=False)
+    properties = {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
+    onnx.helper.set_model_props(model, properties)
+    partial = file.with_name(f".{file.name}.partial")
+    try:
+        partial.write_bytes(sealed(model.SerializeToString()))
+        partial.replace(file)
+    except OSError as error:
+        raise refused(file, f"its metadata cannot be written: {(error.strerror or str(error)).lower()}") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read_metadata(path: str | PathLike[str]) -> Metadata:
+    """What a model file says about itself. Raises ``ModelError`` where it is damaged or has no metadata."""
+    file = Path(path)
+    check_intact(file)
+    return metadata_of(open_session(file), file)

@@ -1,0 +1,88 @@
+"""Whether a model fits a cell: its robot, the rate of the frames, and a channel with the right unit for each input."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path, PurePath
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Layout
+from cellwatt_plugins.models.metadata import Metadata, refused
+
+
+def check_robot(metadata: Metadata, robot: str | None, path: Path) -> None:
+    """Raises ``ModelError`` where the model is of another robot, or the cell does not name its own.
+
+    ``robot`` is the name or the folder in the cell's settings; a folder's name is that of its robot.
+    """
+    if metadata.robot is None:
+        return
+    if robot is None:
+        hint = f"add 'robot: {metadata.robot}' to the settings if it is that one"
+        raise refused(path, f"it is of robot {metadata.robot!r}, the cell names no robot: {hint}")
+    if metadata.robot not in (robot, PurePath(robot).name):
+        raise refused(path, f"it is of robot {metadata.robot!r}, the cell's robot is {robot!r}")
+
+
+def check_rate(metadata: Metadata, rate: float, path: Path) -> None:
+    """Raises ``ModelError`` where the model was trained on frames of another rate, Hz."""
+    if metadata.rate_hz is not None and not math.isclose(metadata.rate_hz, rate, rel_tol=1e-6):
+        raise refused(
+            path, f"it was trained on frames at {metadata.rate_hz:g} Hz, the cell's come at {rate:g} Hz (frames: rate)"
+        )
+
+
+def columns(metadata: Metadata, layout: Layout, source: str | None, path: Path) -> tuple[int | None, ...]:
+    """The column of the frames for each input, None for an optional one that the cell does not have.
+
+    Where ``source`` is given its channels are meant first; another source that gives one of those too is then not
+    used at all, so that inputs of two arms are never mixed. Raises ``ConfigError`` where the source is unknown or
+    gives no input, or an input is given by several sources, ``ModelError`` where one is given by none or in another
+    unit.
+    """
+    usable = _usable(metadata, layout, source, path)
+    found: list[int | None] = []
+    for number, wanted in enumerate(metadata.inputs, start=1):
+        which = f"input {number} of {len(metadata.inputs)} ({wanted.channel!r} in {wanted.unit})"
+        if wanted.optional and not _there(wanted.channel, layout, usable):
+            found.append(None)
+            continue
+        column = _column(wanted.channel, which, layout, usable, path)
+        channel = layout.channels[column]
+        if channel.unit != wanted.unit:
+            raise refused(path, f"{which} is {channel.name} in {channel.unit} in this cell")
+        found.append(column)
+    return tuple(found)
+
+
+def _usable(metadata: Metadata, layout: Layout, source: str | None, path: Path) -> list[int]:
+    """Columns that short names may mean."""
+    if source is None:
+        return list(range(len(layout.channels)))
+    sources = dict.fromkeys(c.source for c in layout.channels)
+    if source not in sources:
+        raise ConfigError(f"no source {source!r} for the model {path}, expected one of {', '.join(sources)}")
+    wanted = {i.channel for i in metadata.inputs}
+    chosen = {c.short for c in layout.channels if c.source == source} & wanted
+    if not chosen:
+        names = ", ".join(i.channel for i in metadata.inputs)
+        raise ConfigError(f"source {source!r} gives none of the inputs of the model {path}: {names}")
+    rivals = {c.source for c in layout.channels if c.source != source and c.short in chosen}
+    return [i for i, c in enumerate(layout.channels) if c.source not in rivals]
+
+
+def _there(name: str, layout: Layout, usable: list[int]) -> bool:
+    return name in layout.names or any(layout.channels[i].short == name for i in usable)
+
+
+def _column(name: str, which: str, layout: Layout, usable: list[int], path: Path) -> int:
+    found = [i for i in usable if layout.channels[i].short == name]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        sources = ", ".join(layout.channels[i].source for i in found)
+        raise ConfigError(f"{which} of the model {path} is given by several sources: set source to one of {sources}")
+    if name in layout.names:
+        return layout.names.index(name)
+    there = ", ".join(layout.names[i] for i in usable)
+    raise refused(path, f"{which} is given by no source of the cell; there are: {there}")

@@ -1,0 +1,8 @@
+"""ONNX graphs that hold the physics of a robot, so that a model file needs nothing beside itself."""
+
+from cellwatt_plugins.models.graph.builder import Graph
+from cellwatt_plugins.models.graph.chain import Chain
+from cellwatt_plugins.models.graph.dynamics import gravity_torque, inverse_dynamics
+from cellwatt_plugins.models.graph.tensor import Tensor, beside
+
+__all__ = ["Chain", "Graph", "Tensor", "beside", "gravity_torque", "inverse_dynamics"]

@@ -1,0 +1,80 @@
+"""A serial arm as plain numbers: what of its URDF stands in a model file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Revolute joints in a row, each with the link that it moves."""
+
+    placements: Float
+    """(n, 4, 4): each joint's frame in the frame of the joint before it, at angle 0; m."""
+    axes: Float
+    """(n, 3): unit vectors in the joints' own frames."""
+    inertial: Float
+    """(n, 10): m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz of each link about its joint's frame; kg, m."""
+    gravity: Float
+    """(3,) m/s² in the base's frame."""
+
+    @classmethod
+    def of(cls, body: RigidBody) -> Chain:
+        """The chain that Pinocchio made of a URDF. Raises ``ConfigError`` where a joint is not revolute."""
+        model, count = body.model, body.joints
+        axes = np.empty((count, 3))
+        for i in range(count):
+            motion = model.joints[i + 1].createData()
+            model.joints[i + 1].calc(motion, np.zeros(1))
+            axes[i] = np.asarray(motion.S).reshape(6)[3:]
+            if not np.isclose(np.linalg.norm(axes[i]), 1.0):
+                raise ConfigError(
+                    f"joint {model.names[i + 1]} does not turn: only arms with revolute joints are modelled"
+                )
+        placements = np.stack([model.jointPlacements[i + 1].homogeneous for i in range(count)])
+        return cls(
+            placements, axes, body.parameters().reshape(count, PER_LINK), np.asarray(model.gravity.linear).copy()
+        )
+
+    @property
+    def joints(self) -> int:
+        """How many, n."""
+        return len(self.axes)
+
+    def with_inertial(self, parameters: Float) -> Chain:
+        """The same arm with other inertial parameters, (10 n,) as ``RigidBody.parameters`` gives them."""
+        return replace(self, inertial=parameters.reshape(self.joints, PER_LINK))
+
+    def transforms(self) -> tuple[Float, Float, Float]:
+        """The joints' transforms as A + sin q · B + cos q · C, each (n, 4, 4); Rodrigues' formula."""
+        skew = np.zeros((self.joints, 4, 4))
+        skew[:, :3, :3] = skew_of(self.axes)
+        square, one = skew @ skew, np.eye(4)
+        return self.placements @ (one + square), self.placements @ skew, -self.placements @ square
+
+    def pseudo_inertia(self) -> Float:
+        """(n, 4, 4): second moments of mass, m·c and m of each link in its joint's frame."""
+        mass, moment = self.inertial[:, 0], self.inertial[:, 1:4]
+        xx, xy, yy, xz, yz, zz = self.inertial[:, 4:].T
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
+        out = np.empty((self.joints, 4, 4))
+        out[:, :3, :3] = 0.5 * (xx + yy + zz)[:, None, None] * np.eye(3) - inertia
+        out[:, :3, 3] = out[:, 3, :3] = moment
+        out[:, 3, 3] = mass
+        return out
+
+
+def skew_of(vectors: Float) -> Float:
+    """Matrices (n, 3, 3) with K · x = v × x for vectors v (n, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)

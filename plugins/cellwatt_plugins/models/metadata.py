@@ -1,0 +1,192 @@
+"""What a model file says about itself: JSON under the key ``cellwatt`` of the ONNX file's ``metadata_props``."""
+
+from __future__ import annotations
+
+import hashlib
+from datetime import UTC, datetime
+from os import PathLike
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic.dataclasses import dataclass
+from pydantic_core import ErrorDetails, from_json
+
+from cellwatt.channel import UNITS
+from cellwatt.errors import ModelError
+
+KEY = "cellwatt"
+VERSION: Final = 1
+
+_CONFIG = ConfigDict(extra="forbid")
+
+
+def _known_unit(unit: str) -> str:
+    if unit not in UNITS:
+        raise ValueError(f"expected one of {', '.join(sorted(UNITS))}")
+    return unit
+
+
+def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError("expected [low, high] with low not above high")
+    return limits
+
+
+Name = Annotated[str, Field(min_length=1)]
+Unit = Annotated[str, AfterValidator(_known_unit)]
+Range = Annotated[tuple[FiniteFloat, FiniteFloat], AfterValidator(_rising)]
+
+
+@dataclass(frozen=True, slots=True, config=_CONFIG)
+class Input:
+    """One input: a channel by its name within its source (``joint_1.position``), and the unit it must have.
+
+    An ``optional`` one may be missing, in a frame or altogether; the model is then given NaN for it.
+    """
+
+    channel: Name
+    unit: Unit
+    optional: bool = False
+
+
+@dataclass(frozen=True, slots=True, config=_CONFIG)
+class Output:
+    """One output: the name it is published under, and its unit."""
+
+    name: Name
+    unit: Unit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_CONFIG)
+class Training:
+    """What the model was made from.
+
+    ``data`` is the SHA-256 of the training data, ``range`` the lowest and highest value of each input in it,
+    ``created`` when the model was made (with its time zone), ``rows`` how many frames it has seen.
+    """
+
+    data: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    range: tuple[Range, ...]
+    created: AwareDatetime
+    rows: Annotated[int, Field(ge=1)]
+
+    @classmethod
+    def of(cls, table: ArrayLike, created: datetime | None = None) -> Training:
+        """Describes a training table, (rows, inputs) in the units of the inputs; ``created`` is now when left out.
+
+        The digest is that of the table as little-endian float64, row after row. Values that are not finite are
+        left out of the ranges. Raises ``ModelError`` where the table is not two-dimensional or a column of it
+        has no finite value.
+        """
+        values = np.ascontiguousarray(table, dtype="<f8")
+        if values.ndim != 2 or not np.isfinite(values).any(axis=0).all():
+            raise ModelError(
+                f"expected a training table (rows, inputs) with numbers in each column, found shape {values.shape}"
+            )
+        finite = np.where(np.isfinite(values), values, np.nan)
+        limits = zip(np.nanmin(finite, axis=0).tolist(), np.nanmax(finite, axis=0).tolist(), strict=True)
+        digest = hashlib.sha256(values.tobytes()).hexdigest()
+        return cls(data=digest, range=tuple(limits), created=created or datetime.now(UTC), rows=len(values))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, config=_CONFIG)
+class Metadata:
+    """Who a model is, and what it must be fed; raises ``pydantic.ValidationError`` where that contradicts itself.
+
+    ``robot`` and ``rate_hz`` (of the frames) are ``None`` where any will do. ``window`` is the number of frames,
+    the newest last, that the model sees at once, ``delay`` by how many frames what it says lies behind the newest.
+    """
+
+    version: Literal[1] = VERSION
+    name: Name
+    robot: Name | None
+    inputs: Annotated[tuple[Input, ...], Field(min_length=1)]
+    outputs: Annotated[tuple[Output, ...], Field(min_length=1)]
+    rate_hz: Annotated[FiniteFloat, Field(gt=0)] | None
+    window: Annotated[int, Field(ge=1, le=10_000)] = 1
+    delay: Annotated[int, Field(ge=0)] = 0
+    training: Training
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Metadata:
+        for what, names in (
+            ("input channel", [i.channel for i in self.inputs]),
+            ("output", [o.name for o in self.outputs]),
+        ):
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                raise ValueError(f"the {what} {twice!r} is given twice")
+        if self.delay >= self.window:
+            raise ValueError(f"a delay of {self.delay} frames is not within a window of {self.window}")
+        if len(self.training.range) != len(self.inputs):
+            raise ValueError(f"training.range has {len(self.training.range)} entries for {len(self.inputs)} inputs")
+        return self
+
+
+_ADAPTER: TypeAdapter[Metadata] = TypeAdapter(Metadata)
+
+
+def refused(path: PathLike[str], reason: str) -> ModelError:
+    """The one line that says why a model file is not run."""
+    return ModelError(f"the model {path} is refused: {' '.join(reason.split())}")
+
+
+def encode(metadata: Metadata) -> str:
+    """The text that stands in the file."""
+    return _ADAPTER.dump_json(metadata).decode()
+
+
+def decode(text: str, path: PathLike[str]) -> Metadata:
+    """Metadata from the text in the file at ``path``.
+
+    Raises ``ModelError`` where it is no JSON, of another version, or wrong; unknown keys are wrong.
+    """
+    try:
+        raw = from_json(text)
+    except ValueError as error:
+        raise refused(path, f"its metadata is not JSON: {error}") from error
+    if not isinstance(raw, dict):
+        raise refused(path, f"its metadata is {_short(raw)}, expected a JSON object")
+    version = raw.get("version")
+    if type(version) is not int:
+        raise refused(path, f"its metadata has version {_short(version)}, expected {VERSION}")
+    if version > VERSION:
+        raise refused(
+            path, f"its metadata is of version {version}, this cellwatt reads version {VERSION}: update cellwatt"
+        )
+    try:
+        return _ADAPTER.validate_json(text, strict=True)
+    except ValidationError as error:
+        raise refused(path, _explain(error.errors(include_url=False))) from error
+
+
+def _explain(errors: list[ErrorDetails]) -> str:
+    """The first mistake in words, and how many more there are."""
+    first = errors[0]
+    where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).removeprefix(".")
+    match first["type"]:
+        case "missing":
+            text = f"its metadata lacks {where}"
+        case "unexpected_keyword_argument":
+            text = f"its metadata has the unknown key {where}"
+        case _:
+            message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+            found = f" is {_short(first['input'])}" if where else ""
+            text = f"its metadata is wrong: {where}{found}{': ' if where else ''}{message}"
+    return text + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else "")
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"

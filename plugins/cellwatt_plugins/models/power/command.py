@@ -1,0 +1,45 @@
+"""``cellwatt train power``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+FILE = click.Path(exists=True, path_type=Path)
+
+
+@click.command("power")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
+@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
+@click.option("--seed", default=0, show_default=True, help="Of the networks' first weights.")
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def train_power(recordings: tuple[Path, ...], robot: Path, out: Path, seed: int, as_json: bool) -> None:
+    """Make a model of the currents and the supply power of a moving arm, from RECORDINGs of its moves.
+
+    RECORDINGs are tables (Parquet, CSV) with t, q_i, qd_i, current_i and power, and move where a file holds several;
+    or recordings of cellwatt. Prints how the paper's two methods and the best model do on moves that they have not
+    seen, and writes model.onnx and power.json.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from cellwatt_plugins.models.power.exported import write
+    from cellwatt_plugins.models.power.moves import read_moves
+    from cellwatt_plugins.models.power.training import train
+    from cellwatt_plugins.models.power.wording import as_json as report_of
+    from cellwatt_plugins.models.power.wording import in_words
+    from cellwatt_plugins.models.progress import progress_bar
+    from cellwatt_plugins.robot import RigidBody, load_robot
+
+    description = load_robot(robot)
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    moves = read_moves(recordings, body.joints)
+    with threadpool_limits(1), progress_bar(1.0, quiet=as_json) as advance:
+        trained = train(moves, description, body, seed, advance)
+    write(out / "model.onnx", trained.fitted, moves, body, description.robot)
+    report = json.dumps(report_of(trained, moves))
+    (out / "power.json").write_text(report)
+    files = [str(out / name) for name in ("model.onnx", "power.json")]
+    click.echo(report if as_json else in_words(trained, moves, files))

@@ -1,0 +1,182 @@
+"""The torque of every joint as columns times unknown numbers, and what is believed of these before any data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.smoothing import Smoother
+from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, STRIBECK_SPEEDS, TORQUE, WARM, Motion
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+CARRIED: Final = 4
+"""Parameters of what is carried, per kg of the stated payload: its mass and m·c at the last joint's frame."""
+SIZE: Final = 0.1
+"""m: length for which a link's mass counts where its own moments are small."""
+REACH: Final = 0.1
+"""m: how far from the flange a payload's centre of mass may be."""
+ROTOR_SPREAD: Final = 0.1
+"""Share of a stated rotor inertia by which it may be off."""
+SHARES: Final = {"gain": 0.1, "load": 0.1, "viscous load": 0.1}
+"""Spreads of terms that are shares of the load."""
+PER_WARMTH: Final = 10.0
+"""K of joint temperature that count as 1."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """N rows of smoothed motion with what was measured there; n joints."""
+
+    q: Float
+    qd: Float
+    qdd: Float
+    """(N, n) each."""
+    torque: Float
+    """(N, n) Nm: current times stated torque constant; NaN where not measured."""
+    power: Float
+    """(N,) W; NaN where not measured."""
+    move: NDArray[np.int64]
+    payload: Float | None
+    """(N,) kg."""
+    warmth: Float | None
+    """(N, n): joint temperature beyond its mean, in ``PER_WARMTH``."""
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @classmethod
+    def of(cls, moves: Moves, smoother: Smoother, constant: Float, most: int, whole: bool = True) -> Rows:
+        """At most ``most`` rows, evenly spread, only those whose window is ``whole``."""
+        q, qd, qdd = smoother.apply(moves)
+        kept = np.flatnonzero(smoother.whole(moves) if whole else np.ones(len(moves), bool))
+        if not len(kept):
+            kept = np.arange(len(moves))
+        kept = kept[:: -(-len(kept) // most)]
+        rows = cls(q, qd, qdd, moves.current * constant, moves.power, moves.move, moves.payload, None).part(kept)
+        if moves.temperature is None:
+            return rows
+        return rows.with_temperature(moves.temperature[kept], mean_temperature(moves.temperature))
+
+    def with_temperature(self, temperature: Float, mean: Float) -> Rows:
+        """Warmth from joint temperatures (N, n) beyond a training's mean (n,), °C."""
+        return replace(self, warmth=(temperature - mean) / PER_WARMTH)
+
+    def part(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Rows:
+        """Some of them."""
+        kept: dict[str, Any] = {}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            kept[each.name] = None if value is None else value[rows]
+        return Rows(**kept)
+
+
+def mean_temperature(temperature: Float) -> Float:
+    """(n,) °C of columns (N, n)."""
+    return np.asarray(np.nanmean(temperature, axis=0))
+
+
+@dataclass(frozen=True)
+class Design:
+    """Columns of the torque: shared by all joints, and of each joint alone."""
+
+    shared: Float
+    """(N, n, R): inertial parameters of all links, then those of what is carried where a payload was recorded."""
+    own: Float
+    """(N, n, F): one column a term."""
+    names: tuple[str, ...]
+    """The F terms."""
+    width: float
+    """rad/s in which the direction of friction turns over."""
+
+    @classmethod
+    def of(cls, rows: Rows, body: RigidBody, inertial: Float, width: float, names: Sequence[str]) -> Design:
+        """All ``names`` as columns; ``inertial`` (R,) makes the load that some depend on."""
+        shared = shared_columns(rows, body, rows.payload is not None)
+        return cls.with_load(rows, shared, inertial, width, names)
+
+    @classmethod
+    def with_load(cls, rows: Rows, shared: Float, inertial: Float, width: float, names: Sequence[str]) -> Design:
+        """The same from shared columns that are there already."""
+        motion = Motion(rows.q, rows.qd, rows.qdd, shared @ inertial, np.tanh(rows.qd / width), rows.warmth)
+        return cls(shared, np.stack([TORQUE[name](motion) for name in names], axis=2), tuple(names), width)
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Means and standard deviations before any data."""
+
+    shared: Float
+    shared_spread: Float
+    """(R,)."""
+    own: Float
+    own_spread: Float
+    """(F, n)."""
+
+    @classmethod
+    def of(cls, robot: RobotDescription, body: RigidBody, design: Design, scale: Float, share: float) -> Belief:
+        """From the robot's description; ``scale`` (n,) Nm is the size of the torques, links are off by ``share``."""
+        shared = body.parameters()
+        spread = share * link_spread(shared)
+        if design.shared.shape[2] > len(shared):
+            shared = np.concatenate([shared, [1.0, 0.0, 0.0, 0.0]])
+            spread = np.concatenate([spread, [0.02, REACH, REACH, REACH]])
+        size = np.sqrt(np.mean(design.own**2, axis=0)).T
+        # A joint that hardly moved is as likely to have friction as the others.
+        size = np.maximum(size, 0.5 * size.max(axis=1, keepdims=True))
+        own, own_spread = np.zeros_like(size), scale / np.maximum(size, 1e-9)
+        for name in SHARES.keys() & set(design.names):
+            own_spread[design.names.index(name)] = SHARES[name]
+        stated = {"rotor": "rotor_inertia", "coulomb": "coulomb_friction", "viscous": "viscous_friction"}
+        for name, key in stated.items():
+            if name in design.names:
+                own[design.names.index(name)] = column(robot, key)
+        if "rotor" in design.names:
+            row, known = design.names.index("rotor"), column(robot, "rotor_inertia")
+            own_spread[row] = np.where(known > 0, ROTOR_SPREAD * known, own_spread[row])
+        return cls(shared, spread, own, own_spread)
+
+
+def shared_columns(rows: Rows, body: RigidBody, carrying: bool) -> Float:
+    """(N, n, 10 n): torque for 1 of each inertial parameter; 4 more where the arm is ``carrying``."""
+    columns = body.regressor(rows.q, rows.qd, rows.qdd)
+    if not carrying or rows.payload is None:
+        return columns
+    carried = columns[:, :, -PER_LINK : CARRIED - PER_LINK] * rows.payload[:, None, None]
+    return np.concatenate([columns, carried], axis=2)
+
+
+def link_spread(parameters: Float) -> Float:
+    """What the inertial parameters (10 n,) would be off by if each link were off by its own size: (10 n,)."""
+    links = parameters.reshape(-1, PER_LINK)
+    mass = np.maximum(links[:, 0], 0.1 * links[:, 0].mean())[:, None]
+    moments = np.linalg.norm(links[:, 1:4], axis=1, keepdims=True)
+    size = np.linalg.norm(links[:, 4:], axis=1, keepdims=True)
+    ones = np.ones((1, 3))
+    out = [mass, np.maximum(moments, SIZE * mass) * ones, np.maximum(size, SIZE**2 * mass) * np.ones((1, 6))]
+    return np.concatenate(out, axis=1).ravel()
+
+
+def possible(rows: Rows, width: float) -> dict[str, tuple[str, ...]]:
+    """The effects that these rows can show."""
+    known = {name: terms for name, terms in EFFECTS.items() if name != WARM or rows.warmth is not None}
+    fastest = float(np.quantile(np.abs(rows.qd), 0.99))
+    speeds = {f"stribeck {speed}": speed for speed in STRIBECK_SPEEDS}
+    return {
+        name: terms
+        for name, terms in known.items()
+        if not any(term in speeds and not 2 * width < speeds[term] < fastest for term in terms)
+    }
+
+
+def all_terms(effects: dict[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """The terms that are always there, and those of effects, each once."""
+    return tuple(dict.fromkeys([*ALWAYS, *(term for terms in effects.values() for term in terms)]))

@@ -1,0 +1,47 @@
+"""A fitted model as a model file."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt_plugins.models.export import joint_inputs, write_model
+from cellwatt_plugins.models.graph import Chain
+from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
+from cellwatt_plugins.models.power.fitting import Fitted
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.robot import RigidBody
+
+
+def write(
+    path: Path, fitted: Fitted, moves: Moves, body: RigidBody, robot: str, created: datetime | None = None
+) -> Metadata:
+    """Writes the ONNX file and gives its metadata. Raises ``ModelError``.
+
+    Inputs are positions and velocities, then the payload and temperatures where the model uses them; outputs are
+    ``power`` where it was measured, and ``current_1`` …
+    """
+    model, joints = fitted.model, moves.joints
+    inputs = [*joint_inputs(joints, "position", "velocity")]
+    table = [moves.q, moves.qd]
+    if model.carries(joints) and moves.payload is not None:
+        inputs.append(Input("tool.payload", "kg"))
+        table.append(moves.payload[:, None])
+    if model.temperature is not None and moves.temperature is not None:
+        inputs += joint_inputs(joints, "temperature")
+        table.append(moves.temperature)
+    power = () if model.supply is None else (Output("power", "W"),)
+    metadata = Metadata(
+        name=f"{robot}-power",
+        robot=robot,
+        inputs=tuple(inputs),
+        outputs=(*power, *(Output(f"current_{i + 1}", "A") for i in range(joints))),
+        rate_hz=round(1 / moves.step, 3),
+        window=model.smoother.window,
+        delay=model.smoother.delay,
+        training=Training.of(np.concatenate(table, axis=1), created),
+    )
+    write_model(path, model.content(Chain.of(body)), metadata)
+    return metadata

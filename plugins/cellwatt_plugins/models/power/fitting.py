@@ -1,0 +1,142 @@
+"""Fits the model: torque by its columns, effects by what they bring on held-out moves, then all numbers together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power import supply as supplies
+from cellwatt_plugins.models.power import torque as torques
+from cellwatt_plugins.models.power.design import Rows, mean_temperature, shared_columns
+from cellwatt_plugins.models.power.folds import folds_of
+from cellwatt_plugins.models.power.hybrid import Hybrid
+from cellwatt_plugins.models.power.leftover import Leftover
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.problem import MOST, Problem, row_folds
+from cellwatt_plugins.models.power.supply import Sharing
+from cellwatt_plugins.models.power.terms import WARM
+from cellwatt_plugins.models.power.together import fit_together
+from cellwatt_plugins.models.power.torque import Folds
+from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+Float = NDArray[np.float64]
+
+DOUBTS: Final = (0.03, 0.1, 0.3)
+"""Shares by which the links of the URDF may be off, tried on held-out moves."""
+USUAL: Final = ("Stribeck friction (0.1 rad/s)",)
+"""Effects of an arm whose currents were not measured: power alone tells no more."""
+WEIGHINGS: Final = 2
+"""Of the rows by what is left of them, beyond the first."""
+HELPS: Final = 0.95
+"""Share of the square of the torques' held-out error that a network must bring it down to."""
+TRIALS: Final = 4
+"""Folds on which that is tried."""
+SEED: Final = 0
+"""Of the network's first weights."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What the model consists of, before its numbers."""
+
+    effects: tuple[str, ...]
+    losses: tuple[str, ...]
+    sharing: Sharing
+    doubt: float
+    """Share by which the links of the URDF may be off."""
+    network: bool = False
+    """Whether a network takes what physics leaves of the torques."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model and what it rests on."""
+
+    model: Hybrid
+    structure: Structure
+    errors: Float
+    """(p,) standard errors, see ``Together``; none where no power was measured."""
+    rows: int
+
+
+def structure_of(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning) -> Structure:
+    """Effects and losses that hold on moves that were left out, among them the fastest and the slowest."""
+    problem = Problem.of(moves, robot, body, tuning, DOUBT)
+    rows = problem.rows
+    fold = row_folds(moves, rows)
+    if not np.isfinite(rows.torque).any():
+        usual = tuple(effect for effect in USUAL if effect in problem.effects)
+        return Structure(usual, (), "bus", DOUBT)
+    problem, effects, doubt = _effects(problem, fold)
+    losses: tuple[str, ...] = ()
+    sharing: Sharing = "bus"
+    if (known := np.isfinite(rows.power)).any():
+        torque = problem.solution(effects).torque(problem.design)
+        drive = problem.drive(torque[known], rows.qd[known])
+        losses, sharing = supplies.select(drive, rows.power[known], fold[known], problem.stated)
+    structure = Structure(effects, losses, sharing, doubt)
+    return replace(structure, network=_network_helps(moves, robot, body, tuning, structure))
+
+
+def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[str, ...], float]:
+    """Effects of the torque, found twice as the rows' weights depend on them, and the doubt of the links."""
+    effects: tuple[str, ...] = ()
+    for _ in range(2):
+        folds = Folds.of([problem.sums(fold == k) for k in np.unique(fold)])
+        effects = torques.select(folds, problem.belief, problem.design.names, problem.effects)
+        problem = problem.reweighed(effects)
+    chosen = problem.chosen(effects)
+    scores = {share: folds.misfits(problem.doubting(share), chosen).mean() for share in DOUBTS}
+    return problem, effects, min(scores, key=lambda share: float(scores[share]))
+
+
+def _network_helps(
+    moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, structure: Structure
+) -> bool:
+    """Whether it lowers the error of the torques on moves left out, the fastest and the slowest first."""
+    if not np.isfinite(moves.current).any():
+        return False
+    fold = folds_of(moves)
+    ratios = []
+    for k in np.unique(fold)[::-1][:TRIALS]:
+        fitted = fit(moves.where(fold != k), robot, body, tuning, replace(structure, network=True))
+        held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=False)
+        motion = fitted.model.motion(held, shared_columns(held, body, fitted.model.carries(body.joints)))
+        with_it = held.torque - fitted.model.torque(motion)
+        without = held.torque - replace(fitted.model, leftover=None).torque(motion)
+        ratios.append(np.nanmean(with_it**2, axis=0) / np.nanmean(without**2, axis=0))
+        if np.mean(ratios[-1]) > torques.HARM:
+            return False
+    return bool(np.mean(ratios) < HELPS)
+
+
+def fit(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, structure: Structure) -> Fitted:
+    """All numbers of a structure: currents and power together, Gauss–Newton with priors."""
+    problem = Problem.of(moves, robot, body, tuning, structure.doubt, structure.effects)
+    for _ in range(WEIGHINGS):
+        problem = problem.reweighed(structure.effects)
+    chosen = problem.chosen(structure.effects)
+    torque, supply, errors = problem.solution(structure.effects), None, np.empty(0)
+    if np.isfinite(problem.rows.power).any():
+        found = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
+        torque, supply, errors = found.torque, found.supply, found.errors
+    warmth = moves.temperature if WARM in structure.effects else None
+    model = Hybrid(
+        smoother=tuning.smoother,
+        width=tuning.width,
+        inertial=torque.shared,
+        terms=tuple(problem.design.names[i] for i in chosen),
+        weights=torque.own,
+        constant=problem.constant,
+        resistance=problem.stated.resistances(),
+        supply=supply,
+        temperature=None if warmth is None else mean_temperature(warmth),
+    )
+    if structure.network:
+        motion = model.motion(problem.rows, problem.design.shared)
+        model = replace(model, leftover=Leftover.train(motion, problem.rows.torque - model.torque(motion), SEED))
+    return Fitted(model, structure, errors, len(problem.rows))

@@ -1,0 +1,117 @@
+"""The model: rigid bodies, friction and drives of an arm, fitted; as formulas that arrays and model files share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.graph import Chain, Graph, Tensor, inverse_dynamics
+from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shared_columns
+from cellwatt_plugins.models.power.leftover import Leftover
+from cellwatt_plugins.models.power.smoothing import Smoother
+from cellwatt_plugins.models.power.supply import Supply
+from cellwatt_plugins.models.power.terms import TORQUE, Drive, Motion
+from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+AT_ONCE: Final = 5000
+"""Rows whose columns are in memory together."""
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """A fitted arm of n joints."""
+
+    smoother: Smoother
+    width: float
+    """rad/s in which the direction of friction turns over."""
+    inertial: Float
+    """(10 n,), or (10 n + 4,) where a payload was recorded: then also what is carried per kg of it."""
+    terms: tuple[str, ...]
+    weights: Float
+    """(terms, n): Nm for 1 of each term."""
+    constant: Float
+    """(n,) Nm/A."""
+    resistance: Float
+    """(n,) Ω."""
+    supply: Supply | None
+    """None where no power was recorded."""
+    temperature: Float | None
+    """(n,) °C: mean of the training, where friction depends on it."""
+    leftover: Leftover | None = None
+
+    def torque(self, motion: Motion) -> Any:
+        """(N, n) Nm from the motion with its load."""
+        terms = zip(self.terms, self.weights, strict=True)
+        torque = motion.load + sum(TORQUE[name](motion) * weight for name, weight in terms)
+        return torque if self.leftover is None else torque + self.leftover(motion)
+
+    def motion(self, rows: Rows, shared: Float) -> Motion:
+        """What the terms depend on, from rows and the columns of the inertial parameters."""
+        load = shared @ self.inertial
+        return Motion(rows.q, rows.qd, rows.qdd, load, np.tanh(rows.qd / self.width), rows.warmth)
+
+    def drive(self, torque: Any, qd: Any) -> Drive:
+        """What the drives have to do."""
+        current = torque / self.constant
+        return Drive(torque * qd, current * current * self.resistance, qd, current)
+
+    def trace(self, graph: Graph, chain: Chain, columns: int) -> tuple[Motion, Tensor]:
+        """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""
+        joints = chain.joints
+        q, qd, qdd = self.smoother.trace(graph, joints, columns)
+        load = Tensor(graph, inverse_dynamics(graph, self._arm(chain), q.name, qd.name, qdd.name))
+        if self.carries(joints):
+            unit = inverse_dynamics(graph, self._carried(chain), q.name, qd.name, qdd.name)
+            load = load + Tensor(graph, unit) * self.smoother.trace_as_is(graph, 2 * joints, 1)
+        warmth = None
+        if self.temperature is not None:
+            seen = self.smoother.trace_as_is(graph, columns - joints, joints)
+            warmth = (seen - self.temperature) / PER_WARMTH
+        motion = Motion(q, qd, qdd, load, np.tanh(qd / self.width), warmth)
+        return motion, self.torque(motion)
+
+    def outputs(self, torque: Any, qd: Any) -> tuple[Any, Any]:
+        """Power (N, 1) W, None where the model has none, and currents (N, n) A."""
+        drive = self.drive(torque, qd)
+        return None if self.supply is None else self.supply.power(drive), drive.current
+
+    def estimate(self, rows: Rows, body: RigidBody) -> tuple[Float, Float]:
+        """Power (N,) W, NaN where the model has none, and currents (N, n) A of smoothed rows."""
+        power, current = np.full(len(rows), np.nan), np.empty_like(rows.q)
+        for first in range(0, len(rows), AT_ONCE):
+            part = rows.part(slice(first, first + AT_ONCE))
+            motion = self.motion(part, shared_columns(part, body, self.carries(body.joints)))
+            watts, amperes = self.outputs(self.torque(motion), part.qd)
+            current[first : first + AT_ONCE] = amperes
+            if watts is not None:
+                power[first : first + AT_ONCE] = watts[:, 0]
+        return power, current
+
+    def content(self, chain: Chain) -> bytes:
+        """The ONNX graph, from positions, velocities, payload and temperatures where needed, to power and currents."""
+        joints = chain.joints
+        columns = (2 + (self.temperature is not None)) * joints + self.carries(joints)
+        graph = Graph(columns, self.smoother.window)
+        motion, torque = self.trace(graph, chain, columns)
+        power, current = self.outputs(torque, motion.qd)
+        if power is None:
+            return graph.model(current.name, joints)
+        return graph.model(graph.concat([power.name, current.name]), 1 + joints)
+
+    def carries(self, joints: int) -> bool:
+        """Whether a payload is an input."""
+        return len(self.inertial) > PER_LINK * joints
+
+    def _arm(self, chain: Chain) -> Chain:
+        return chain.with_inertial(self.inertial[: PER_LINK * chain.joints])
+
+    def _carried(self, chain: Chain) -> Chain:
+        carried = np.zeros(PER_LINK * chain.joints)
+        carried[-PER_LINK : CARRIED - PER_LINK] = self.inertial[-CARRIED:]
+        return chain.with_inertial(carried)

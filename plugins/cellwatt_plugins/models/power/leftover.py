@@ -1,0 +1,78 @@
+"""A small network a joint on what physics leaves of its torque; kept only where it helps on held-out moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.graph import beside
+from cellwatt_plugins.models.power.perceptron import Perceptron
+from cellwatt_plugins.models.power.terms import Motion
+
+Float = NDArray[np.float64]
+
+NEURONS: Final = 8
+ITERATIONS: Final = 200
+ROWS: Final = 6000
+EVERY: Final = 7
+"""One block of rows in so many tells when to stop."""
+BLOCK: Final = 50
+"""Rows."""
+LEAST: Final = 0.3
+"""An input counts as spread by at least this share of what it is in the median joint."""
+
+
+def inputs(motion: Motion) -> list[Any]:
+    """What a joint's network sees: (N, n) each."""
+    return [np.sin(motion.q), np.cos(motion.q), motion.qd, motion.qdd, motion.sign, motion.load]
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """The networks of all n joints as one, with blocks of weights; inputs in the order of ``inputs``."""
+
+    hidden: Float
+    """(6 n, n · neurons)."""
+    bias: Float
+    direct: Float
+    """(6 n, n)."""
+    out: Float
+    """(n · neurons, n)."""
+    level: Float
+    """(n,) Nm."""
+
+    def __call__(self, motion: Motion) -> Any:
+        """(N, n) Nm."""
+        x = beside(inputs(motion))
+        return np.tanh(x @ self.hidden + self.bias) @ self.out + (x @ self.direct + self.level)
+
+    @classmethod
+    def train(cls, motion: Motion, left: Float, seed: int) -> Leftover:
+        """From what is left, (N, n) Nm; rows where it is not known are passed over."""
+        kept = np.flatnonzero(np.isfinite(left).all(axis=1))
+        kept = kept[:: max(1, len(kept) // ROWS)]
+        held = np.arange(len(kept)) // BLOCK % EVERY == EVERY - 1
+        seen = np.stack([each[kept] for each in inputs(motion)], axis=2)
+        least = LEAST * np.median(seen.std(axis=0), axis=0)
+        networks = [
+            Perceptron.train(seen[:, j], left[kept, j, None], held, NEURONS, ITERATIONS, seed, least)
+            for j in range(left.shape[1])
+        ]
+        return cls.of(networks)
+
+    @classmethod
+    def of(cls, networks: list[Perceptron]) -> Leftover:
+        """One network out of one a joint; their scaling goes into the weights."""
+        n, each = len(networks), len(networks[0].mean)
+        hidden, bias = np.zeros((each, n, n, NEURONS)), np.zeros((n, NEURONS))
+        direct, out, level = np.zeros((each, n, n)), np.zeros((n, NEURONS, n)), np.zeros(n)
+        for j, network in enumerate(networks):
+            first, straight = network.hidden[:-1] / network.scale[:, None], network.direct[:-1] / network.scale[:, None]
+            hidden[:, j, j], direct[:, j, j], out[j, :, j] = first, straight[:, 0], network.out[:, 0]
+            bias[j] = network.hidden[-1] - network.mean @ first
+            level[j] = network.direct[-1, 0] - network.mean @ straight[:, 0]
+        size = n * NEURONS
+        return cls(hidden.reshape(-1, size), bias.reshape(-1), direct.reshape(-1, n), out.reshape(size, n), level)

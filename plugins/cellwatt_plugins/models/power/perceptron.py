@@ -1,0 +1,130 @@
+"""A network of one hidden layer beside direct connections, trained by Scaled Conjugate Gradient."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power.scg import minimise
+
+Float = NDArray[np.float64]
+
+DECAY: Final = 1e-4
+"""Penalty on the weights' squares, beside a mean square error of standardised outputs."""
+PATIENCE: Final = 50
+"""Steps without a lower error on the rows held out, after which training ends."""
+
+
+@dataclass(frozen=True)
+class Perceptron:
+    """Outputs from inputs through one layer of tanh, and straight; scaling of both is inside."""
+
+    mean: Float
+    scale: Float
+    """(inputs,)."""
+    hidden: Float
+    """(inputs + 1, neurons), the last row is the bias."""
+    direct: Float
+    """(inputs + 1, outputs), likewise, in the outputs' units."""
+    out: Float
+    """(neurons, outputs), in the outputs' units."""
+
+    def __call__(self, x: Any) -> Any:
+        """(N, outputs) for (N, inputs), an array or a tensor of a graph."""
+        scaled = (x - self.mean) * (1 / self.scale)
+        inside = np.tanh(scaled @ self.hidden[:-1] + self.hidden[-1])
+        return inside @ self.out + (scaled @ self.direct[:-1] + self.direct[-1])
+
+    @classmethod
+    def train(
+        cls,
+        x: Float,
+        y: Float,
+        held: NDArray[np.bool_],
+        neurons: int,
+        iterations: int,
+        seed: int,
+        least: Float,
+    ) -> Perceptron:
+        """Weights that are best on the rows ``held`` (N,) out, among those that training on the others passes.
+
+        Inputs are divided by their spread, or by ``least`` (inputs,) where they hardly vary.
+        """
+        mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), np.maximum(least, 1e-9))
+        level, size = y.mean(axis=0), np.maximum(y.std(axis=0), 1e-9)
+        a, b = (x - mean) / scale, (y - level) / size
+        shape = _Shape(x.shape[1], neurons, y.shape[1])
+        draw = np.random.default_rng(seed)
+        best = _Best(draw.normal(size=shape.weights) / np.sqrt(x.shape[1]))
+
+        def watch(step: int, w: Float) -> bool:
+            trained = held if held.any() else ~held
+            return best.seen(step, w, float(np.mean((shape.forward(w, a[trained])[1] - b[trained]) ** 2)))
+
+        minimise(lambda w: shape.loss(w, a[~held], b[~held]), best.w, iterations, 1e-6, watch)
+        hidden, direct, out = shape.split(best.w)
+        return cls(mean, scale, hidden, np.concatenate([direct[:-1] * size, direct[-1:] * size + level]), out * size)
+
+
+class _Best:
+    """The weights with the least error so far."""
+
+    def __init__(self, w: Float) -> None:
+        self.w = w
+        self._error, self._step = np.inf, 0
+
+    def seen(self, step: int, w: Float, error: float) -> bool:
+        """Whether none was better for so long that training may end."""
+        if error < self._error:
+            self.w, self._error, self._step = w, error, step
+        return step - self._step > PATIENCE
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Numbers of inputs, neurons and outputs; the weights in a row."""
+
+    inputs: int
+    neurons: int
+    outputs: int
+
+    @property
+    def weights(self) -> int:
+        return (self.inputs + 1) * (self.neurons + self.outputs) + self.neurons * self.outputs
+
+    def split(self, w: Float) -> tuple[Float, Float, Float]:
+        """Hidden, direct and output weights; the first two with the bias as last row."""
+        first = (self.inputs + 1) * self.neurons
+        second = first + (self.inputs + 1) * self.outputs
+        return (
+            w[:first].reshape(-1, self.neurons),
+            w[first:second].reshape(-1, self.outputs),
+            w[second:].reshape(-1, self.outputs),
+        )
+
+    def forward(self, w: Float, x: Float) -> tuple[Float, Float]:
+        """What the hidden layer and the outputs give."""
+        hidden, direct, out = self.split(w)
+        inside = np.tanh(x @ hidden[:-1] + hidden[-1])
+        return inside, inside @ out + x @ direct[:-1] + direct[-1]
+
+    def loss(self, w: Float, x: Float, y: Float) -> tuple[float, Float]:
+        """Half the mean square error with the penalty on what is not linear, and its gradient."""
+        inside, given = self.forward(w, x)
+        left = given - y
+        by_out = left / left.size
+        back = (by_out @ self.split(w)[2].T) * (1 - inside**2)
+        gradient = np.concatenate(
+            [
+                np.concatenate([x.T @ back, back.sum(axis=0)[None]]).ravel(),
+                np.concatenate([x.T @ by_out, by_out.sum(axis=0)[None]]).ravel(),
+                (inside.T @ by_out).ravel(),
+            ]
+        )
+        penalised = w.copy()
+        first = (self.inputs + 1) * self.neurons
+        penalised[first : first + (self.inputs + 1) * self.outputs] = 0.0
+        return float(0.5 * np.mean(left**2) + 0.5 * DECAY * (penalised @ penalised)), gradient + DECAY * penalised

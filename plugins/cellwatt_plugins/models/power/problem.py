@@ -1,0 +1,124 @@
+"""Everything that a fit of currents needs: rows, columns, beliefs and weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power import torque as torques
+from cellwatt_plugins.models.power.design import Belief, Design, Rows, all_terms, possible
+from cellwatt_plugins.models.power.folds import folds_of
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.smoothing import noise_of
+from cellwatt_plugins.models.power.supply import Stated
+from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, Drive
+from cellwatt_plugins.models.power.torque import Solution, Sums
+from cellwatt_plugins.models.power.tuning import Tuning
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import column
+
+Float = NDArray[np.float64]
+
+MOST: Final = 20_000
+"""Rows that a fit is made on."""
+LEAST_SPREAD: Final = 0.5
+"""Of a joint's current, as a share of the median joint's: one that was hardly moved has friction too."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is known before the fit, and how much each row weighs."""
+
+    robot: RobotDescription
+    body: RigidBody
+    rows: Rows
+    design: Design
+    belief: Belief
+    variance: Float
+    """(N, n) Nm²: of what the columns leave of the torques."""
+    constant: Float
+    """(n,) Nm/A."""
+    stated: Stated
+    effects: dict[str, tuple[str, ...]]
+    """What may be chosen from, and the terms of each."""
+
+    @classmethod
+    def of(
+        cls,
+        moves: Moves,
+        robot: RobotDescription,
+        body: RigidBody,
+        tuning: Tuning,
+        doubt: float,
+        effects: tuple[str, ...] | None = None,
+    ) -> Problem:
+        """With columns for some effects, or for all that the rows can show; links are believed within ``doubt``."""
+        constant = column(robot, "torque_constant")
+        rows = Rows.of(moves, tuning.smoother, constant, MOST)
+        able = possible(rows, tuning.width) if effects is None else {e: EFFECTS[e] for e in effects}
+        inertial = body.parameters()
+        if rows.payload is not None:
+            inertial = np.concatenate([inertial, [1.0, 0.0, 0.0, 0.0]])
+        design = Design.of(rows, body, inertial, tuning.width, all_terms(able))
+        scale = _scale(rows, design, inertial, constant)
+        noise = np.nan_to_num(noise_of(moves, moves.current * constant), nan=1e-6)
+        variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)
+        stated = Stated(robot.standby_power, column(robot, "winding_resistance"))
+        belief = Belief.of(robot, body, design, scale, doubt)
+        return cls(robot, body, rows, design, belief, variance, constant, stated, able).reweighed(effects or ())
+
+    def chosen(self, effects: tuple[str, ...]) -> list[int]:
+        """Places of the terms that are always there and of those of some effects, among the columns."""
+        terms = [*ALWAYS, *(term for effect in effects for term in EFFECTS[effect])]
+        return [self.design.names.index(name) for name in dict.fromkeys(terms)]
+
+    def sums(self, rows: NDArray[np.bool_]) -> Sums:
+        """Over some rows."""
+        return Sums.of(self.design, self.rows.torque, self.variance, rows)
+
+    def everything(self) -> Sums:
+        """Over all rows."""
+        return self.sums(np.ones(len(self.rows), bool))
+
+    def solution(self, effects: tuple[str, ...]) -> Solution:
+        """The torque's numbers from the currents alone."""
+        return torques.solve(self.everything(), self.belief, self.chosen(effects))
+
+    def reweighed(self, effects: tuple[str, ...]) -> Problem:
+        """The same with the load, and the rows' weights, from what the numbers so far leave."""
+        solution, rows, design = self.solution(effects), self.rows, self.design
+        left = rows.torque - solution.torque(design)
+        known = np.isfinite(left).any(axis=0)
+        least = np.ones(left.shape[1])
+        least[known] = 1e-3 * np.sqrt(np.nanmean(left[:, known] ** 2, axis=0))
+        loaded = Design.with_load(rows, design.shared, solution.shared, design.width, design.names)
+        return replace(self, variance=torques.variance_of(left, rows.qd, least), design=loaded)
+
+    def doubting(self, share: float) -> Belief:
+        """What is believed where links may be off by another share."""
+        scale = _scale(self.rows, self.design, self.belief.shared, self.constant)
+        return Belief.of(self.robot, self.body, self.design, scale, share)
+
+    def drive(self, torque: Float, qd: Float) -> Drive:
+        """What drives have to do for torques (N, n)."""
+        current = torque / self.constant
+        return Drive(torque * qd, current**2 * self.stated.resistances(), qd, current)
+
+
+def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:
+    """The fold of each kept row."""
+    fold = folds_of(moves)
+    if moves.count < 3:
+        return np.asarray(fold[np.linspace(0, len(moves) - 1, len(rows)).astype(int)])
+    first = np.array([a for a, _ in moves.bounds()])
+    return np.asarray(fold[first[rows.move]])
+
+
+def _scale(rows: Rows, design: Design, inertial: Float, constant: Float) -> Float:
+    """Size (n,) Nm of the torques: as measured, or as the URDF has them; no drive's is far below the others'."""
+    torque = rows.torque if np.isfinite(rows.torque).any() else design.shared @ inertial
+    current = np.nanstd(torque, axis=0) / constant
+    return np.asarray(np.maximum(current, LEAST_SPREAD * np.median(current)) * constant) + 1e-6

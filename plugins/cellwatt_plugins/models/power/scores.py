@@ -1,0 +1,94 @@
+"""How good predictions are: energy of each move, power, currents; in the layout of the paper's tables too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power.moves import Moves
+
+Float = NDArray[np.float64]
+
+SAME_START: Final = 0.02
+"""rad: moves whose joints start nearer than this start from the same position."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of predictions."""
+
+    energy: tuple[float | None, ...]
+    """% of each move's energy (equation 14); None where power was not measured."""
+    power: float | None
+    """Root mean square, W."""
+    current: tuple[float | None, ...]
+    """Root mean square of each joint, as a share of the current's spread."""
+    current_rms: tuple[float | None, ...]
+    """The same in A."""
+
+    @property
+    def energy_mean(self) -> float | None:
+        """% a move."""
+        known = [each for each in self.energy if each is not None]
+        return float(np.mean(known)) if known else None
+
+    @property
+    def energy_worst(self) -> float | None:
+        """%."""
+        return max((each for each in self.energy if each is not None), default=None)
+
+    @classmethod
+    def of(cls, moves: Moves, power: Float, current: Float) -> Score:
+        """Of predicted power (N,) and currents (N, n)."""
+        energy = tuple(_energy_error(moves.power[a:b], power[a:b]) for a, b in moves.bounds())
+        left = _rms(power - moves.power)
+        rms = tuple(_rms(each) for each in (current - moves.current).T)
+        spread = [_rms(each - np.nanmean(each)) if np.isfinite(each).any() else None for each in moves.current.T]
+        relative = tuple(None if r is None or not s else r / s for r, s in zip(rms, spread, strict=True))
+        return cls(energy, left, relative, rms)
+
+
+def _energy_error(measured: Float, predicted: Float) -> float | None:
+    known = np.isfinite(measured) & np.isfinite(predicted)
+    if not known.any() or measured[known].sum() == 0:
+        return None
+    return float(100 * abs(predicted[known].sum() / measured[known].sum() - 1))
+
+
+def _rms(values: Float) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else None
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """Tables I and II of the paper: an error for each pose of each start position."""
+
+    positions: tuple[tuple[float, ...], ...]
+    """Joint angles (n,) of each start, rad."""
+    errors: tuple[tuple[float | None, ...], ...]
+    """% by position, then pose in the order of the moves; None where the arm was not moved to."""
+
+    @classmethod
+    def of(cls, moves: Moves, energy: tuple[float | None, ...]) -> PoseTable:
+        """From the error of each move."""
+        starts: list[Float] = []
+        errors: list[list[float | None]] = []
+        for (first, _), error in zip(moves.bounds(), energy, strict=True):
+            here = moves.q[first]
+            at = next((i for i, s in enumerate(starts) if np.abs(s - here).max() < SAME_START), len(starts))
+            if at == len(starts):
+                starts.append(here)
+                errors.append([])
+            errors[at].append(error)
+        most = max(len(each) for each in errors)
+        padded = tuple((*each, *[None] * (most - len(each))) for each in errors)
+        return cls(tuple(tuple(s.tolist()) for s in starts), padded)
+
+    def averages(self) -> tuple[float | None, ...]:
+        """% of each position."""
+        known = [[error for error in each if error is not None] for each in self.errors]
+        return tuple(float(np.mean(each)) if each else None for each in known)

@@ -1,0 +1,125 @@
+"""Position, velocity and acceleration from noisy encoders: local polynomials through position and velocity together.
+
+Savitzky and Golay (Analytical Chemistry 36, 1964) with both channels, each weighed by its noise. The weights are fixed
+numbers: a product with the window in the model file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.graph import Graph, Tensor
+from cellwatt_plugins.models.power.moves import Moves
+
+Float = NDArray[np.float64]
+
+DIFFERENCES = 4
+"""Noise is read off differences of this order, which leave nothing of a smooth motion."""
+LEAST_NOISE = 1e-8
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of the encoders' noise."""
+
+    position: float
+    """rad."""
+    velocity: float
+    """rad/s."""
+
+    @classmethod
+    def of(cls, moves: Moves) -> Noise:
+        """From the data: the median over all joints."""
+        return cls(float(np.median(noise_of(moves, moves.q))), float(np.median(noise_of(moves, moves.qd))))
+
+
+def noise_of(moves: Moves, values: Float) -> Float:
+    """White noise of columns (N, c): (c,), robust; NaN where a column has too few numbers."""
+    coefficients = np.array([comb(DIFFERENCES, k) for k in range(DIFFERENCES + 1)])
+    within = np.concatenate([np.diff(values[a:b], DIFFERENCES, axis=0) for a, b in moves.bounds()])
+    to_one = 1 / 0.6745 / np.sqrt(np.sum(coefficients**2))
+    known = [column[np.isfinite(column)] for column in np.abs(within).T]
+    return np.array([max(to_one * np.median(column), LEAST_NOISE) if len(column) else np.nan for column in known])
+
+
+@dataclass(frozen=True)
+class Span:
+    """A window that looks equally far to both sides, or only back: its rows, and the order of its polynomial."""
+
+    rows: int
+    order: int
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """Weights (3, 2 · window) of the window's positions and velocities, row by row in turn, for q, q̇, q̈.
+
+    The newest row of the window is ``delay`` rows after the one that is estimated.
+    """
+
+    weights: Float
+    window: int
+    delay: int
+
+    @classmethod
+    def design(cls, noise: Noise, step: float, velocity: Span, acceleration: Span, ahead: bool) -> Smoother:
+        """Position and velocity by one span, acceleration by another; ``ahead``: both reach as far forth as back."""
+        window = max(velocity.rows, acceleration.rows)
+        delay = (window - 1) // 2 if ahead else 0
+        weights = np.zeros((3, window, 2))
+        for span, which in ((velocity, slice(0, 2)), (acceleration, slice(2, 3))):
+            first = (window - span.rows) // 2 if ahead else window - span.rows
+            times = step * (np.arange(span.rows, dtype=np.float64) + first - (window - 1 - delay))
+            weights[which, first : first + span.rows] = _weights(times, span.order, noise)[which]
+        return cls(weights.reshape(3, -1), window, delay)
+
+    def apply(self, moves: Moves) -> tuple[Float, Float, Float]:
+        """q, q̇, q̈ (N, n) each; beyond the ends of a move its first and last row are held."""
+        out = np.empty((3, *moves.q.shape))
+        for first, end in moves.bounds():
+            rows = np.arange(first, end)[:, None] + np.arange(1 - self.window, 1) + self.delay
+            rows = np.clip(rows, first, end - 1)
+            seen = np.stack([moves.q[rows], moves.qd[rows]], axis=2).reshape(end - first, 2 * self.window, -1)
+            out[:, first:end] = (self.weights @ seen).transpose(1, 0, 2)
+        return out[0], out[1], out[2]
+
+    def trace(self, graph: Graph, joints: int, columns: int) -> list[Tensor]:
+        """The same in a model file whose rows hold n positions, n velocities and more: q, q̇, q̈ (N, n)."""
+        seen = graph.input
+        if columns > 2 * joints:
+            seen = graph.slice(seen, 0, 2 * joints)
+        estimates = graph.op("MatMul", self.weights, graph.reshape(seen, (-1, 2 * self.window, joints)))
+        parts = graph.ops("Split", 3, estimates, np.ones(3, np.int64), axis=1)
+        return [Tensor(graph, graph.reshape(part, (-1, joints))) for part in parts]
+
+    def trace_as_is(self, graph: Graph, first: int, count: int) -> Tensor:
+        """Columns of the row that is estimated, not smoothed: (N, ``count``)."""
+        here = graph.input
+        if self.window > 1:
+            row = self.window - 1 - self.delay
+            here = graph.slice(here, row, row + 1, axis=1)
+        return Tensor(graph, graph.reshape(graph.slice(here, first, first + count), (-1, count)))
+
+    def whole(self, moves: Moves) -> NDArray[np.bool_]:
+        """Rows (N,) whose window lies within their move."""
+        out = np.zeros(len(moves), bool)
+        for first, end in moves.bounds():
+            out[first + self.window - 1 - self.delay : end - self.delay] = True
+        return out
+
+
+def _weights(times: Float, order: int, noise: Noise) -> Float:
+    """(3, rows, 2): value, slope and curvature at 0 s of the polynomial through noisy values and slopes."""
+    powers = range(order + 1)
+    value = np.stack([times**k / factorial(k) for k in powers], axis=1) / noise.position
+    slope = np.stack([times ** (k - 1) / factorial(k - 1) if k else 0 * times for k in powers], axis=1) / noise.velocity
+    solution = np.linalg.pinv(np.concatenate([value, slope]))
+    out = np.zeros((3, len(times), 2))
+    known = min(3, order + 1)
+    out[:known, :, 0] = solution[:known, : len(times)] / noise.position
+    out[:known, :, 1] = solution[:known, len(times) :] / noise.velocity
+    return out

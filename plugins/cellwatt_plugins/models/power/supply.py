@@ -1,0 +1,191 @@
+"""Electrical power from torque and velocity: equation (13) with what becomes of the energy that drives give back.
+
+Each drive takes D_j = Σ terms; the bus takes D = Σ D_j. P = P_c + up · max(D, 0) + down · min(D, 0): 1/up is the
+converter's efficiency, down is 0 where a brake resistor burns what comes back, and up where it all is used again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power.terms import DRIVE, DRIVE_ALWAYS, LOSSES, Drive
+
+Float = NDArray[np.float64]
+Sharing = Literal["bus", "joint"]
+
+ROUNDS: Final = 12
+GAIN: Final = 0.995
+HARM: Final = 1.02
+GAIN_SPREAD: Final = 0.03
+"""Share by which a stated torque constant may be off."""
+COPPER_SPREAD: Final = 0.15
+"""Share by which a stated winding resistance may be off."""
+GUESSED: Final = 1.0
+"""Ω where none is stated; it may then be off by as much again."""
+LOSS: Final = 3.0
+"""W that a loss of one joint may amount to."""
+BRAKES: Final = "brakes held open while the arm moves"
+MOVING: Final = 0.02
+"""rad/s above which an arm moves."""
+
+
+@dataclass(frozen=True)
+class Supply:
+    """A fitted supply."""
+
+    standby: float
+    """P_c, W."""
+    up: float
+    down: float
+    brakes: float
+    """W more while the arm moves."""
+    terms: tuple[str, ...]
+    weights: Float
+    """(terms, n)."""
+    sharing: Sharing
+    """Whether drives use what others give back (one bus), or each burns its own."""
+
+    def power(self, drive: Drive) -> Any:
+        """(N, 1) W."""
+        taken = sum(DRIVE[name](drive) * weight for name, weight in zip(self.terms, self.weights, strict=True))
+        if self.sharing == "bus":
+            taken = taken.sum(axis=-1, keepdims=True)
+        flow = self.up * np.maximum(taken, 0.0) + self.down * np.minimum(taken, 0.0)
+        if self.sharing == "joint":
+            flow = flow.sum(axis=-1, keepdims=True)
+        if not self.brakes:
+            return self.standby + flow
+        return self.standby + flow + self.brakes * moving(drive)
+
+    def vector(self) -> Float:
+        """All numbers in a row: standby, up, down, brakes, weights."""
+        return np.concatenate([[self.standby, self.up, self.down, self.brakes], self.weights.ravel()])
+
+    def with_vector(self, x: Float) -> Supply:
+        """The same with other numbers."""
+        standby, up, down, brakes = x[:4].tolist()
+        return replace(
+            self, standby=standby, up=up, down=down, brakes=brakes, weights=x[4:].reshape(self.weights.shape)
+        )
+
+    def slopes(self, drive: Drive) -> tuple[Float, Float]:
+        """Derivatives of the power by all numbers (N, p), and by what each drive takes (N, n)."""
+        columns = np.stack([DRIVE[name](drive) for name in self.terms])
+        taken = np.einsum("tnj,tj->nj", columns, self.weights)
+        if self.sharing == "bus":
+            taken = taken.sum(axis=1, keepdims=True)
+        slope = np.broadcast_to(np.where(taken > 0, self.up, self.down), drive.qd.shape)
+        fixed = [
+            np.ones(len(taken)),
+            np.maximum(taken, 0).sum(axis=1),
+            np.minimum(taken, 0).sum(axis=1),
+            moving(drive)[:, 0],
+        ]
+        by_weight = (columns * slope).transpose(1, 0, 2).reshape(len(taken), -1)
+        return np.concatenate([np.stack(fixed, axis=1), by_weight], axis=1), np.asarray(slope)
+
+
+def moving(drive: Drive) -> Any:
+    """1 while any joint moves, (N, 1)."""
+    return np.tanh(np.abs(drive.qd).sum(axis=-1, keepdims=True) / MOVING)
+
+
+@dataclass(frozen=True)
+class Believed:
+    """Means and standard deviations of ``Supply.vector``."""
+
+    mean: Supply
+    spread: Float
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the robot's description says of its supply."""
+
+    standby: float
+    """W; 0 where unknown."""
+    resistance: Float
+    """(n,) Ω; 0 where unknown."""
+
+    def resistances(self) -> Float:
+        """(n,) Ω, guessed where unknown."""
+        return np.where(self.resistance > 0, self.resistance, GUESSED)
+
+
+def believed(drive: Drive, power: Float, effects: Sequence[str], sharing: Sharing, stated: Stated) -> Believed:
+    """Before any data: what is stated of the drives is about right, losses are small."""
+    names = (*DRIVE_ALWAYS, *(term for effect in effects if effect in LOSSES for term in LOSSES[effect]))
+    weights = np.array([[float(name in DRIVE_ALWAYS)] * drive.qd.shape[1] for name in names])
+    copper = np.where(stated.resistance > 0, COPPER_SPREAD, 1.0)
+    known = {"mechanical": np.full(copper.shape, GAIN_SPREAD), "copper": copper}
+    spreads = []
+    for name in names:
+        size = np.sqrt(np.mean(DRIVE[name](drive) ** 2, axis=0))
+        # A joint that hardly moved may lose as much as the others once it does.
+        spreads.append(known[name] if name in known else LOSS / np.maximum(size, 0.5 * size.max() + 1e-6))
+    level = float(np.median(power))
+    mean = Supply(stated.standby or level, 1.1, 0.55, 0.0, names, weights, sharing)
+    brakes = LOSS if BRAKES in effects else 1e-6
+    fixed = [max(0.5 * level, 1.0), 0.15, 0.55, brakes]
+    return Believed(mean, np.concatenate([fixed, np.concatenate(spreads)]))
+
+
+def fit(drive: Drive, power: Float, belief: Believed, noise: float | None = None) -> tuple[Supply, float]:
+    """Gauss–Newton with the prior; and the rms of what is left, W, which is also the noise where none is given."""
+    mean = belief.mean.vector()
+    x, size = mean.copy(), noise or float(np.std(power)) + 1e-9
+    for _ in range(ROUNDS):
+        supply = belief.mean.with_vector(x)
+        left = power - supply.power(drive)[:, 0]
+        jacobian = supply.slopes(drive)[0] / size * belief.spread
+        step = np.linalg.solve(
+            jacobian.T @ jacobian + np.eye(len(x)), jacobian.T @ (left / size) - (x - mean) / belief.spread
+        )
+        x = x + belief.spread * step
+        x[2] = np.clip(x[2], 0.0, max(x[1], 0.0))
+        if noise is None:
+            size = float(np.sqrt(np.mean(left**2))) + 1e-9
+        if np.abs(step).max() < 1e-6:
+            break
+    supply = belief.mean.with_vector(x)
+    return supply, float(np.sqrt(np.mean((power - supply.power(drive)[:, 0]) ** 2)))
+
+
+def select(drive: Drive, power: Float, fold: NDArray[np.int64], stated: Stated) -> tuple[tuple[str, ...], Sharing]:
+    """Losses that lower the held-out error, and how drives share what comes back."""
+
+    def score(effects: Sequence[str], sharing: Sharing) -> Float:
+        belief = believed(drive, power, effects, sharing, stated)
+        out = []
+        for k in np.unique(fold):
+            kept = fold != k
+            supply, _ = fit(rows_of(drive, kept), power[kept], belief)
+            out.append(np.mean((power[~kept] - supply.power(rows_of(drive, ~kept))[:, 0]) ** 2))
+        return np.array(out)
+
+    def grown(sharing: Sharing) -> tuple[list[str], Float]:
+        found: list[str] = []
+        now = score(found, sharing)
+        while True:
+            trials = {e: score([*found, e], sharing) / now for e in (*LOSSES, BRAKES) if e not in found}
+            best = min(trials, key=lambda e: float(trials[e].mean()), default=None)
+            if best is None or trials[best].mean() > GAIN or trials[best].max() > HARM:
+                return found, now
+            found.append(best)
+            now = now * trials[best]
+
+    one, left = grown("bus")
+    each, left_each = grown("joint")
+    if (left_each / left).mean() < GAIN:
+        return tuple(each), "joint"
+    return tuple(one), "bus"
+
+
+def rows_of(drive: Drive, kept: NDArray[np.bool_]) -> Drive:
+    """Some rows of arrays."""
+    return Drive(drive.mechanical[kept], drive.copper[kept], drive.qd[kept], drive.current[kept])

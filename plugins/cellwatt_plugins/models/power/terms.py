@@ -1,0 +1,125 @@
+"""What the torque and the electrical power of a drive may consist of, as formulas for arrays and for model files.
+
+``Motion`` holds arrays in training and tensors of a graph in a model file; numpy's ufuncs serve both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a term of torque may depend on: (N, n) each."""
+
+    q: Any
+    """rad."""
+    qd: Any
+    """rad/s."""
+    qdd: Any
+    """rad/s²."""
+    load: Any
+    """Torque of the rigid bodies, Nm."""
+    sign: Any
+    """tanh(q̇ / width): the direction, which turns over within ``width``."""
+    warmth: Any = None
+    """Joint temperature above that of the training's mean, in 10 K."""
+
+
+Formula = Callable[[Motion], Any]
+
+
+STRIBECK_SPEEDS: Final = (0.03, 0.06, 0.1, 0.16, 0.25)
+"""rad/s at which Stribeck friction has fallen to 1/e."""
+
+
+def _stribeck(speed: float) -> Formula:
+    return lambda m: m.sign * np.exp(-(m.qd * m.qd) / speed**2)
+
+
+HARMONICS: Final = tuple(range(1, 13))
+"""Periods a turn of torques that come back with the angle."""
+
+
+def _sine(n: int) -> Formula:
+    return lambda m: np.sin(m.q * float(n))
+
+
+def _cosine(n: int) -> Formula:
+    return lambda m: np.cos(m.q * float(n))
+
+
+TORQUE: Final[Mapping[str, Formula]] = {
+    "rotor": lambda m: m.qdd,
+    "coulomb": lambda m: m.sign,
+    "viscous": lambda m: m.qd,
+    **{f"stribeck {speed}": _stribeck(speed) for speed in STRIBECK_SPEEDS},
+    "quadratic": lambda m: m.qd * np.abs(m.qd),
+    "cubic": lambda m: m.qd * m.qd * m.qd,
+    "saturating": lambda m: np.tanh(m.qd / 0.5),
+    "load": lambda m: m.sign * np.abs(m.load),
+    "viscous load": lambda m: m.qd * np.abs(m.load),
+    "gain": lambda m: m.load,
+    "direction": lambda m: np.abs(m.sign),
+    "viscous direction": lambda m: np.abs(m.qd),
+    "offset": lambda m: 0.0 * m.q + 1.0,
+    "spring": lambda m: m.q,
+    **{f"sine {n}": _sine(n) for n in HARMONICS},
+    **{f"cosine {n}": _cosine(n) for n in HARMONICS},
+    "warm coulomb": lambda m: m.sign * m.warmth,
+    "warm viscous": lambda m: m.qd * m.warmth,
+}
+"""Torque of a joint beyond the rigid bodies', each times a number of the joint; Nm."""
+
+ALWAYS: Final = ("rotor", "coulomb", "viscous")
+EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
+    **{f"Stribeck friction ({speed} rad/s)": (f"stribeck {speed}",) for speed in STRIBECK_SPEEDS},
+    "quadratic viscous friction": ("quadratic",),
+    "cubic viscous friction": ("cubic",),
+    "viscous friction that saturates": ("saturating",),
+    "friction by load": ("load",),
+    "viscous friction by load": ("viscous load",),
+    "torque constant": ("gain",),
+    "friction by direction": ("direction", "viscous direction"),
+    "constant torque": ("offset",),
+    "spring": ("offset", "spring"),
+    **{f"torque by angle, {n} a turn": ("offset", f"sine {n}", f"cosine {n}") for n in HARMONICS},
+    "friction by temperature": ("warm coulomb", "warm viscous"),
+}
+"""What may be found beside what is always there, and its terms."""
+WARM: Final = "friction by temperature"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the electrical power depends on: (N, n) each."""
+
+    mechanical: Any
+    """Torque times velocity, W."""
+    copper: Any
+    """Current squared times the stated winding resistance, W."""
+    qd: Any
+    """rad/s."""
+    current: Any
+    """A."""
+
+
+DRIVE: Final[Mapping[str, Callable[[Drive], Any]]] = {
+    "mechanical": lambda d: d.mechanical,
+    "copper": lambda d: d.copper,
+    "iron": lambda d: np.abs(d.qd),
+    "eddy": lambda d: d.qd * d.qd,
+    "inverter": lambda d: np.abs(d.current),
+}
+"""Power that a joint's drive takes from the bus, each times a number of the joint; W."""
+DRIVE_ALWAYS: Final = ("mechanical", "copper")
+LOSSES: Final[Mapping[str, tuple[str, ...]]] = {
+    "iron loss": ("iron",),
+    "eddy-current loss": ("eddy",),
+    "loss of the inverters by current": ("inverter",),
+}
+"""What may be found beside what is always there, and its terms."""

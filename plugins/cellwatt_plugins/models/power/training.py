@@ -1,0 +1,140 @@
+"""From moves to a model file and to what is known of its errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.models.power.design import Rows
+from cellwatt_plugins.models.power.fitting import Fitted, Structure, fit, structure_of
+from cellwatt_plugins.models.power.folds import FEW, TURNS, folds_of
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.paper import Nls, Scg, Seen
+from cellwatt_plugins.models.power.scores import Score
+from cellwatt_plugins.models.power.smoothing import noise_of
+from cellwatt_plugins.models.power.tuning import Tuning, tune
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import column
+
+Float = NDArray[np.float64]
+Advance = Callable[[float, str], None]
+"""Told how much of the work was done since the last call, and what comes next."""
+
+METHODS: Final = ("NLS", "SCG", "best")
+BEST: Final = "best"
+AHEAD: Final = True
+"""Whether windows reach ahead of what is estimated."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A model, and the errors of all methods on moves that they were not fitted to."""
+
+    fitted: Fitted
+    nls: Nls | None
+    """None where no current was measured."""
+    tuning: Tuning
+    predictions: dict[str, tuple[Float, Float]]
+    """Power (N,) and currents (N, n) by method, each row by a model that has not seen its move."""
+    scores: dict[str, Score]
+    faster: dict[str, Score]
+    """On the fastest moves, by models of slower ones only; empty where there are too few moves."""
+    slower: dict[str, Score]
+    power_noise: float
+    """W: white noise of the measured power; NaN where not measured."""
+    current_noise: Float
+    """(n,) A."""
+
+
+def train(
+    moves: Moves, robot: RobotDescription, body: RigidBody, seed: int = 0, advance: Advance | None = None
+) -> Trained:
+    """Chooses, fits, and judges by leaving moves out. The same moves and seed give the same model."""
+    check_known(robot)
+    tell = advance or (lambda share, text: None)
+    tell(0.0, "smoothing of the encoders")
+    tuning = tune(moves, robot, body, AHEAD)
+    tell(0.15, "effects")
+    structure = structure_of(moves, robot, body, tuning)
+    fold = folds_of(moves)
+    which = np.unique(fold)
+    methods = METHODS if np.isfinite(moves.current).any() else (BEST,)
+    predictions = {method: (np.full(len(moves), np.nan), np.full(moves.q.shape, np.nan)) for method in methods}
+    for k in which:
+        tell(0.7 / len(which), f"held-out moves, {k + 1} of {len(which)}")
+        held = fold == k
+        for method in methods:
+            power, current = _held_out(method, moves, held, robot, body, tuning, structure, seed)
+            predictions[method][0][held], predictions[method][1][held] = power, current
+    tell(0.1, "the model")
+    fitted = fit(moves, robot, body, tuning, structure)
+    nls = Nls.fit(moves, Seen.of(moves, robot, body, tuning), robot) if "NLS" in methods else None
+    many = moves.count >= FEW
+    return Trained(
+        fitted=fitted,
+        nls=nls,
+        tuning=tuning,
+        predictions=predictions,
+        scores=_scores(moves, predictions, np.ones(len(moves), bool)),
+        faster=_scores(moves, predictions, fold == TURNS + 1) if many else {},
+        slower=_scores(moves, predictions, fold == TURNS) if many else {},
+        power_noise=float(noise_of(moves, moves.power[:, None])[0]),
+        current_noise=noise_of(moves, moves.current),
+    )
+
+
+def model_of(moves: Moves, robot: RobotDescription, body: RigidBody) -> Fitted:
+    """The best model alone, without judging it: for short recordings and the demonstration, in seconds."""
+    check_known(robot)
+    tuning = tune(moves, robot, body, AHEAD)
+    return fit(moves, robot, body, tuning, structure_of(moves, robot, body, tuning))
+
+
+def check_known(robot: RobotDescription) -> None:
+    """Raises ``ConfigError`` where a torque constant is missing: currents say nothing without it."""
+    if lacking := [joint.name for joint in robot.joints if not joint.torque_constant]:
+        raise ConfigError(
+            f"torque_constant of {', '.join(lacking)} is missing in robot.yaml (Nm/A at the joint): "
+            "write the data sheet's, 20 % off is near enough"
+        )
+
+
+def estimate(fitted: Fitted, moves: Moves, robot: RobotDescription, body: RigidBody) -> tuple[Float, Float]:
+    """Power (N,) W and currents (N, n) A of other moves."""
+    model = fitted.model
+    rows = Rows.of(moves, model.smoother, column(robot, "torque_constant"), len(moves), whole=False)
+    if model.temperature is not None and moves.temperature is not None:
+        rows = rows.with_temperature(moves.temperature, model.temperature)
+    return model.estimate(rows, body)
+
+
+def _held_out(
+    method: str,
+    moves: Moves,
+    held: NDArray[np.bool_],
+    robot: RobotDescription,
+    body: RigidBody,
+    tuning: Tuning,
+    structure: Structure,
+    seed: int,
+) -> tuple[Float, Float]:
+    """What a method says of some moves when it was fitted to the others."""
+    known, unknown = moves.where(~held), moves.where(held)
+    if moves.count < FEW:
+        # So few that what is left out would have a say in the choice of windows and effects.
+        tuning = tune(known, robot, body, AHEAD)
+        structure = structure_of(known, robot, body, tuning) if method == BEST else structure
+    if method == BEST:
+        return estimate(fit(known, robot, body, tuning, structure), unknown, robot, body)
+    seen, unseen = Seen.of(known, robot, body, tuning), Seen.of(unknown, robot, body, tuning)
+    return (Nls.fit(known, seen, robot) if method == "NLS" else Scg.fit(known, seen, seed)).predict(unseen)
+
+
+def _scores(moves: Moves, predictions: dict[str, tuple[Float, Float]], rows: NDArray[np.bool_]) -> dict[str, Score]:
+    some = moves.where(rows)
+    return {method: Score.of(some, power[rows], current[rows]) for method, (power, current) in predictions.items()}

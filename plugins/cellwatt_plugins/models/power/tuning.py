@@ -1,0 +1,96 @@
+"""How much smoothing, and how sharply friction turns over: what leaves least of the measured currents."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.power.design import Belief, Design, Rows
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
+from cellwatt_plugins.models.power.torque import Sums, solve
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import SIGN_WIDTH, column
+
+Float = NDArray[np.float64]
+
+TRIED: Final = 5000
+"""Rows that a trial is made on."""
+LONGEST: Final = 0.4
+"""s."""
+SHORTEST: Final = 0.02
+SPANS: Final = (3, 5, 7, 9, 11, 15, 21, 27, 35, 45, 61)
+"""Rows of a window."""
+WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
+"""rad/s."""
+TERMS: Final = ("rotor", "coulomb", "viscous", "stribeck 0.1", "offset")
+DOUBT: Final = 0.1
+"""Share of the links' parameters."""
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What was chosen."""
+
+    smoother: Smoother
+    width: float
+    """rad/s."""
+
+
+def tune(moves: Moves, robot: RobotDescription, body: RigidBody, ahead: bool) -> Tuning:
+    """Spans of velocity and acceleration one after the other, then the width of friction's turning over."""
+    noise = Noise.of(moves)
+    moves = _some(moves)
+    step = moves.step
+    rows = [n for n in SPANS if SHORTEST <= n * step <= LONGEST] or [3]
+    shortest = min(b - a for a, b in moves.bounds())
+    rows = [n for n in rows if n <= shortest // 2] or rows[:1]
+    orders = (2,) if ahead else (2, 3)
+    slow = [Span(n, order) for n in rows for order in orders]
+    fast = [Span(n, order) for n in rows for order in ((3,) if ahead else (2, 3)) if n > order]
+    start = min(rows, key=lambda n: abs(n * step - 0.12))
+    velocity, acceleration = Span(start, 2), Span(max(start, 5), 3)
+
+    def cost(velocity: Span, acceleration: Span, width: float) -> float:
+        return _left(moves, Smoother.design(noise, step, velocity, acceleration, ahead), robot, body, width)
+
+    if not np.isfinite(moves.current).any():
+        return Tuning(Smoother.design(noise, step, velocity, acceleration, ahead), SIGN_WIDTH)
+    velocity = min(slow, key=lambda span: cost(span, acceleration, SIGN_WIDTH))
+    width = min(WIDTHS, key=lambda w: cost(velocity, acceleration, w))
+    acceleration = min(fast, key=lambda span: cost(velocity, span, width))
+    velocity = min(slow, key=lambda span: cost(span, acceleration, width))
+    width = _refined(lambda w: cost(velocity, acceleration, w), width)
+    return Tuning(Smoother.design(noise, step, velocity, acceleration, ahead), width)
+
+
+def _some(moves: Moves) -> Moves:
+    """Enough moves for the trials, evenly spread."""
+    each = len(moves) / moves.count
+    wanted = max(1, round(4 * TRIED / each))
+    return moves if wanted >= moves.count else moves.only(np.linspace(0, moves.count - 1, wanted).astype(int).tolist())
+
+
+def _left(moves: Moves, smoother: Smoother, robot: RobotDescription, body: RigidBody, width: float) -> float:
+    """Sum over the joints of the logarithm of what is left of their torques."""
+    rows = Rows.of(moves, smoother, column(robot, "torque_constant"), TRIED, whole=False)
+    design = Design.of(rows, body, body.parameters() if rows.payload is None else _carrying(body), width, TERMS)
+    scale = np.nanstd(rows.torque, axis=0) + 1e-9
+    belief = Belief.of(robot, body, design, scale, DOUBT)
+    variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)
+    sums = Sums.of(design, rows.torque, variance, np.ones(len(rows), bool))
+    left = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
+    return float(np.nansum(np.log(np.nanmean(left**2, axis=0))))
+
+
+def _carrying(body: RigidBody) -> Float:
+    return np.concatenate([body.parameters(), [1.0, 0.0, 0.0, 0.0]])
+
+
+def _refined(cost: Callable[[float], float], width: float) -> float:
+    """A few steps around the best width of the grid."""
+    return min((width * factor for factor in (0.8, 0.9, 1.0, 1.1, 1.25)), key=cost)

@@ -1,0 +1,165 @@
+"""What a training says: as tables for a person, and as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.paper import JOINT_NUMBERS, Nls
+from cellwatt_plugins.models.power.scores import PoseTable, Score
+from cellwatt_plugins.models.power.training import BEST, Trained
+
+NOT_MOVED = "–"
+
+
+def as_json(trained: Trained, moves: Moves) -> dict[str, Any]:
+    """Everything that is said, as plain numbers."""
+    fitted = trained.fitted
+    return {
+        "moves": moves.count,
+        "rows": len(moves),
+        "rate_hz": 1 / moves.step,
+        "power_noise_watt": _number(trained.power_noise),
+        "current_noise_ampere": [_number(each) for each in trained.current_noise],
+        "held_out": _scores(trained.scores),
+        "fastest_moves_held_out": _scores(trained.faster),
+        "slowest_moves_held_out": _scores(trained.slower),
+        "tables": {name: _table(moves, score) for name, score in trained.scores.items()},
+        "best": {
+            "effects": list(fitted.structure.effects),
+            "losses": list(fitted.structure.losses),
+            "sharing": fitted.structure.sharing,
+            "parameters": parameters(trained),
+            "friction_turns_over_within": fitted.model.width,
+            "window": fitted.model.smoother.window,
+        },
+        "nls": None if trained.nls is None else _nls(trained.nls),
+    }
+
+
+def parameters(trained: Trained) -> dict[str, Any]:
+    """The best model's numbers: terms of the torque by joint, and the supply."""
+    model = trained.fitted.model
+    out: dict[str, Any] = {
+        name: [round(float(x), 5) for x in row] for name, row in zip(model.terms, model.weights, strict=True)
+    }
+    if model.supply is not None:
+        supply = model.supply
+        out |= {
+            "standby_watt": supply.standby,
+            "efficiency": 1 / supply.up,
+            "share_of_returned_energy_used": supply.down / supply.up,
+            "brakes_watt": supply.brakes,
+        }
+        out |= {f"supply {n}": w.tolist() for n, w in zip(supply.terms, supply.weights, strict=True)}
+    return out
+
+
+def in_words(trained: Trained, moves: Moves, files: list[str]) -> str:
+    """For the terminal."""
+    console = Console(width=118, force_terminal=False, color_system=None)
+    with console.capture() as capture:
+        console.print(_headline(moves))
+        for title, scores in (
+            ("On moves that were left out of the training", trained.scores),
+            ("On the fastest moves, trained on slower ones", trained.faster),
+            ("On the slowest moves, trained on faster ones", trained.slower),
+        ):
+            if scores:
+                console.print(_comparison(title, scores))
+        for method, score in trained.scores.items():
+            if score.energy_mean is not None and moves.count > 1:
+                console.print(_poses(method, PoseTable.of(moves, score.energy)))
+        console.print("\n".join(_findings(trained)))
+        console.print(f"written: {', '.join(files)}", soft_wrap=True)
+    return capture.get().rstrip()
+
+
+def _headline(moves: Moves) -> str:
+    return f"{moves.count} moves, {len(moves)} rows at {1 / moves.step:.4g} Hz"
+
+
+def _comparison(title: str, scores: dict[str, Score]) -> Table:
+    table = Table(title=title, title_justify="left")
+    for name in ("", "energy error a move, mean", "worst", "power RMSE", "current RMSE by joint, % of spread"):
+        table.add_column(name, justify="left" if not name else "right")
+    for name, score in scores.items():
+        current = "  ".join(_shown(None if c is None else 100 * c, "{:.1f}") for c in score.current)
+        table.add_row(
+            name,
+            _shown(score.energy_mean, "{:.2f} %"),
+            _shown(score.energy_worst, "{:.2f} %"),
+            _shown(score.power, "{:.2f} W"),
+            current,
+        )
+    return table
+
+
+def _poses(method: str, poses: PoseTable) -> Table:
+    table = Table(title=f"Energy error, %, {method}: by start position and pose", title_justify="left")
+    table.add_column("pose", justify="right")
+    for i in range(len(poses.positions)):
+        table.add_column(str(i + 1), justify="right")
+    for pose in range(len(poses.errors[0])):
+        table.add_row(str(pose + 1), *(_shown(errors[pose], "{:.2f}") for errors in poses.errors))
+    table.add_section()
+    table.add_row("average", *(_shown(each, "{:.2f}") for each in poses.averages()))
+    return table
+
+
+def _findings(trained: Trained) -> list[str]:
+    structure, model = trained.fitted.structure, trained.fitted.model
+    lines = [f"{BEST}: rigid bodies, rotors, Coulomb and viscous friction of each joint"]
+    lines += [f"  + {effect}" for effect in (*structure.effects, *structure.losses)]
+    if model.supply is not None:
+        supply = model.supply
+        share = supply.down / supply.up if supply.up else 0.0
+        lines.append(
+            f"  supply: {supply.standby:.1f} W standing by, efficiency {1 / supply.up:.3f}, {100 * share:.0f} % of the "
+            f"energy that drives give back is used"
+        )
+    if np.isfinite(trained.power_noise):
+        lines.append(f"  noise of the measured power: {trained.power_noise:.2f} W")
+    return lines
+
+
+def _scores(scores: dict[str, Score]) -> dict[str, Any]:
+    return {
+        name: {
+            "energy_error_mean_percent": score.energy_mean,
+            "energy_error_worst_percent": score.energy_worst,
+            "power_rmse_watt": score.power,
+            "current_relative_rmse": list(score.current),
+            "current_rmse_ampere": list(score.current_rms),
+        }
+        for name, score in scores.items()
+    }
+
+
+def _table(moves: Moves, score: Score) -> dict[str, Any]:
+    table = PoseTable.of(moves, score.energy)
+    return {"positions": table.positions, "errors_percent": table.errors, "average_percent": table.averages()}
+
+
+def _nls(nls: Nls) -> dict[str, Any]:
+    """Parameters with their standard errors, by joint and of equation (13)."""
+    n = len(nls.joints)
+    names = [JOINT_NUMBERS, ("P_c", *(f"{name}_{i + 1}" for name in ("L", "R", "k_m") for i in range(n)))]
+    joints = [
+        {name: [_number(v), _number(e)] for name, v, e in zip(names[0], values, errors, strict=True)}
+        for values, errors in zip(nls.joints, nls.errors[0], strict=True)
+    ]
+    power = {name: [_number(v), _number(e)] for name, v, e in zip(names[1], nls.power, nls.errors[1], strict=True)}
+    return {"joints": joints, "power": power}
+
+
+def _shown(value: float | None, form: str) -> str:
+    return NOT_MOVED if value is None or not np.isfinite(value) else form.format(value)
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None

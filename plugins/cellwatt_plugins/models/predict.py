@@ -1,0 +1,173 @@
+"""Runs a model file on a table: the same network, inputs and windows as the live stage."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.metadata import Metadata, refused
+from cellwatt_plugins.models.network import Network, open_network
+from cellwatt_plugins.models.tables import channel_of, read_table, write_table
+from cellwatt_plugins.models.window import whole
+
+Float = NDArray[np.float64]
+
+KEPT: Final = ("t", "pose", "move")
+"""Columns that say which row is which; they go into what is written."""
+SAME_RATE = 0.02
+"""How far the rate of a table may be off the model's, as a share."""
+HOLE = 1.5
+"""Rows further apart than this many steps do not stand in one window."""
+OUTSIDE = 0.05
+"""How far an input may leave the range of the training before it is told, as a share of its width; as in the stage."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was predicted."""
+
+    file: str
+    rows: int
+    outputs: tuple[str, ...]
+    begun: int
+    """Rows at the start of a motion, whose windows are filled with its first row: as if the arm had rested there."""
+    missing: int
+    """Rows without a prediction, as an input is missing."""
+    outside: Mapping[str, int]
+    """Rows in which an input is outside the range of the training, by channel."""
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return asdict(self)
+
+    def in_words(self) -> str:
+        """For a person."""
+        lines = [f"written to {self.file}: {self.rows} rows of {', '.join(self.outputs)}"]
+        if self.begun:
+            lines.append(f"{self.begun} rows at the start of a motion were predicted as if the arm had rested before")
+        if self.missing:
+            lines.append(f"{self.missing} rows have no prediction: an input is missing there")
+        lines += [
+            f"warning: {channel} is outside the range of the training in {rows} rows: extrapolated"
+            for channel, rows in self.outside.items()
+        ]
+        return "\n".join(lines)
+
+
+def predict_file(model: Path, source: Path, out: Path) -> Report:
+    """Writes the model's outputs for a table. Raises ``ModelError`` and ``RecordingError``."""
+    network = open_network(model)
+    table = read_table(source)
+    columns = {name: column for name in table.column_names if (column := _numbers(table[name])) is not None}
+    values = inputs_of(network.metadata, columns, source)
+    starts = starts_of(columns)
+    if network.metadata.rate_hz is not None:
+        _check_rate(network.metadata.rate_hz, columns, starts, model, source)
+    given = predict(network, values, starts)
+    names = tuple(output.name for output in network.metadata.outputs)
+    kept = {name: table[name] for name in KEPT if name in table.column_names}
+    write_table(pa.table({**kept, **dict(zip(names, given.T, strict=True))}), out)
+    return Report(
+        str(out),
+        len(values),
+        names,
+        begun=int(np.sum(_since(starts) < network.metadata.window - 1 - network.metadata.delay)),
+        missing=int(np.sum(np.isnan(given).all(axis=1))),
+        outside=_outside(network.metadata, values),
+    )
+
+
+def inputs_of(metadata: Metadata, columns: Mapping[str, Float], place: Path) -> Float:
+    """The model's inputs (n, inputs) from a table's columns, NaN for optional ones that it does not have.
+
+    Raises ``RecordingError`` naming the column that is missing.
+    """
+    length = len(next(iter(columns.values()), ()))
+    out = np.full((length, len(metadata.inputs)), np.nan)
+    for i, wanted in enumerate(metadata.inputs):
+        found = channel_of(wanted.channel, columns, place)
+        if found is not None:
+            out[:, i] = found
+        elif not wanted.optional:
+            there = ", ".join(list(columns)[:12]) or "none with numbers"
+            raise RecordingError(
+                f"{place}: no column for input {i + 1} of {len(metadata.inputs)} of the model, {wanted.channel!r} in "
+                f"{wanted.unit}; there are: {there}"
+            )
+    return out
+
+
+def starts_of(columns: Mapping[str, Float]) -> NDArray[np.bool_]:
+    """Where a motion begins, (n,): the first row, a new ``move``, or time that jumps by more than ``HOLE`` steps."""
+    length = len(next(iter(columns.values()), ()))
+    starts = np.zeros(length, dtype=bool)
+    starts[:1] = True
+    if "move" in columns:
+        starts[1:] |= np.diff(columns["move"]) != 0
+    if "t" in columns and length > 1:
+        steps = np.diff(columns["t"])
+        rising = steps[steps > 0]
+        starts[1:] |= (steps <= 0) | (steps > HOLE * (np.median(rising) if len(rising) else np.inf))
+    return starts
+
+
+def predict(network: Network, values: Float, starts: NDArray[np.bool_]) -> Float:
+    """Outputs (n, outputs) for inputs (n, inputs); NaN where an input that must be there is missing.
+
+    Windows reach to the first and the last row of the motion that ``starts`` (n,) say, and hold these beyond them.
+    """
+    optional = np.array([wanted.optional for wanted in network.metadata.inputs])
+    cast = network.cast(values)
+    rows = np.arange(len(values))
+    window = network.metadata.window
+    if window > 1:
+        seen = rows[:, None] + np.arange(1 - window, 1) + network.metadata.delay
+        first = np.flatnonzero(starts)
+        last = np.append(first[1:], len(rows)) - 1
+        motion = np.cumsum(starts) - 1
+        cast = cast[np.clip(seen, first[motion, None], last[motion, None])]
+    usable = whole(cast, optional).reshape(len(rows), -1).all(axis=1)
+    out = np.full((len(values), len(network.metadata.outputs)), np.nan)
+    if usable.any():
+        out[usable] = network.run(cast[usable])
+    return out
+
+
+def _since(starts: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Rows since the start of the motion, (n,)."""
+    rows = np.arange(len(starts))
+    return rows - np.maximum.accumulate(np.where(starts, rows, 0))
+
+
+def _check_rate(rate: float, columns: Mapping[str, Float], starts: NDArray[np.bool_], model: Path, place: Path) -> None:
+    if "t" not in columns:
+        return
+    steps = np.diff(columns["t"])[~starts[1:]]
+    if len(steps) and abs(rate * np.median(steps) - 1) > SAME_RATE:
+        raise refused(
+            model, f"it was trained on rows at {rate:g} Hz, those of {place} come at {1 / np.median(steps):g} Hz"
+        )
+
+
+def _outside(metadata: Metadata, values: Float) -> dict[str, int]:
+    out = {}
+    for wanted, (low, high), column in zip(metadata.inputs, metadata.training.range, values.T, strict=True):
+        slack = OUTSIDE * (high - low)
+        if count := int(np.sum((column < low - slack) | (column > high + slack))):
+            out[wanted.channel] = count
+    return out
+
+
+def _numbers(column: pa.ChunkedArray) -> Float | None:
+    """A column as float64, missing values NaN; None where it holds no numbers."""
+    kind = column.type
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+        return None
+    return np.asarray(column.cast(pa.float64()).to_numpy(), np.float64)

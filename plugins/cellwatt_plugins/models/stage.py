@@ -1,0 +1,103 @@
+"""The live side of models: frames in, predictions out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, FilePath
+
+from cellwatt.frames import Frames, Layout
+from cellwatt.quantity import Fraction
+from cellwatt.results import Prediction, Result
+from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.models.fit import check_rate, check_robot, columns
+from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.outside import Limits, RangeWatch
+from cellwatt_plugins.models.window import Window
+
+CLEAR = 1.0
+"""Time for which an input must be back in its range before its alarm is cleared, s."""
+
+
+class ModelSettings(StageSettings):
+    """Runs an ONNX file on the frames; it is refused where it does not fit the cell."""
+
+    file: FilePath
+    """ONNX file with cellwatt's metadata."""
+    source: str | None = None
+    """Source whose channels are meant where several give an input of the model."""
+    outside: Fraction = Field(0.05, ge=0)
+    """How far an input may leave the range of the training, as a share of its width, before it is told."""
+
+
+class ModelStage(Stage[ModelSettings]):
+    """Gives a ``Prediction`` for each block of frames, and alarms ``model_outside_range``, one an input.
+
+    A model with a ``delay`` is asked about a frame when so many later ones have come; its predictions carry the
+    sequence and times of the frames that they are for. A frame in which an input is missing that is not
+    optional, or whose window is not whole, has NaN for a prediction.
+    """
+
+    Settings = ModelSettings
+    title = "predictions of an ONNX model, checked against the cell's channels, units, robot and rate"
+
+    def __init__(self, name: str, settings: ModelSettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        path = cell.folder / settings.file
+        self._network = open_network(path)
+        self.metadata = self._network.metadata
+        check_robot(self.metadata, cell.robot, path)
+        check_rate(self.metadata, layout.rate, path)
+        found = columns(self.metadata, layout, settings.source, path)
+        self._given = [i for i, column in enumerate(found) if column is not None]
+        self._columns = np.array([column for column in found if column is not None])
+        needed = np.array([not wanted.optional for wanted in self.metadata.inputs])
+        self._window = Window(self.metadata.window, needed, layout.step)
+        self._units = {output.name: output.unit for output in self.metadata.outputs}
+        limits = [
+            Limits(layout.channels[column], low, high)
+            for column, (low, high) in zip(
+                self._columns.tolist(), (self.metadata.training.range[i] for i in self._given), strict=True
+            )
+        ]
+        self._behind: list[tuple[int, int]] = []
+        """Sequence and time of the newest frames, which the model has said nothing of yet."""
+        patience = max(1, round(CLEAR * layout.rate))
+        self._ranges = RangeWatch(name, self.metadata.name, limits, settings.outside, patience)
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """The predictions for this block, and the alarms that changed with it."""
+        if not len(frames):
+            return ()
+        values = frames.values[:, self._columns]
+        outputs = self._predict(frames.time, values)
+        alarms = self._ranges.update(frames.time, values)
+        known = [*self._behind, *enumerate(frames.time.tolist(), start=frames.sequence)]
+        ready = max(0, len(known) - self.metadata.delay)
+        self._behind = known[ready:]
+        if not ready:
+            return alarms
+        columns = outputs[len(outputs) - ready :].T.tolist()
+        prediction = Prediction(
+            model=self.name,
+            sequence=known[0][0],
+            time=tuple(time for _, time in known[:ready]),
+            outputs={name: tuple(column) for name, column in zip(self._units, columns, strict=True)},
+            units=self._units,
+        )
+        return [prediction, *alarms]
+
+    def _predict(self, time: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Outputs (n, outputs), NaN where the model did not see a whole input."""
+        if len(self._given) < len(self.metadata.inputs):
+            given, values = values, np.full((len(values), len(self.metadata.inputs)), np.nan)
+            values[:, self._given] = given
+        rows, inputs = self._window.update(time, self._network.cast(values))
+        if len(rows) == len(values):
+            return self._network.run(inputs)
+        outputs = np.full((len(values), len(self._units)), np.nan)
+        if len(rows):
+            outputs[rows] = self._network.run(inputs)
+        return outputs

@@ -1,0 +1,1 @@
+"""Torque that an arm needs to hold still: poses to visit, their recognition, and models made from them."""

@@ -1,0 +1,105 @@
+"""What the physics of held poses needs of each pose, worked out once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+PER_GRAVITY: Final = 4
+"""Parameters of a link that gravity feels: m and m·c (3)."""
+BEYOND: Final = 1.1
+"""Beyond this share of a joint's range, springs and hoses pull no harder: nobody has seen how they would."""
+_STEP: Final = 1e-4  # rad, for slopes over the joint angles
+
+
+@dataclass(frozen=True)
+class Basis:
+    """N poses of an arm with n joints."""
+
+    vertical: Float
+    """(N, n, 4n): torques for one unit of each gravity parameter, g downwards; Nm."""
+    sideways: Float
+    """(2, N, n, 4n): the same for g along x and y of the base."""
+    slopes: Float
+    """(n, N, n, 4n): slope of ``vertical`` over each joint angle; Nm/rad."""
+    share: Float
+    """(N, n): joint angles, −1 … 1 within the joint's limits, and no further than ``BEYOND``."""
+    direction: Float
+    """(N, n): −1, 0 or 1, the way each joint came to the pose; 0 where that is not known."""
+    payload: Float
+    """(N,): kg at the tool beside what the arm always carries; 0 where not known."""
+    half: Float
+    """(n,): half of each joint's range, rad."""
+
+    @classmethod
+    def of(cls, body: RigidBody, limits: Float, q: Float, direction: Float, payload: Float) -> Basis:
+        """The basis of poses ``q`` (N, n) rad; ``limits`` (n, 2) rad, ``payload`` (N,) kg; NaN where not known."""
+        half = 0.5 * (limits[:, 1] - limits[:, 0])
+        slopes = np.empty((body.joints, len(q), body.joints, PER_GRAVITY * body.joints))
+        for joint in range(body.joints):
+            step = np.zeros(body.joints)
+            step[joint] = _STEP
+            slopes[joint] = (_gravity(body, q + step) - _gravity(body, q - step)) / (2 * _STEP)
+        aside = [_gravity(body, q, along) for along in (np.array([-1.0, 0, 0]), np.array([0, -1.0, 0]))]
+        share = np.clip((q - limits.mean(axis=1)) / half, -BEYOND, BEYOND)
+        return cls(
+            _gravity(body, q), np.stack(aside), slopes, share, np.nan_to_num(direction), np.nan_to_num(payload), half
+        )
+
+    def rows(self, which: NDArray[np.intp] | NDArray[np.bool_]) -> Basis:
+        """Some of the poses."""
+        return Basis(
+            self.vertical[which],
+            self.sideways[:, which],
+            self.slopes[:, which],
+            self.share[which],
+            self.direction[which],
+            self.payload[which],
+            self.half,
+        )
+
+    def __len__(self) -> int:
+        return len(self.share)
+
+
+def gravity_parameters(body: RigidBody) -> Float:
+    """m and m·c (3) of each link, (4n,): kg, kg m."""
+    return body.parameters().reshape(-1, PER_LINK)[:, :PER_GRAVITY].reshape(-1)
+
+
+def joint_limits(robot: RobotDescription, q: Float) -> Float:
+    """Lowest and highest angle of each joint, (n, 2) rad; those of the poses ``q`` (N, n) where robot.yaml has none."""
+    low, high = q.min(axis=0), q.max(axis=0)
+    found = [
+        (
+            low[i] if joint.lower_limit is None else joint.lower_limit,
+            high[i] if joint.upper_limit is None else joint.upper_limit,
+        )
+        for i, joint in enumerate(robot.joints)
+    ]
+    limits = np.array(found)
+    flat = limits[:, 1] - limits[:, 0] < 1e-3
+    return np.where(flat[:, None], limits.mean(axis=1)[:, None] + np.array([-0.5, 0.5]), limits)
+
+
+def _gravity(body: RigidBody, q: Float, along: Float | None = None) -> Float:
+    """Regressor (N, n, 4n) of gravity's torques; ``along`` (3,) is −g's direction, up where left out."""
+    model = body.model
+    if along is not None:
+        model = model.copy()
+        model.gravity = pin.Motion(-np.linalg.norm(body.model.gravity.linear) * along, np.zeros(3))
+    data, still = model.createData(), np.zeros(body.joints)
+    keep = (PER_LINK * np.arange(body.joints)[:, None] + np.arange(PER_GRAVITY)).reshape(-1)
+    out = np.empty((len(q), body.joints, len(keep)))
+    for i, row in enumerate(q):
+        out[i] = pin.computeJointTorqueRegressor(model, data, row, still, still)[:, keep]
+    return out

@@ -1,0 +1,118 @@
+"""``cellwatt train static``, ``plan-poses`` and ``collect``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+FILE = click.Path(exists=True, path_type=Path)
+
+
+@click.command("static")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
+@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, as_json: bool) -> None:
+    """Make a model of the torque that an arm needs to hold still, from RECORDINGs of held poses.
+
+    RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, what
+    `train collect` has written, or recordings in which the poses are recognised. Prints how the published methods and
+    the best model do on poses that they have not seen, what the arm has and its CAD model lacks, and whether more
+    poses would help.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from cellwatt_plugins.models.progress import progress_bar
+    from cellwatt_plugins.models.static.identify import Arm
+    from cellwatt_plugins.models.static.poses import read_poses
+    from cellwatt_plugins.models.static.training import steps, train, write
+    from cellwatt_plugins.models.static.wording import in_words
+    from cellwatt_plugins.robot import load_robot
+
+    description = load_robot(robot)
+    poses = read_poses(recordings, description)
+    arm = Arm.of(description, poses.q)
+    with threadpool_limits(1), progress_bar(steps(len(poses)), quiet=as_json) as advance:
+        trained = train(poses, arm, lambda: advance(1, "training"))
+    files = write(trained, arm, out)
+    report = {**trained.as_json(), "files": [str(file) for file in files]}
+    click.echo(json.dumps(report) if as_json else in_words(trained, files))
+
+
+@click.command("plan-poses")
+@click.option("--robot", type=FILE, help="The robot's YAML description or its folder (default: a Yaskawa MH12).")
+@click.option(
+    "--count", default=532, show_default=True, type=click.IntRange(2, 20_000), help="Poses; 40 may be enough."
+)
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for plan and job.")
+@click.option("--cell", type=FILE, help="Cell whose yaskawa source says what the encoders count; for the job.")
+@click.option("--source", help="That source, where the cell has several.")
+@click.option(
+    "--speed", default=25.0, show_default=True, type=click.FloatRange(0.01, 100), help="Of the job, per cent."
+)
+@click.option("--hold", default=3.0, show_default=True, type=click.FloatRange(2.6, 600), help="Wait in each pose, s.")
+@click.option("--name", default="POSES", show_default=True, help="The job's name.")
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def plan_poses(
+    robot: Path | None,
+    count: int,
+    out: Path,
+    cell: Path | None,
+    source: str | None,
+    speed: float,
+    hold: float,
+    name: str,
+    as_json: bool,
+) -> None:
+    """Plan poses to hold: spread over the joints' ranges, clear of the arm itself and the floor, with short ways.
+
+    Writes plan.csv and, with --cell, an INFORM job that an operator loads and runs: cellwatt itself moves nothing.
+    Try the job at low speed first; the check knows the arm and the floor, not what else stands in the cell.
+    """
+    from cellwatt_plugins.models.static.planning import write_plan
+
+    report = write_plan(robot, count, out, cell, source, speed, hold, name)
+    click.echo(json.dumps(report.as_json()) if as_json else report.in_words())
+
+
+@click.command("collect")
+@click.argument("cell", type=FILE)
+@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Table of poses (.csv).")
+@click.option("--plan", type=FILE, help="plan.csv of plan-poses: ends when all of it was held.")
+@click.option("--source", help="Source with the joints, where several have joints.")
+@click.option("--seconds", type=float, help="How long at most (default: until the plan is done, or Ctrl-C).")
+@click.option("--json", "as_json", is_flag=True, help="One JSON line a pose.")
+def collect(cell: Path, out: Path, plan: Path | None, source: str | None, seconds: float | None, as_json: bool) -> None:
+    """Collect the poses that the arm of the running cell CELL (its settings file) holds.
+
+    A pose counts when all joints have rested for 0.5 s and 2 s more. The table is whole after each pose; the same
+    command goes on where it stopped, and fetches what was held meanwhile from the cell's record.
+    """
+    import contextlib
+    from dataclasses import asdict
+
+    from cellwatt_plugins.models.progress import progress_bar
+    from cellwatt_plugins.models.static.collect import Progress
+    from cellwatt_plugins.models.static.live import collect as run
+    from cellwatt_plugins.models.static.live import read_plan
+
+    planned = None if plan is None else read_plan(plan)
+    last: Progress | None = None
+    with progress_bar(0 if planned is None else len(planned), quiet=as_json) as advance:
+
+        def tell(progress: Progress) -> None:
+            nonlocal last
+            done = progress.planned - (0 if last is None else last.planned)
+            last = progress
+            advance(done, f"{progress.held} poses held, {progress.too_short} too short")
+            if as_json:
+                click.echo(json.dumps(asdict(progress)))
+
+        with contextlib.suppress(KeyboardInterrupt):
+            last = run(cell, source, out, planned, seconds, tell) or last
+    if not as_json:
+        of_plan = f", {last.planned} of {last.total} of the plan" if last and last.total else ""
+        click.echo(f"{out}: {last.held if last else 0} poses{of_plan}" if last else "no frame came from the cell")

@@ -1,0 +1,209 @@
+"""The models of held poses as ONNX graphs: the robot's gravity, scaling and all physics inside, in float64."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from math import comb
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.export import joint_inputs, write_model
+from cellwatt_plugins.models.graph import Chain, Graph, gravity_torque
+from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
+from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
+from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
+from cellwatt_plugins.models.static.identify import Arm, Identified
+from cellwatt_plugins.models.static.leftover import Leftover
+from cellwatt_plugins.models.static.paper import Perceptron
+from cellwatt_plugins.models.static.poses import Poses
+
+Float = NDArray[np.float64]
+
+TOTAL: Final = "torque_sum"
+"""Output: absolute sum of the torques, eq. 5."""
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Half widths of the prediction interval of the sum, Nm: told how the arm came to the pose, and not told."""
+
+    told: float
+    blind: float
+
+
+def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: Poses) -> None:
+    """The best model: torques of the joints, their absolute sum, and the interval that this lies in."""
+    n, carries = arm.body.joints, model.effects.carries
+    graph = Graph(2 * n + carries)
+    q, approach = graph.slice(graph.input, 0, n), graph.slice(graph.input, n, 2 * n)
+    load = _load(graph, model, arm, q, graph.slice(graph.input, 2 * n, 2 * n + 1) if carries else None)
+    given = graph.op("Equal", approach, approach)  # NaN, for not known, is not equal to itself
+    direction = graph.op("Sign", graph.op("Where", given, approach, 0.0))
+    f, mu = model.effects.friction_of(model.posterior.mean)
+    size = graph.op("Abs", load)
+    held = graph.op("Add", graph.op("Mul", size, mu), f)
+    torque = graph.op("Add", load, graph.op("Mul", direction, held))
+    either = graph.op("Max", size, graph.op("Abs", held))
+    known = graph.op("Abs", direction)
+    sure = graph.op("Mul", known, graph.op("Abs", torque))
+    total = graph.sum(graph.op("Add", sure, graph.op("Mul", graph.op("Sub", 1.0, known), either)), keep=True)
+    blind = graph.op("Sub", 1.0, graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1))
+    width = graph.op("Add", graph.op("Mul", blind, widths.blind - widths.told), widths.told)
+    low = graph.op("Max", graph.op("Sub", total, width), 0.0)
+    output = graph.concat([torque, total, low, graph.op("Add", total, width)])
+    content = graph.model(output, n + 3)
+    outputs = [*(f"torque_{i + 1}" for i in range(n)), TOTAL, f"{TOTAL}_low", f"{TOTAL}_high"]
+    inputs = (*joint_inputs(n, "position"), *joint_inputs(n, "approach", optional=True))
+    width_of = arm.limits[:, 1] - arm.limits[:, 0]
+    ranges = [*_ranges(poses), *((-w, w) for w in width_of.tolist())]
+    if carries:
+        inputs = (*inputs, Input("tool.payload", "kg", optional=True))
+        ranges.append((float(np.nanmin(poses.payload)), float(np.nanmax(poses.payload))))
+    metadata = Metadata(
+        name=f"{arm.robot.robot}-static",
+        robot=arm.robot.robot,
+        inputs=inputs,
+        outputs=tuple(Output(name, "Nm") for name in outputs),
+        rate_hz=None,
+        training=_training(poses, ranges),
+    )
+    write_model(path, content, metadata)
+
+
+def write_paper(path: Path, network: Perceptron | None, arm: Arm, poses: Poses, with_gravity: bool) -> None:
+    """One of the paper's methods: gravity alone, a network alone, or the network on top of gravity."""
+    n = arm.body.joints
+    graph = Graph(n)
+    total = None
+    inputs = graph.input
+    if with_gravity:
+        torque = gravity_torque(graph, Chain.of(arm.body), graph.input)
+        total = graph.sum(graph.op("Abs", torque), keep=True)
+        inputs = graph.concat([inputs, torque])
+    if network is not None:
+        scaled = graph.op("Div", graph.op("Sub", inputs, network.centre), network.scale)
+        hidden = graph.op("Sigmoid", graph.affine(scaled, network.hidden, network.bias))
+        given = graph.affine(hidden, network.out[:, None], np.array([network.offset]))
+        total = given if total is None else graph.op("Add", total, given)
+    assert total is not None
+    metadata = Metadata(
+        name=f"{arm.robot.robot}-static-{path.stem}",
+        robot=arm.robot.robot,
+        inputs=joint_inputs(n, "position"),
+        outputs=(Output(TOTAL, "Nm"),),
+        rate_hz=None,
+        training=_training(poses, _ranges(poses)),
+    )
+    write_model(path, graph.model(total, 1), metadata)
+
+
+_DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
+
+
+def _load(graph: Graph, model: Identified, arm: Arm, q: str, payload: str | None) -> str:
+    """Gravity, springs, hoses and what is left over."""
+    effects, mean = model.effects, model.posterior.mean
+    gravity = gravity_torque(graph, _chain(model, arm), graph.op("Add", q, mean[effects.slices["zero"]]))
+    if payload is not None:
+        known = graph.op("Where", graph.op("Equal", payload, payload), payload, 0.0)
+        one = gravity_torque(graph, _one_kilogram(model, arm), q)
+        gravity = graph.op("Add", gravity, graph.op("Mul", one, known))
+    load = graph.op("Mul", gravity, 1.0 + mean[effects.slices["gain"]])
+    if not mean[effects.linear].any() and model.leftover is None:
+        return load
+    middle, half = arm.limits.mean(axis=1), effects.half
+    share = graph.op("Clip", graph.op("Div", graph.op("Sub", q, middle), half), -BEYOND, BEYOND)
+    if mean[effects.linear].any():
+        load = graph.op("Add", load, _springs(graph, model, share))
+    if model.leftover is not None:
+        load = graph.op("Add", load, _leftover(graph, model.leftover, share))
+    return load
+
+
+def _chain(model: Identified, arm: Arm) -> Chain:
+    """The arm's chain with the masses that were found, on the base as it stands."""
+    effects, mean = model.effects, model.posterior.mean
+    chain = Chain.of(arm.body)
+    inertial = chain.inertial.copy()
+    found = effects.cad + np.concatenate([mean[effects.slices[f"link {i + 1}"]] for i in range(effects.joints)])
+    inertial[:, :PER_GRAVITY] = found.reshape(-1, PER_GRAVITY)
+    tilt = np.linalg.norm(chain.gravity) * mean[effects.slices["tilt"]]
+    return replace(chain, inertial=inertial, gravity=chain.gravity + np.array([*tilt, 0.0]))
+
+
+def _one_kilogram(model: Identified, arm: Arm) -> Chain:
+    """Nothing but a payload of 1 kg at the last link."""
+    chain = Chain.of(arm.body)
+    inertial = np.zeros_like(chain.inertial)
+    inertial[-1, :PER_GRAVITY] = [1.0, *model.posterior.mean[model.effects.slices["payload"]]]
+    return replace(chain, inertial=inertial)
+
+
+def _springs(graph: Graph, model: Identified, share: str) -> str:
+    """Springs over one joint, and hoses over two: polynomials of the joints' shares (N, n)."""
+    effects, mean = model.effects, model.posterior.mean
+    n, order = effects.joints, BENT + 1
+    own = np.zeros((n, order))
+    for j in range(n):
+        own[j, :2] = mean[effects.slices[f"spring {j + 1}"]]
+        own[j, 2:BENT] = mean[effects.slices[f"bent spring {j + 1}"]]
+    powers = graph.op("Pow", graph.reshape(share, (-1, n, 1)), np.arange(order, dtype=np.float64))
+    torque = graph.sum(graph.op("Mul", powers, own @ _LEGENDRE))
+    pairs = [pair for pair in effects.pairs if _energy(model, pair).any()]
+    if not pairs:
+        return torque
+    first, last = np.array(pairs).T
+    sides = [graph.op("Gather", powers, side, axis=1) for side in (first, last)]
+    energies = np.stack([_LEGENDRE.T @ _energy(model, pair) @ _LEGENDRE for pair in pairs])
+    steeper = np.diag(np.arange(1.0, order), -1)  # coefficients of the derivative: steeper.T @ coefficients
+    for k, joints in enumerate((first, last)):
+        matrix = steeper.T @ (energies if k == 0 else energies.swapaxes(1, 2))
+        rows = graph.reshape(sides[k], (-1, len(pairs), 1, order))
+        inner = graph.reshape(graph.op("MatMul", rows, matrix), (-1, len(pairs), order))
+        slope = graph.sum(graph.op("Mul", inner, sides[1 - k]))
+        place = np.zeros((len(pairs), n))
+        place[range(len(pairs)), joints] = 1.0 / effects.half[joints]
+        torque = graph.op("Add", torque, graph.op("MatMul", slope, place))
+    return torque
+
+
+def _energy(model: Identified, pair: tuple[int, int]) -> Float:
+    """Coefficients of a hose's energy, by degree in the one and in the other joint."""
+    out = np.zeros((BENT + 1, BENT + 1))
+    name = f"{pair[0] + 1}-{pair[1] + 1}"
+    for kind, terms in (("hose", degrees(0, PLAIN)), ("bent hose", degrees(PLAIN, BENT))):
+        for (u, v), value in zip(terms, model.posterior.mean[model.effects.slices[f"{kind} {name}"]], strict=True):
+            out[u, v] = value
+    return out
+
+
+def _leftover(graph: Graph, rest: Leftover, share: str) -> str:
+    narrow = 1.0 / (np.sqrt(2.0) * rest.length)
+    x, centres = graph.op("Mul", share, narrow), rest.centres * narrow
+    square = graph.sum(graph.op("Mul", x, x), keep=True)
+    crossed = graph.affine(x, 2.0 * centres.T, -np.sum(centres**2, axis=1))
+    return graph.op("MatMul", graph.op("Exp", graph.op("Sub", crossed, square)), rest.weights)
+
+
+def _legendre_coefficients() -> Float:
+    """(BENT + 1, BENT + 1): each polynomial's coefficients, lowest power first."""
+    out = np.zeros((BENT + 1, BENT + 1))
+    for degree in range(BENT + 1):
+        for k in range(degree // 2 + 1):
+            out[degree, degree - 2 * k] = (-1) ** k * comb(degree, k) * comb(2 * degree - 2 * k, degree) / 2**degree
+    return out
+
+
+_LEGENDRE: Final = _legendre_coefficients()
+
+
+def _ranges(poses: Poses) -> list[tuple[float, float]]:
+    return list(zip(poses.q.min(axis=0).tolist(), poses.q.max(axis=0).tolist(), strict=True))
+
+
+def _training(poses: Poses, ranges: list[tuple[float, float]]) -> Training:
+    return Training(data=poses.digest, range=tuple(ranges), created=datetime.now(UTC), rows=len(poses))

@@ -1,0 +1,234 @@
+"""What an arm has that its CAD model lacks: in words, with figures and their standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
+from cellwatt_plugins.models.static.effects import Group
+from cellwatt_plugins.models.static.identify import Arm, Identified
+
+Float = NDArray[np.float64]
+
+_CLEAR: Final = 2.0  # standard deviations: smaller than this is not told
+_DETERMINED: Final = 0.5  # of what was thought before: the data have halved the doubt
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A value and its standard deviation."""
+
+    name: str
+    value: float
+    deviation: float
+    unit: str
+
+    def __str__(self) -> str:
+        digits = max(0, min(4, 1 - int(np.floor(np.log10(max(self.deviation, 1e-4))))))
+        return f"{self.value:.{digits}f} ± {self.deviation:.{digits}f} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that the arm has and its CAD model lacks; joints count from 1.
+
+    ``evidence``: natural log of how much more probable it makes the measurements; None where it is always there.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    statement: str
+    figures: tuple[Figure, ...]
+    evidence: float | None
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return asdict(self)
+
+
+def findings(model: Identified, arm: Arm, basis: Basis) -> list[Finding]:
+    """Of the model, on the ``basis`` of the poses that it was made from."""
+    found = [*_gravity(model, basis), *_masses(model)]
+    for index, group in enumerate(model.effects.groups):
+        if model.posterior.active[index] and group.kind in _TOLD:
+            found += _TOLD[group.kind](_Told(model, arm, basis, group, float(model.posterior.gain[index])))
+    if model.leftover is not None:
+        rest = np.std(model.leftover(basis.share), axis=0)
+        which = ", ".join(f"joint {j + 1} {size:.2g} Nm" for j, size in enumerate(rest))
+        text = f"Something else that depends on the pose: {which} (standard deviation over the poses)."
+        found.append(Finding("left over", (), text, (), None))
+    return found
+
+
+@dataclass(frozen=True)
+class _Told:
+    model: Identified
+    arm: Arm
+    basis: Basis
+    group: Group
+    evidence: float
+
+    @property
+    def part(self) -> slice:
+        return self.model.effects.slices[self.group.name]
+
+    @property
+    def mean(self) -> Float:
+        return self.model.posterior.mean[self.part]
+
+    @property
+    def deviation(self) -> Float:
+        return self.model.posterior.deviation[self.part]
+
+    def figure(self, name: str, weights: Float, unit: str) -> Figure:
+        """A linear combination of the group's parameters."""
+        covariance = self.model.posterior.covariance[self.part, self.part]
+        return Figure(name, float(weights @ self.mean), float(np.sqrt(weights @ covariance @ weights)), unit)
+
+    def finding(self, text: str, *figures: Figure) -> Finding:
+        return Finding(self.group.kind, tuple(j + 1 for j in self.group.joints), text, figures, self.evidence)
+
+    def pull(self, joint: int) -> tuple[Figure, int]:
+        """The group's strongest torque at a joint in any of the poses, and which pose (from 0) that is."""
+        slope = self.model.effects.load(self.basis, self.model.posterior.mean)[1][:, joint, self.part]
+        pose = int(np.argmax(np.abs(slope @ self.mean)))
+        return self.figure(f"torque of joint {joint + 1}", slope[pose], "Nm"), pose
+
+
+def _gravity(model: Identified, basis: Basis) -> Iterator[Finding]:
+    """Gravity about each joint in the heaviest pose: what the masses beyond it come to, however they are shared out."""
+    effects, posterior = model.effects, model.posterior
+    links = slice(0, PER_GRAVITY * effects.joints)
+    for joint in range(effects.joints):
+        thought = basis.vertical[:, joint] @ effects.cad
+        pose = int(np.argmax(np.abs(thought)))
+        row = basis.vertical[pose, joint]
+        change = float(row @ posterior.mean[links])
+        figure = Figure(
+            f"gravity of joint {joint + 1}",
+            float(thought[pose]) + change,
+            float(np.sqrt(row @ posterior.covariance[links, links] @ row)),
+            "Nm",
+        )
+        if abs(change) > _CLEAR * figure.deviation and abs(thought[pose]) > 1e-6:
+            text = (
+                f"Joint {joint + 1} carries {figure} of gravity in pose {pose + 1}, the heaviest; "
+                f"the CAD model says {thought[pose]:.2f} Nm."
+            )
+            yield Finding("gravity", (joint + 1,), text, (figure,), None)
+
+
+def _masses(model: Identified) -> Iterator[Finding]:
+    effects, posterior = model.effects, model.posterior
+    names = ("mass", "moment x", "moment y", "moment z")
+    for i in range(effects.joints):
+        part = effects.slices[f"link {i + 1}"]
+        mean, deviation = posterior.mean[part], posterior.deviation[part]
+        clear = (deviation < _DETERMINED * effects.scale[part]) & (np.abs(mean) > _CLEAR * deviation)
+        figures = [
+            Figure(names[k], float(effects.cad[part][k] + mean[k]), float(deviation[k]), "kg" if k == 0 else "kg m")
+            for k in np.flatnonzero(clear)
+        ]
+        if figures:
+            by_name = dict(zip(names, effects.cad[part], strict=True))
+            told = ", ".join(f"{f.name} {f} (CAD {by_name[f.name]:.2f})" for f in figures)
+            yield Finding("link", (i + 1,), f"Link {i + 1}: {told}.", tuple(figures), None)
+
+
+def _friction(told: _Told) -> list[Finding]:
+    figure = told.figure("friction", np.ones(1), "Nm")
+    joint = told.group.joints[0] + 1
+    return [
+        told.finding(f"Joint {joint}: friction holds {figure}, for or against, by the direction of approach.", figure)
+    ]
+
+
+def _load_friction(told: _Told) -> list[Finding]:
+    count = told.model.effects.joints
+    figures = []
+    for j in range(count):
+        weights = np.zeros(count + 1)
+        weights[[0, j + 1]] = 100.0
+        figures.append(told.figure(f"joint {j + 1}", weights, "%"))
+    clear = [f for f in figures if abs(f.value) > _CLEAR * f.deviation]
+    words = ", ".join(f"{f.name} {f}" for f in clear)
+    return [told.finding(f"Friction also holds a share of the load: {words}.", *clear)] if clear else []
+
+
+def _spring(told: _Told) -> list[Finding]:
+    joint = told.group.joints[0]
+    half, middle = told.model.effects.half[joint], told.arm.limits[joint].mean()
+    stiffness = told.figure("stiffness", np.array([0.0, 1.0 / half]), "Nm/rad")
+    middle_torque = told.figure(f"torque at {middle:.2f} rad", np.array([1.0, 0.0]), "Nm")
+    text = (
+        f"A spring, hose or balancer at joint {joint + 1}: {stiffness}, and {middle_torque} in the middle of the "
+        f"range ({middle:.2f} rad)."
+    )
+    return [told.finding(text, stiffness, middle_torque)]
+
+
+def _bent_spring(told: _Told) -> list[Finding]:
+    joint = told.group.joints[0]
+    figure, pose = told.pull(joint)
+    text = f"Its torque at joint {joint + 1} is no straight line: up to {figure} off it (in pose {pose + 1})."
+    return [told.finding(text, figure)]
+
+
+def _hose(told: _Told) -> list[Finding]:
+    a, b = told.group.joints
+    pulls = [told.pull(joint) for joint in (a, b)]
+    words = " and ".join(f"{figure} at joint {j + 1}" for (figure, _), j in zip(pulls, (a, b), strict=True))
+    kind = "A hose or cable" if told.group.kind == "hose" else "Its bends"
+    text = f"{kind} over joints {a + 1} and {b + 1}: up to {words}."
+    return [told.finding(text, *(figure for figure, _ in pulls))]
+
+
+def _each(told: _Told, factor: float, unit: str, names: list[str], text: str) -> list[Finding]:
+    figures = [
+        Figure(name, factor * float(m), factor * float(s), unit)
+        for name, m, s in zip(names, told.mean, told.deviation, strict=True)
+        if abs(m) > _CLEAR * s
+    ]
+    words = ", ".join(f"{f.name} {f}" for f in figures)
+    return [told.finding(f"{text}: {words}.", *figures)] if figures else []
+
+
+def _gain(told: _Told) -> list[Finding]:
+    names = [f"joint {j + 1}" for j in range(told.model.effects.joints)]
+    return _each(
+        told, 100.0, "%", names, "Torques read high (or low, where negative) against gravity of the other joints"
+    )
+
+
+def _payload(told: _Told) -> list[Finding]:
+    figures = [told.figure(axis, np.eye(3)[k], "m") for k, axis in enumerate("xyz")]
+    words = ", ".join(f"{f.name} {f}" for f in figures)
+    return [told.finding(f"Payloads have their centre of mass at {words} from the last joint.", *figures)]
+
+
+def _zero(told: _Told) -> list[Finding]:
+    names = [f"joint {j + 1}" for j in range(told.model.effects.joints)]
+    return _each(told, float(np.degrees(1.0)), "°", names, "Zero positions are off")
+
+
+def _tilt(told: _Told) -> list[Finding]:
+    return _each(told, float(np.degrees(1.0)), "°", ["down along x", "down along y"], "The base is not level")
+
+
+_TOLD: Final = {
+    "friction": _friction,
+    "load friction": _load_friction,
+    "spring": _spring,
+    "bent spring": _bent_spring,
+    "hose": _hose,
+    "bent hose": _hose,
+    "payload": _payload,
+    "gain": _gain,
+    "zero": _zero,
+    "tilt": _tilt,
+}

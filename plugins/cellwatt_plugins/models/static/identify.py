@@ -1,0 +1,164 @@
+"""From held poses to the best model of an arm: physics that the data ask for, and what is left if it helps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.static.basis import Basis, gravity_parameters, joint_limits
+from cellwatt_plugins.models.static.effects import Effects
+from cellwatt_plugins.models.static.evidence import Posterior, Prior, fit
+from cellwatt_plugins.models.static.leftover import Leftover, learned
+from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+Float = NDArray[np.float64]
+
+FOLDS: Final = 5
+_NOISE: Final = 0.002  # of the rated torque, before the data
+_NEEDS: Final = {
+    "link": -np.inf,
+    "payload": -np.inf,
+    "friction": 0.0,
+    "load friction": 0.0,
+}  # masses always differ, joints always rub
+_NEEDED: Final = 3.0  # natural log: twenty to one
+_IDLE: Final = 0.01  # a joint that needs no torque is thought to have this share of the strongest one's
+_ODD: Final = 6.0  # standard deviations
+_ROUNDS: Final = 4  # of leaving out what does not fit: the worst hides the next
+
+
+@dataclass(frozen=True)
+class Arm:
+    """What is known before any pose: the robot's description and its rigid bodies."""
+
+    robot: RobotDescription
+    body: RigidBody
+    limits: Float
+    """(n, 2) rad."""
+
+    @classmethod
+    def of(cls, robot: RobotDescription, q: Float) -> Arm:
+        """The arm of poses ``q`` (N, n) rad. Raises ``ConfigError`` where its URDF does not fit."""
+        body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+        return cls(robot, body, joint_limits(robot, q))
+
+    def basis(self, poses: Poses) -> Basis:
+        """What the physics needs of some poses; ``torque`` is not looked at."""
+        return Basis.of(self.body, self.limits, poses.q, np.sign(poses.approach), poses.payload)
+
+    def effects(self, poses: Poses) -> Effects:
+        """The parameters of this arm; a joint without a rated torque is thought to use half of it in these poses."""
+        used = np.abs(poses.torque).max(axis=0)
+        thought = 2.0 * np.maximum(used, _IDLE * max(float(used.max()), 1.0))
+        rated = np.array([joint.rated_torque for joint in self.robot.joints])
+        rated = np.where(rated > 0, rated, thought)
+        half = 0.5 * (self.limits[:, 1] - self.limits[:, 0])
+        link = self.robot.tolerances.link
+        return Effects(gravity_parameters(self.body), rated, half, link, poses.payload_known)
+
+
+@dataclass(frozen=True)
+class Identified:
+    """An arm as its held poses say it is."""
+
+    effects: Effects
+    posterior: Posterior
+    leftover: Leftover | None
+    odd: NDArray[np.bool_]
+    """(N, n): torques that do not fit the rest, and were not used."""
+
+    def torque(self, basis: Basis) -> Float:
+        """Torques (N, n) Nm; those of a joint whose approach is not known lie between the two directions."""
+        load = self.load(basis)
+        return load + basis.direction * self.effects.friction(self.posterior.mean, load)
+
+    def load(self, basis: Basis) -> Float:
+        """What friction is not part of, (N, n) Nm."""
+        load, _ = self.effects.load(basis, self.posterior.mean)
+        return load if self.leftover is None else load + self.leftover(basis.share)
+
+    def total(self, basis: Basis) -> Float:
+        """Absolute sum (N,) Nm, eq. 5; over both directions where the approach is not known."""
+        load = self.load(basis)
+        held = np.abs(self.effects.friction(self.posterior.mean, load))
+        either = np.maximum(np.abs(load), held)
+        each = np.where(basis.direction == 0, either, np.abs(self.torque(basis)))
+        return np.asarray(np.sum(each, axis=1))
+
+
+def identify(basis: Basis, torque: Float, effects: Effects) -> Identified:
+    """Physics alone, for measured ``torque`` (N, n) Nm; the direction of each approach must be known to be used."""
+    used = np.isfinite(torque) & (basis.direction != 0)
+    prior = _prior(effects)
+    odd = np.zeros_like(used)
+    posterior = fit(lambda p: effects.evaluate(basis, p), torque, used, prior)
+    for _ in range(_ROUNDS):
+        rest = torque - effects.evaluate(basis, posterior.mean)[0]
+        found = used & _outlying(rest, used, posterior.noise)
+        if not (found & ~odd).any():
+            break
+        odd = found
+        posterior = fit(lambda p: effects.evaluate(basis, p), torque, used & ~odd, prior)
+    return Identified(effects, posterior, None, odd)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A model of all poses, and what models that had not seen a pose said of it."""
+
+    model: Identified
+    predicted: Float
+    """(N,) Nm: absolute sum, out of sample."""
+    blind: Float
+    """(N,) Nm: the same, not told how the arm came to the pose."""
+
+
+def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int, step: Callable[[], None]) -> Checked:
+    """The best model; the Gaussian process is in it only where poses left out are predicted better with it."""
+    parts = folds(len(poses), seed)
+    plain, with_rest = np.empty((2, 2, len(poses)))
+    gained = np.empty(len(poses))
+    for part in parts:
+        rest = np.setdiff1d(np.arange(len(poses)), part)
+        model = identify(basis.rows(rest), poses.torque[rest], effects)
+        step()
+        fuller = with_leftover(model, basis.rows(rest), poses.torque[rest])
+        seen, blind = basis.rows(part), replace(basis.rows(part), direction=np.zeros_like(basis.share[part]))
+        plain[:, part] = model.total(seen), model.total(blind)
+        with_rest[:, part] = fuller.total(seen), fuller.total(blind)
+        errors = [((poses.torque[part] - m.torque(seen)) / model.posterior.noise) ** 2 for m in (model, fuller)]
+        gained[part] = np.nansum(np.where(seen.direction == 0, np.nan, errors[0] - errors[1]), axis=1)
+    model = identify(basis, poses.torque, effects)
+    step()
+    if np.mean(gained) > 2.0 * np.std(gained) / np.sqrt(len(gained)):
+        return Checked(with_leftover(model, basis, poses.torque), *with_rest)
+    return Checked(model, *plain)
+
+
+def with_leftover(model: Identified, basis: Basis, torque: Float) -> Identified:
+    """The same model with what it leaves over."""
+    used = (basis.direction != 0) & ~model.odd & np.isfinite(torque)
+    return replace(model, leftover=learned(basis.share, torque - model.torque(basis), used))
+
+
+def folds(count: int, seed: int) -> list[NDArray[np.intp]]:
+    """Rows left out in turn; drawn, as the places of a Halton sequence repeat."""
+    rows = np.random.default_rng(seed).permutation(count)
+    return [np.sort(part) for part in np.array_split(rows, min(FOLDS, count))]
+
+
+def _prior(effects: Effects) -> Prior:
+    needs = np.array([_NEEDS.get(group.kind, _NEEDED) for group in effects.groups])
+    every = tuple(range(effects.joints))
+    outputs = tuple(group.joints or every for group in effects.groups)
+    return Prior(tuple(effects.slices.values()), effects.scale, needs, _NOISE * effects.rated, outputs)
+
+
+def _outlying(rest: Float, used: NDArray[np.bool_], noise: Float) -> NDArray[np.bool_]:
+    usual = np.array([1.4826 * np.median(np.abs(rest[used[:, j], j])) for j in range(rest.shape[1])])
+    return np.asarray(np.abs(rest) > _ODD * np.maximum(usual, 0.2 * noise))

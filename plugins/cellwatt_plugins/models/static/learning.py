@@ -1,0 +1,91 @@
+"""How the error falls with the number of poses, and when more would no longer help."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.static.basis import Basis
+from cellwatt_plugins.models.static.effects import Effects
+from cellwatt_plugins.models.static.identify import identify
+from cellwatt_plugins.models.static.poses import Poses
+
+Float = NDArray[np.float64]
+
+SIZES: Final = (20, 40, 80, 160, 320, 640)
+REPEATS: Final = 3
+_LARGEST: Final = 0.8  # of the poses; the rest are for testing
+ENOUGH: Final = 1.05
+"""More poses no longer help where twice as many would not make the error smaller by this factor."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Models of so many poses, drawn at random, on the poses that they had not seen."""
+
+    poses: int
+    rmse: float
+    """Nm, of the absolute sum; root mean square over the draws."""
+    lowest: float
+    highest: float
+    """Nm, of the single draws."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Error by number of poses; ``floor`` Nm is what the same pose differs by when it is measured again."""
+
+    points: tuple[Point, ...]
+    floor: float
+    reached: float
+    """Nm: RMSE of the model of all poses, out of sample."""
+    poses: int
+
+    @property
+    def enough(self) -> int | None:
+        """So many poses are as good as all; None where all are not enough yet."""
+        tried = [*((p.poses, p.rmse) for p in self.points), (self.poses, self.reached)]
+        if len(tried) < 2 or tried[-2][1] > ENOUGH * tried[-1][1]:
+            return None
+        return next(count for count, rmse in tried if rmse <= ENOUGH * self.reached)
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {**asdict(self), "enough": self.enough}
+
+    def in_words(self) -> str:
+        """Advice for the person who collects."""
+        floor = min(self.floor, self.reached)
+        error = f"{self.reached:.2f} Nm on poses left out, of which {floor:.2f} Nm is the scatter of a pose"
+        if self.enough is None:
+            return f"More poses would still help: with {self.poses} the error is {error}."
+        if self.enough == self.poses:
+            return f"{self.poses} poses are just enough: the error is {error}."
+        return f"More poses would no longer help: {self.enough} are as good as all {self.poses}; the error is {error}."
+
+
+def sizes_for(count: int) -> tuple[int, ...]:
+    """Numbers of poses to try for a collection of ``count``."""
+    return tuple(size for size in SIZES if size <= _LARGEST * count)
+
+
+def learning_curve(
+    poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int, step: Callable[[], None]
+) -> Curve:
+    """Trains on part of the poses, ``REPEATS`` times each; physics alone. ``step`` is called after each."""
+    points = []
+    for size in sizes_for(len(poses)):
+        errors = []
+        for repeat in range(REPEATS):
+            rows = np.random.default_rng((seed, size, repeat)).permutation(len(poses))
+            model = identify(basis.rows(rows[:size]), poses.torque[rows[:size]], effects)
+            rest = rows[size:]
+            errors.append(float(np.sqrt(np.mean((model.total(basis.rows(rest)) - poses.total[rest]) ** 2))))
+            step()
+        together = float(np.sqrt(np.mean(np.square(errors))))
+        points.append(Point(size, together, min(errors), max(errors)))
+    return Curve(tuple(points), floor, reached, len(poses))

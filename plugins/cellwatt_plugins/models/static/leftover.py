@@ -1,0 +1,61 @@
+"""What physics leaves over, learned from the neighbouring poses: a Gaussian process for each joint's torque.
+
+Squared-exponential kernel over the joint angles; its length and each joint's size and noise are those that make the
+data most probable (Rasmussen, Williams, Gaussian Processes for Machine Learning, 2006, ch. 5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+_LENGTHS: Final = (0.5, 0.8, 1.3, 2.0)  # of half a joint's range
+_RATIOS: Final = np.geomspace(1e-3, 1e2, 41)  # size² / noise²
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """A sum of bells around the poses of the training."""
+
+    centres: Float
+    """(M, n): joint angles, −1 … 1 within the limits."""
+    length: float
+    weights: Float
+    """(M, n) Nm."""
+
+    def __call__(self, share: Float) -> Float:
+        """Torques (N, n) Nm at joint angles ``share`` (N, n), −1 … 1 within the limits."""
+        return _kernel(share, self.centres, self.length) @ self.weights
+
+
+def learned(share: Float, rest: Float, used: NDArray[np.bool_]) -> Leftover:
+    """From what is left ``rest`` (N, n) Nm at joint angles ``share`` (N, n), in poses ``used`` (N, n) at all joints."""
+    rows = used.all(axis=1)
+    share, rest = share[rows], rest[rows]
+    candidates = [_of_length(share, rest, length) for length in _LENGTHS]
+    return max(candidates, key=lambda found: found[0])[1]
+
+
+def _of_length(share: Float, rest: Float, length: float) -> tuple[float, Leftover]:
+    """Log evidence, and the process of this length with the best size and noise for each joint."""
+    values, vectors = np.linalg.eigh(_kernel(share, share, length))
+    turned = vectors.T @ rest
+    total, weights = 0.0, np.empty_like(rest)
+    for joint in range(rest.shape[1]):
+        spread = _RATIOS[:, None] * np.maximum(values, 0.0) + 1.0
+        noise = np.mean(turned[:, joint] ** 2 / spread, axis=1)
+        evidence = -0.5 * (len(values) * np.log(noise) + np.log(spread).sum(axis=1))
+        best = int(np.argmax(evidence))
+        total += float(evidence[best])
+        weights[:, joint] = vectors @ (_RATIOS[best] * turned[:, joint] / spread[best])
+    return total, Leftover(share, length, weights)
+
+
+def _kernel(a: Float, b: Float, length: float) -> Float:
+    square = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * a @ b.T
+    return np.asarray(np.exp(-0.5 * np.maximum(square, 0.0) / length**2))

@@ -1,0 +1,79 @@
+"""The running side of a collection: frames from the cell's bus into the file of poses."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.config import load
+from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.frames import Frames
+from cellwatt.publish import ZenohSettings
+from cellwatt.subscriber import LinkSettings, Subscriber
+from cellwatt_plugins.models.static.collect import Collector, Progress, place_of
+
+Float = NDArray[np.float64]
+
+_TURN: float = 0.5  # s, between two looks at the clock
+
+
+def collect(
+    cell: Path,
+    source: str | None,
+    out: Path,
+    plan: Float | None,
+    seconds: float | None,
+    tell: Callable[[Progress], None],
+) -> Progress | None:
+    """Collects until all of the ``plan`` was held, or ``seconds`` are over; ``tell`` is called after each pose.
+
+    None where not one frame came. Raises ``ConfigError``, ``SinkError`` and ``RecordingError``.
+    """
+    site, name, link = bus_of(cell)
+    end = np.inf if seconds is None else time.monotonic() + seconds
+    collector: Collector | None = None
+    with Subscriber(site, name, link, want=("frame",), resume=place_of(out)) as subscriber:
+        while time.monotonic() < end:
+            try:
+                message = subscriber.receive(_TURN)
+            except TimeoutError:
+                continue
+            frames = message.content
+            if not isinstance(frames, Frames):
+                continue
+            if collector is None:
+                collector = Collector(frames.layout, source, out, plan)
+                tell(collector.progress)
+            for progress in collector.take(frames):
+                collector.file.keep_place(subscriber.positions)
+                tell(progress)
+                if progress.total and progress.planned == progress.total:
+                    return progress
+    return None if collector is None else collector.progress
+
+
+def bus_of(cell: Path) -> tuple[str, str, LinkSettings]:
+    """Site, name and link of the cell of a settings file. Raises ``ConfigError`` where it is not on the bus."""
+    config = load(cell)
+    zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
+    if not isinstance(zenoh, ZenohSettings) or not (*zenoh.listen, *zenoh.connect):
+        raise ConfigError(f"{cell}: the cell is not on the bus: zenoh has neither listen nor connect")
+    endpoint = (*zenoh.listen, *zenoh.connect)[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+    same = {key: getattr(zenoh, key) for key in ("tls", "user", "password", "namespace")}
+    return config.site, config.cell, LinkSettings(mode="client", connect=(endpoint,)).model_copy(update=same)
+
+
+def read_plan(path: Path) -> Float:
+    """The poses (P, n) rad of a plan's table. Raises ``RecordingError``."""
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        names = [name for name in rows[0] if name.startswith("q_")]
+        return np.array([[float(row[name]) for name in names] for row in rows])
+    except (OSError, ValueError, IndexError, TypeError) as error:
+        raise RecordingError(f"{path}: is no plan with columns pose, q_1 …: {error}") from error

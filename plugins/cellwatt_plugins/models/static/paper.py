@@ -1,0 +1,107 @@
+"""The three methods of the paper: gravity of the CAD model, a plain network, and a network on what gravity leaves."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Step = Callable[[], None]
+"""Called when one more network is trained."""
+
+NEURONS: Final = (8, 1000)
+"""The paper's range of hidden neurons."""
+TRIALS: Final = 20
+"""Networks that the search trains for each method."""
+TEST: Final = 0.2
+"""Share of the poses that is kept for testing."""
+_VALIDATION: Final = 0.2  # of the rest, for the search: the test is never looked at
+_EPOCHS: Final = 100  # neither these nor the batch are in the paper; they are what its library does by default
+_BATCH: Final = 32
+
+
+@dataclass(frozen=True)
+class Perceptron:
+    """One hidden layer of sigmoids; scaling of inputs (N, k) and of the output (N,) included."""
+
+    centre: Float
+    scale: Float
+    hidden: Float
+    """(k, neurons)."""
+    bias: Float
+    out: Float
+    """(neurons,)."""
+    offset: float
+
+    @property
+    def neurons(self) -> int:
+        """How many."""
+        return len(self.bias)
+
+    def __call__(self, inputs: Float) -> Float:
+        """Outputs (N,)."""
+        z = (inputs - self.centre) / self.scale @ self.hidden + self.bias
+        return np.asarray(1.0 / (1.0 + np.exp(-z)) @ self.out + self.offset)
+
+
+def split(count: int, seed: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows for training and for testing, 80/20."""
+    rows = np.random.default_rng(seed).permutation(count)
+    test = max(1, round(TEST * count))
+    return np.sort(rows[test:]), np.sort(rows[:test])
+
+
+def searched(inputs: Float, target: Float, seed: int, step: Step) -> Perceptron:
+    """The network with the number of neurons that tree-structured Parzen estimators find best, trained on all rows.
+
+    ``inputs`` (N, k), ``target`` (N,).
+    """
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    rows = np.random.default_rng(seed).permutation(len(inputs))
+    held = max(1, round(_VALIDATION * len(rows)))
+
+    def objective(trial: optuna.Trial) -> float:
+        neurons = trial.suggest_int("neurons", *NEURONS)
+        network = trained(inputs[rows[held:]], target[rows[held:]], neurons, seed)
+        step()
+        return float(np.mean((network(inputs[rows[:held]]) - target[rows[:held]]) ** 2))
+
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+    study.optimize(objective, n_trials=TRIALS)
+    return trained(inputs, target, int(study.best_params["neurons"]), seed)
+
+
+def trained(inputs: Float, target: Float, neurons: int, seed: int) -> Perceptron:
+    """One network, trained with Adam."""
+    from sklearn.exceptions import ConvergenceWarning  # type: ignore[import-untyped]
+    from sklearn.neural_network import MLPRegressor  # type: ignore[import-untyped]
+
+    spread = inputs.std(axis=0)
+    scale = np.where(spread > 1e-9 * (1.0 + np.abs(inputs).max()), spread, 1.0)
+    centre, middle, width = inputs.mean(axis=0), float(target.mean()), float(target.std()) or 1.0
+    network = MLPRegressor(
+        hidden_layer_sizes=(neurons,),
+        activation="logistic",
+        solver="adam",
+        alpha=0.0,
+        batch_size=min(_BATCH, len(inputs)),
+        max_iter=_EPOCHS,
+        n_iter_no_change=_EPOCHS,
+        random_state=seed,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        network.fit((inputs - centre) / scale, (target - middle) / width)
+    return _plain(network, centre, scale, middle, width)
+
+
+def _plain(network: Any, centre: Float, scale: Float, middle: float, width: float) -> Perceptron:
+    (hidden, out), (bias, last) = network.coefs_, network.intercepts_
+    return Perceptron(centre, scale, hidden, bias, out[:, 0] * width, float(last[0]) * width + middle)

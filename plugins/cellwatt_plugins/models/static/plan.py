@@ -1,0 +1,155 @@
+"""Which poses to hold, in which order: spread evenly over the joints' ranges, safe, short ways between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.models.static.collision import Checker
+
+Float = NDArray[np.float64]
+
+STAGE: Final = 40
+"""So many poses may be enough for a model."""
+_TRIED: Final = 20  # times as many places of the sequence as poses are wanted
+_PASSES: Final = 60
+_PRIMES: Final = (2, 3, 5, 7, 11, 13, 17, 19)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Poses in the order in which they are to be held."""
+
+    q: Float
+    """(N, n) rad."""
+    unsafe: int
+    """Places of the sequence that were left out: the arm would touch itself or the floor there."""
+    unreachable: int
+    """Poses left out as the straight way to them is not safe."""
+    travel: float
+    """s of all moves, at full speed."""
+    unordered: float
+    """s, in the order of the sequence."""
+    rising: Float
+    """(n,): share of the moves in which each joint comes from below."""
+
+
+def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Plan:
+    """``count`` poses within ``limits`` (n, 2) rad, for joints of ``speed`` (n,) rad/s.
+
+    Raises ``ConfigError`` where too few places within the limits are safe.
+    """
+    q, unsafe = safe_places(count, limits, checker)
+    before = travel(q, speed)
+    ordered = q[staged_order(q, speed)]
+    kept = [ordered[0]]
+    for pose in ordered[1:]:
+        if checker.safe_move(kept[-1], pose):
+            kept.append(pose)
+    found = np.stack(kept)
+    rising = np.mean(np.diff(found, axis=0) > 0, axis=0)
+    return Plan(found, unsafe, len(ordered) - len(found), travel(found, speed), before, rising)
+
+
+def safe_places(count: int, limits: Float, checker: Checker) -> tuple[Float, int]:
+    """The first ``count`` safe places (count, n) rad of the Halton sequence, and how many before them were not."""
+    tried = within(limits, halton(_TRIED * count, len(limits)))
+    kept: list[Float] = []
+    seen = have = 0
+    while have < count and seen < len(tried):
+        block = tried[seen : seen + count - have]
+        kept.append(block[checker.safe(block)])
+        seen += len(block)
+        have += len(kept[-1])
+    if have < count:
+        raise ConfigError(
+            f"only {have} of {seen} places within the joints' limits are safe: narrow lower_limit and upper_limit in "
+            "robot.yaml, or correct its capsules"
+        )
+    return np.concatenate(kept), seen - count
+
+
+def halton(count: int, dimensions: int) -> Float:
+    """Places 1 to ``count`` of the Halton sequence, (count, dimensions) in 0 … 1; Numerische Mathematik 2, 1960.
+
+    Raises ``ConfigError`` for more than eight dimensions.
+    """
+    if dimensions > len(_PRIMES):
+        raise ConfigError(f"a robot of {dimensions} joints: plans are made for up to {len(_PRIMES)}")
+    out = np.zeros((count, dimensions))
+    for column, base in enumerate(_PRIMES[:dimensions]):
+        left, place = np.arange(1, count + 1), 1.0
+        while left.any():
+            place /= base
+            out[:, column] += place * (left % base)
+            left //= base
+    return out
+
+
+def within(limits: Float, share: Float) -> Float:
+    """Angles at a ``share`` (N, n), 0 … 1, of each joint's range."""
+    return np.asarray(limits[:, 0] + share * (limits[:, 1] - limits[:, 0]))
+
+
+def travel(q: Float, speed: Float) -> float:
+    """Time s through poses in their order, all joints at once, the slowest says how long."""
+    return float(np.sum(np.max(np.abs(np.diff(q, axis=0)) / speed, axis=1)))
+
+
+def staged_order(q: Float, speed: Float) -> NDArray[np.intp]:
+    """Short ways within the first ``STAGE`` poses, the next as many, then twice as many, and so on.
+
+    A collection that is stopped early then has poses from everywhere.
+    """
+    edges = [0, STAGE]
+    while edges[-1] < len(q):
+        edges.append(2 * edges[-1])
+    order = np.zeros(0, dtype=np.intp)
+    for first, last in pairwise(edges):
+        stage = np.arange(first, min(last, len(q)))
+        if len(order):  # begin with what is nearest to where the last stage ended
+            away = np.max(np.abs(q[stage] - q[order[-1]]) / speed, axis=1)
+            stage = stage[np.argsort(away, kind="stable")]
+        order = np.concatenate([order, stage[short_order(q[stage], speed)]])
+    return order
+
+
+def short_order(q: Float, speed: Float) -> NDArray[np.intp]:
+    """From the first pose, an order in which the ways are short: to the nearest next, then 2-opt (Croes, 1958)."""
+    scaled = q / speed
+    apart = np.max(np.abs(scaled[:, None] - scaled), axis=2)
+    order = _nearest(apart)
+    for _ in range(_PASSES):
+        if not _untangled(order, apart):
+            break
+    return order
+
+
+def _nearest(apart: Float) -> NDArray[np.intp]:
+    left = np.ones(len(apart), dtype=np.bool_)
+    order = np.zeros(len(apart), dtype=np.intp)
+    left[0] = False
+    for place in range(1, len(apart)):
+        order[place] = np.argmin(np.where(left, apart[order[place - 1]], np.inf))
+        left[order[place]] = False
+    return order
+
+
+def _untangled(order: NDArray[np.intp], apart: Float) -> bool:
+    """Turns stretches round, in place, wherever the way becomes shorter; whether any was."""
+    better = False
+    for i in range(len(order) - 2):
+        a, b = order[i], order[i + 1]
+        ends, after = order[i + 2 :], order[i + 3 :]
+        onward = np.append(apart[b, after] - apart[ends[:-1], after], 0.0)  # nothing comes after the last
+        change = apart[a, ends] - apart[a, b] + onward
+        best = int(np.argmin(change))
+        if change[best] < -1e-9:
+            order[i + 1 : i + 3 + best] = order[i + 1 : i + 3 + best][::-1].copy()
+            better = True
+    return better

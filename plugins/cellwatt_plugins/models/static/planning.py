@@ -1,0 +1,135 @@
+"""``cellwatt train plan-poses``: plan, table and job of one robot."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cellwatt.config import load
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt_plugins.models.static.basis import joint_limits
+from cellwatt_plugins.models.static.collision import Checker, read_outline
+from cellwatt_plugins.models.static.inform import Encoders, jobs
+from cellwatt_plugins.models.static.plan import Plan, plan_poses
+from cellwatt_plugins.robot import RigidBody, load_robot
+
+MH12: Final = Path(__file__).with_name("mh12")
+"""The robot of the paper, with the limits of its Table II."""
+_RAMP: Final = 0.4  # s a move takes longer than at full speed throughout: speeding up and slowing down
+
+
+@dataclass(frozen=True)
+class PlanReport:
+    """What was planned and written."""
+
+    robot: str
+    poses: int
+    unsafe: int
+    unreachable: int
+    travel_s: float
+    unordered_s: float
+    rising: tuple[float, ...]
+    duration_s: float
+    files: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return asdict(self)
+
+    def in_words(self) -> str:
+        """For a person."""
+        even = ", ".join(f"{100 * share:.0f} %" for share in self.rising)
+        lines = [
+            f"{self.poses} poses of {self.robot}; {self.unsafe} places of the sequence were left out, as the arm would "
+            f"touch itself or the floor there, and {self.unreachable} poses whose straight way is not safe",
+            f"ways of {self.travel_s:.0f} s in all at full speed, {self.unordered_s:.0f} s as the sequence has them",
+            f"joints come from below in {even} of the moves",
+            f"about {self.duration_s / 60:.0f} min with the pauses",
+            f"written: {', '.join(self.files)}",
+        ]
+        if not any(file.endswith(".JBI") for file in self.files):
+            lines.append("no job: --cell with a yaskawa source says how many pulses a degree has")
+        return "\n".join(lines)
+
+
+def write_plan(
+    robot: Path | None,
+    count: int,
+    out: Path,
+    cell: Path | None,
+    source: str | None,
+    speed: float,
+    hold: float,
+    name: str,
+) -> PlanReport:
+    """Plans, and writes plan.csv and the job. Raises ``ConfigError`` and ``CellwattError``."""
+    folder = MH12 if robot is None else robot
+    description = load_robot(folder)
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    limits = joint_limits(description, np.stack([body.model.lowerPositionLimit, body.model.upperPositionLimit]))
+    if not np.isfinite(limits).all() or (limits[:, 0] >= limits[:, 1]).any():
+        raise ConfigError(f"{folder}: lower_limit and upper_limit of each joint must be given, in rad")
+    top = body.model.velocityLimit
+    fastest = np.array([joint.velocity_limit or top[i] for i, joint in enumerate(description.joints)])
+    fastest = np.where(np.isfinite(fastest) & (fastest > 0), fastest, 1.0)
+    plan = plan_poses(count, limits, fastest, Checker(body, read_outline(folder, body), limits))
+    texts = {"plan.csv": _table(plan)}
+    if cell is not None:
+        texts |= jobs(name, plan.q, _encoders(cell, source), speed, hold, datetime.now())
+    for file, text in texts.items():
+        _write(out / file, text)
+    duration = plan.travel / (speed / 100) + len(plan.q) * (hold + _RAMP)
+    files = tuple(str(out / file) for file in texts)
+    return PlanReport(
+        description.robot,
+        len(plan.q),
+        plan.unsafe,
+        plan.unreachable,
+        plan.travel,
+        plan.unordered,
+        tuple(plan.rising.tolist()),
+        duration,
+        files,
+    )
+
+
+def _table(plan: Plan) -> str:
+    from io import StringIO
+
+    text = StringIO()
+    writer = csv.writer(text)
+    writer.writerow(["pose", *(f"q_{i + 1}" for i in range(plan.q.shape[1]))])
+    writer.writerows([i, *(f"{angle:.6f}" for angle in row)] for i, row in enumerate(plan.q.tolist()))
+    return text.getvalue()
+
+
+def _encoders(cell: Path, source: str | None) -> Encoders:
+    """From the settings of the one source that has ``pulses_per_degree``."""
+    sources = load(cell).sources
+    if source is not None and source not in sources:
+        raise ConfigError(f"{cell}: no source {source!r}, there are: {', '.join(sources)}")
+    wanted = sources if source is None else {source: sources[source]}
+    counted = {n: s.settings for n, s in wanted.items() if getattr(s.settings, "pulses_per_degree", ())}
+    if len(counted) != 1:
+        found = f"these have: {', '.join(counted)}: choose one with --source" if counted else "none has"
+        raise ConfigError(f"{cell}: expected one source with pulses_per_degree; {found}")
+    (settings,) = counted.values()
+    coupling, zero = getattr(settings, "coupling", None), getattr(settings, "zero", None)
+    return Encoders(
+        np.array(getattr(settings, "pulses_per_degree", ()), np.float64),
+        None if coupling is None else np.array(coupling, np.float64),
+        None if zero is None else np.array(zero, np.float64),
+    )
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, newline="")
+    except OSError as error:
+        raise CellwattError(f"{path} cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,153 @@
+"""``cellwatt train static``: all methods on one collection, the best model's file, and what was learned on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.static import exported, paper
+from cellwatt_plugins.models.static.basis import Basis
+from cellwatt_plugins.models.static.conformal import COVERAGE, half_width
+from cellwatt_plugins.models.static.effects import Effects
+from cellwatt_plugins.models.static.exported import Widths
+from cellwatt_plugins.models.static.findings import Finding, findings
+from cellwatt_plugins.models.static.identify import (
+    FOLDS,
+    Arm,
+    Checked,
+    identify,
+    identify_checked,
+    with_leftover,
+)
+from cellwatt_plugins.models.static.learning import REPEATS, Curve, learning_curve, sizes_for
+from cellwatt_plugins.models.static.paper import Perceptron
+from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.models.static.scores import Scores
+
+Float = NDArray[np.float64]
+
+SEED: Final = 0
+PUBLISHED: Final = {
+    "gravity": (29.31, 0.687, 15.783),
+    "network": (30.19, 0.663, 16.671),
+    "hybrid": (13.19, 0.936, 4.271),
+}
+"""Table III of the paper: RMSE Nm, R², MAPE %."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the table."""
+
+    name: str
+    scores: Scores
+    neurons: int | None = None
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What a training gives."""
+
+    methods: tuple[Method, ...]
+    """On the fifth of the poses that none of them had seen."""
+    checked: Checked
+    scores: Scores
+    """Of the best model on all poses, each left out in turn."""
+    widths: Widths
+    curve: Curve
+    findings: tuple[Finding, ...]
+    poses: Poses
+    networks: tuple[Perceptron, Perceptron]
+    """The paper's plain network, and that of its hybrid."""
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``--json``."""
+        return {
+            "poses": len(self.poses),
+            "methods": [
+                {
+                    "name": m.name,
+                    "neurons": m.neurons,
+                    **m.scores.as_json(),
+                    "published": dict(zip(("rmse", "r2", "mape"), PUBLISHED[m.name], strict=True))
+                    if m.name in PUBLISHED
+                    else None,
+                }
+                for m in self.methods
+            ],
+            "best": {
+                **self.scores.as_json(),
+                "leftover": self.checked.model.leftover is not None,
+                "interval": {"coverage": COVERAGE, "told_nm": self.widths.told, "blind_nm": self.widths.blind},
+                "noise_nm": self.checked.model.posterior.noise.tolist(),
+            },
+            "learning": self.curve.as_json(),
+            "findings": [finding.as_json() for finding in self.findings],
+            "odd": [[int(pose) + 1, int(joint) + 1] for pose, joint in np.argwhere(self.checked.model.odd)],
+            "notes": list(self.poses.notes),
+        }
+
+
+def steps(count: int) -> int:
+    """Calls of ``step`` in a training on ``count`` poses."""
+    return 2 * paper.TRIALS + FOLDS + 2 + REPEATS * len(sizes_for(count))
+
+
+def train(poses: Poses, arm: Arm, step: Callable[[], None]) -> Trained:
+    """Trains all methods; ``step`` is called as the work goes on."""
+    basis, effects = arm.basis(poses), arm.effects(poses)
+    methods, networks = _published(poses, basis, effects, step)
+    checked = identify_checked(poses, basis, effects, SEED, step)
+    scores = Scores.of(poses.total, checked.predicted)
+    floor = float(np.sqrt(np.sum(checked.model.posterior.noise**2)))
+    told = half_width(checked.predicted - poses.total)
+    widths = Widths(told, max(told, half_width(checked.blind - poses.total)))
+    best = Method("best", _held_out(poses, basis, effects, checked))
+    step()
+    curve = learning_curve(poses, basis, effects, floor, scores.rmse, SEED, step)
+    told_of = tuple(findings(checked.model, arm, basis))
+    return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, networks)
+
+
+def write(trained: Trained, arm: Arm, out: Path) -> list[Path]:
+    """The model files: the best, and the paper's three."""
+    plain, hybrid = trained.networks
+    files = [out / "model.onnx", *(out / "paper" / f"{name}.onnx" for name in PUBLISHED)]
+    exported.write_best(files[0], trained.checked.model, trained.widths, arm, trained.poses)
+    exported.write_paper(files[1], None, arm, trained.poses, with_gravity=True)
+    exported.write_paper(files[2], plain, arm, trained.poses, with_gravity=False)
+    exported.write_paper(files[3], hybrid, arm, trained.poses, with_gravity=True)
+    return files
+
+
+def _published(
+    poses: Poses, basis: Basis, effects: Effects, step: Callable[[], None]
+) -> tuple[list[Method], tuple[Perceptron, Perceptron]]:
+    """The paper's methods on its 80/20 split."""
+    rows, test = paper.split(len(poses), SEED)
+    gravity = basis.vertical @ effects.cad
+    simulated = np.sum(np.abs(gravity), axis=1)
+    both = np.hstack([poses.q, gravity])
+    plain = paper.searched(poses.q[rows], poses.total[rows], SEED, step)
+    hybrid = paper.searched(both[rows], poses.total[rows] - simulated[rows], SEED, step)
+    said: Sequence[tuple[str, Float, int | None]] = (
+        ("gravity", simulated, None),
+        ("network", plain(poses.q), plain.neurons),
+        ("hybrid", simulated + hybrid(both), hybrid.neurons),
+    )
+    methods = [Method(name, Scores.of(poses.total[test], value[test]), neurons) for name, value, neurons in said]
+    return methods, (plain, hybrid)
+
+
+def _held_out(poses: Poses, basis: Basis, effects: Effects, checked: Checked) -> Scores:
+    """The best model on the same split."""
+    rows, test = paper.split(len(poses), SEED)
+    model = identify(basis.rows(rows), poses.torque[rows], effects)
+    if checked.model.leftover is not None:
+        model = with_leftover(model, basis.rows(rows), poses.torque[rows])
+    return Scores.of(poses.total[test], model.total(basis.rows(test)))

@@ -1,0 +1,58 @@
+"""What a model sees at each frame: the frame itself, or the last few."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.network import Array
+
+
+def whole(values: Array, optional: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which frames (n, inputs) have all that is needed, (n,).
+
+    Of an ``optional`` input (inputs,) NaN may be missing; an infinite value is never whole.
+    """
+    there = np.isfinite(values)
+    if optional.any():
+        there |= optional & np.isnan(values)
+    return np.asarray(there.all(axis=-1))
+
+
+class Window:
+    """The last ``size`` frames of some inputs at each frame, whole ones only.
+
+    A window with a value that is missing though ``needed`` (inputs,), or across a hole in the grid, is not whole; nor
+    are those of the first frames. Blocks may be cut anywhere. ``step`` is that of the grid, ns.
+    """
+
+    def __init__(self, size: int, needed: NDArray[np.bool_], step: int) -> None:
+        self._size = size
+        self._optional = ~needed
+        self._hole = step + step // 2
+        self._offsets = np.arange(1 - size, 1)
+        self._time = np.zeros(size - 1, dtype=np.int64)
+        self._values: Array = np.full((size - 1, len(needed)), np.nan)
+
+    def update(self, time: NDArray[np.int64], values: Array) -> tuple[NDArray[np.intp], Array]:
+        """Which of the next n frames, values (n, inputs), have a whole window, and those windows.
+
+        These are (k, size, inputs), the newest frame last, or (k, inputs) where the size is 1.
+        """
+        if self._size == 1:
+            rows = np.flatnonzero(whole(values, self._optional))
+            return rows, (values if len(rows) == len(values) else values[rows])
+        past = self._size - 1
+        time = np.concatenate([self._time, time])
+        values = np.concatenate([self._values, values], dtype=values.dtype)
+        self._time, self._values = time[-past:], values[-past:]
+        ends = past + np.flatnonzero(self._lengths(time, values)[past:] >= self._size)
+        return ends - past, values[ends[:, np.newaxis] + self._offsets]
+
+    def _lengths(self, time: NDArray[np.int64], values: Array) -> NDArray[np.intp]:
+        """How many frames without a hole or a missing value end at each."""
+        at = np.arange(len(time))
+        start = np.where(whole(values, self._optional), 0, at + 1)
+        holes = 1 + np.flatnonzero(np.diff(time) > self._hole)
+        start[holes] = np.maximum(start[holes], holes)
+        return at + 1 - np.maximum.accumulate(start)

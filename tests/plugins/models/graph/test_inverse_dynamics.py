@@ -1,0 +1,111 @@
+"""The rigid-body dynamics inside a model file against Pinocchio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pinocchio as pin
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.models.graph import Chain, Graph, gravity_torque, inverse_dynamics
+from cellwatt_plugins.robot import RigidBody
+
+
+def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") -> RigidBody:
+    """An arm with random axes, placements and links."""
+    draw = np.random.default_rng(seed)
+    text = ['<robot name="arm"><link name="link_0"/>']
+    for i in range(1, joints + 1):
+        m, c, size = draw.uniform(0.5, 9), draw.normal(0, 0.1, 3), draw.uniform(0.01, 0.2, 3)
+        xx, yy, zz = size[1] + size[2], size[0] + size[2], size[0] + size[1]
+        axis = draw.normal(size=3)
+        text.append(
+            f'<link name="link_{i}"><inertial><origin xyz="{c[0]} {c[1]} {c[2]}" rpy="0.3 -0.2 0.9"/>'
+            f'<mass value="{m}"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="joint_{i}" type="{kind}"><parent link="link_{i - 1}"/><child link="link_{i}"/>'
+            f'<origin xyz="{" ".join(map(str, draw.normal(0, 0.3, 3)))}" '
+            f'rpy="{" ".join(map(str, draw.uniform(-3, 3, 3)))}"/>'
+            f'<axis xyz="{" ".join(map(str, axis / np.linalg.norm(axis)))}"/>'
+            f'<limit lower="-6" upper="6" effort="1" velocity="1"/></joint>'
+        )
+    file = folder / "arm.urdf"
+    file.write_text("\n".join([*text, "</robot>"]))
+    return RigidBody(file, tuple(f"joint_{i}" for i in range(1, joints + 1)))
+
+
+def run(graph: Graph, output: str, columns: int, values: np.ndarray) -> np.ndarray:
+    session = onnxruntime.InferenceSession(graph.model(output, columns), providers=["CPUExecutionProvider"])
+    return session.run(None, {"input": values})[0]
+
+
+def motion(joints: int, rows: int = 40, seed: int = 5) -> np.ndarray:
+    draw = np.random.default_rng(seed)
+    return np.hstack(
+        [draw.uniform(-3, 3, (rows, joints)), draw.normal(0, 2, (rows, joints)), draw.normal(0, 9, (rows, joints))]
+    )
+
+
+@pytest.mark.parametrize("joints", [1, 2, 6, 7])
+def test_torques_are_those_of_pinocchio(tmp_path, joints):
+    body = written_arm(tmp_path, joints, seed=joints)
+    values = motion(joints)
+    graph = Graph(columns=3 * joints)
+    q, qd, qdd = graph.ops("Split", 3, graph.input, np.full(3, joints), axis=-1)
+    torque = run(graph, inverse_dynamics(graph, Chain.of(body), q, qd, qdd), joints, values)
+    expected = np.stack([pin.rnea(body.model, body.model.createData(), *np.split(row, 3)) for row in values])
+    assert np.abs(torque - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
+
+
+def test_what_is_left_out_is_zero(tmp_path):
+    body = written_arm(tmp_path, 6, seed=1)
+    values = motion(6)
+    q, qd, qdd = np.split(values, 3, axis=1)
+    still = np.zeros_like(q)
+    for present, expected in (
+        ((True, False), body.inverse_dynamics(q, qd, still)),
+        ((False, True), body.inverse_dynamics(q, still, qdd)),
+        ((False, False), body.gravity_torque(q)),
+    ):
+        graph = Graph(columns=18)
+        given = graph.ops("Split", 3, graph.input, np.full(3, 6), axis=-1)
+        torque = inverse_dynamics(
+            graph, Chain.of(body), given[0], given[1] if present[0] else None, given[2] if present[1] else None
+        )
+        assert np.abs(run(graph, torque, 6, values) - expected).max() < 1e-8
+
+
+def test_other_inertial_parameters(tmp_path):
+    body = written_arm(tmp_path, 6, seed=2)
+    q, qd, qdd = np.split(motion(6), 3, axis=1)
+    parameters = body.parameters() * np.random.default_rng(0).uniform(0.8, 1.2, 60)
+    graph = Graph(columns=6)
+    torque = run(graph, gravity_torque(graph, Chain.of(body).with_inertial(parameters), graph.input), 6, q)
+    assert np.abs(torque - body.regressor(q, 0 * qd, 0 * qdd) @ parameters).max() < 1e-8
+
+
+def test_a_frame_costs_few_nodes(tmp_path):
+    """What a frame costs is the number of nodes: about 1 µs each."""
+    import onnx
+
+    graph = Graph(columns=18)
+    q, qd, qdd = graph.ops("Split", 3, graph.input, np.full(3, 6), axis=-1)
+    file = graph.model(inverse_dynamics(graph, Chain.of(written_arm(tmp_path, 6, seed=3)), q, qd, qdd), 6)
+    assert len(onnx.load_from_string(file).graph.node) < 60
+
+
+def test_the_same_graph_is_the_same_file(tmp_path):
+    body = written_arm(tmp_path, 6, seed=4)
+
+    def made() -> bytes:
+        graph = Graph(columns=6)
+        return graph.model(gravity_torque(graph, Chain.of(body), graph.input), 6)
+
+    assert made() == made()
+
+
+def test_a_sliding_joint_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="joint_1 does not turn"):
+        Chain.of(written_arm(tmp_path, 2, seed=0, kind="prismatic"))

@@ -1,0 +1,101 @@
+"""A model file against the model it was made of: offline, live, and what a frame costs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import onnx
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt_plugins.models import read_metadata
+from cellwatt_plugins.models.power.exported import write
+from cellwatt_plugins.models.power.fitting import Structure, fit
+from cellwatt_plugins.models.power.moves import read_moves
+from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
+from cellwatt_plugins.models.power.terms import EFFECTS
+from cellwatt_plugins.models.power.training import estimate
+from cellwatt_plugins.models.power.tuning import Tuning
+from cellwatt_plugins.models.predict import predict_file
+from cellwatt_plugins.robot import RigidBody, load_robot
+from tests.plugins.models.making import cut, frames, layout, run, stage
+from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
+
+CREATED = datetime(2026, 5, 4, tzinfo=UTC)
+EVERYTHING = Structure(tuple(EFFECTS), ("iron loss", "eddy-current loss"), "joint", 0.1, network=True)
+PLAIN = Structure((), ("loss of the inverters by current", "brakes held open while the arm moves"), "bus", 0.1)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """Robot, body, and a short table with payload and temperatures."""
+    folder = tmp_path_factory.mktemp("arm")
+    draw = np.random.default_rng(5)
+    true = six_axes(draw)
+    robot = load_robot(write_known(true, folder, draw))
+    table = recorded(true, draw, 4, (0.8, 1.5))
+    rows = table.num_rows
+    table = table.append_column("payload", pa.array(np.where(np.arange(rows) < rows // 2, 0.0, 1.5)))
+    for i in range(6):
+        table = table.append_column(f"temperature_{i + 1}", pa.array(25 + 5 * np.linspace(0, 1, rows) + i))
+    pq.write_table(table, folder / "moves.parquet")
+    return robot, RigidBody(robot.urdf, tuple(j.name for j in robot.joints)), folder / "moves.parquet"
+
+
+def made(arm, folder, structure, plain=False):
+    robot, body, table = arm
+    moves = read_moves([table], 6)
+    if plain:
+        moves = replace(moves, payload=None, temperature=None)
+    smoother = Smoother.design(Noise(2e-5, 2.5e-3), moves.step, Span(9, 2), Span(11, 3), ahead=False)
+    fitted = fit(moves, robot, body, Tuning(smoother, 0.005), structure)
+    metadata = write(folder / "model.onnx", fitted, moves, body, robot.robot, CREATED)
+    return fitted, moves, metadata
+
+
+@pytest.mark.parametrize(("structure", "plain"), [(EVERYTHING, False), (PLAIN, True)], ids=["everything", "plain"])
+def test_the_file_says_what_the_model_says(arm, tmp_path, structure, plain):
+    robot, body, table = arm
+    fitted, moves, metadata = made(arm, tmp_path, structure, plain)
+    predict_file(tmp_path / "model.onnx", table, tmp_path / "said.parquet")
+    said = pq.read_table(tmp_path / "said.parquet")
+    power, current = estimate(fitted, moves, robot, body)
+    assert np.abs(said["power"].to_numpy() - power).max() < 1e-6
+    for i in range(6):
+        assert np.abs(said[f"current_{i + 1}"].to_numpy() - current[:, i]).max() < 1e-6
+    assert read_metadata(tmp_path / "model.onnx") == metadata
+    assert (metadata.window, metadata.rate_hz, metadata.robot) == (11, 125.0, "arm")
+    assert [i.channel for i in metadata.inputs[12:]] == (
+        [] if plain else ["tool.payload", *(f"joint_{i}.temperature" for i in range(1, 7))]
+    )
+
+
+def test_the_same_moves_give_the_same_file(arm, tmp_path):
+    for name in ("one", "other"):
+        made(arm, tmp_path / name, PLAIN, plain=True)
+    assert (tmp_path / "one" / "model.onnx").read_bytes() == (tmp_path / "other" / "model.onnx").read_bytes()
+
+
+def test_live_it_says_the_same_as_offline(arm, tmp_path):
+    _, moves, _ = made(arm, tmp_path, PLAIN, plain=True)
+    first, end = moves.bounds()[1]
+    names = [*(f"arm.joint_{i}.position" for i in range(1, 7)), *(f"arm.joint_{i}.velocity" for i in range(1, 7))]
+    units = ["rad"] * 6 + ["rad/s"] * 6
+    grid = layout(dict(zip(names, units, strict=True)), 125.0)
+    block = frames(np.concatenate([moves.q, moves.qd], axis=1)[first:end], grid)
+    results = run(stage(tmp_path / "model.onnx", grid, robot="arm"), cut(block, [1, 50, 51]))
+    live = np.concatenate([result.outputs["power"] for result in results if hasattr(result, "outputs")])
+    predict_file(tmp_path / "model.onnx", arm[2], tmp_path / "said.parquet")
+    offline = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()[first:end]
+    whole = np.isfinite(live)
+    assert whole.sum() == len(block) - 10
+    assert np.abs(live - offline)[whole].max() < 1e-6
+
+
+def test_a_frame_costs_few_nodes(arm, tmp_path):
+    """About 1 µs each; the budget of a frame is 100 µs."""
+    made(arm, tmp_path, PLAIN, plain=True)
+    assert len(onnx.load(tmp_path / "model.onnx").graph.node) < 90

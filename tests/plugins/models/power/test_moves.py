@@ -1,0 +1,108 @@
+"""Tables of moves as users bring them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.power.moves import read_moves
+
+
+def columns(rows=40, step=0.01):
+    t = np.arange(rows) * step
+    out = {"t": t}
+    for i in (1, 2):
+        out |= {f"q_{i}": np.sin(i * t), f"qd_{i}": i * np.cos(i * t), f"current_{i}": i + t}
+    return out | {"power": 100 + t}
+
+
+def written(tmp_path, table, name="train.parquet"):
+    path = tmp_path / name
+    pq.write_table(pa.table(table), path)
+    return path
+
+
+def test_a_table_with_several_moves(tmp_path):
+    path = written(tmp_path, columns() | {"move": np.repeat([7, 9], 20)})
+    moves = read_moves([path], 2)
+    assert (moves.count, len(moves), moves.joints, moves.bounds()) == (2, 40, 2, [(0, 20), (20, 40)])
+    assert moves.step == pytest.approx(0.01)
+    assert np.array_equal(moves.power, columns()["power"])
+    assert moves.payload is None
+
+
+def test_names_of_channels_and_csv(tmp_path):
+    table = columns()
+    names = {"t": "t", "power": "board.supply.power"}
+    for stem, channel in (("q", "position"), ("qd", "velocity"), ("current", "current")):
+        names |= {f"{stem}_{i}": f"arm.joint_{i}.{channel}" for i in (1, 2)}
+    path = tmp_path / "frames.csv"
+    pyarrow.csv.write_csv(pa.table({names[name]: values for name, values in table.items()}), path)
+    moves = read_moves([path], 2)
+    assert np.allclose(moves.q[:, 1], table["q_2"])
+    assert np.allclose(moves.power, table["power"])
+
+
+def test_bus_power_where_there_is_no_supply_power(tmp_path):
+    table = columns()
+    table["arm.bus.power"] = table.pop("power") - 50
+    assert read_moves([written(tmp_path, table)], 2).power[0] == 50
+
+
+def test_holes_and_missing_positions_end_a_move(tmp_path):
+    table = columns(60)
+    table["t"][30:] += 1.0
+    table["q_1"][45] = np.nan
+    moves = read_moves([written(tmp_path, table)], 2)
+    assert moves.bounds() == [(0, 30), (30, 45), (45, 59)]
+
+
+def test_an_uneven_clock_is_put_on_a_grid(tmp_path):
+    table = columns(200)
+    jitter = np.random.default_rng(0).uniform(-0.002, 0.002, 200)
+    t = table["t"] + jitter
+    uneven = {"t": t} | {f"q_{i}": np.sin(i * t) for i in (1, 2)} | {f"qd_{i}": i * np.cos(i * t) for i in (1, 2)}
+    moves = read_moves([written(tmp_path, uneven | {"power": t})], 2)
+    assert np.ptp(np.diff(moves.time)) < 1e-9
+    assert np.abs(moves.q[:, 0] - np.sin(moves.time)).max() < 1e-4
+    assert np.isnan(moves.current).all()
+
+
+def test_files_follow_each_other_and_a_payload_must_be_in_all(tmp_path):
+    bare = written(tmp_path, columns(), "bare.parquet")
+    loaded = written(tmp_path, columns() | {"payload": np.full(40, 2.0)}, "loaded.parquet")
+    assert read_moves([bare, loaded], 2).payload is None
+    moves = read_moves([loaded, loaded], 2)
+    assert moves.count == 2
+    assert moves.payload is not None
+    assert moves.payload.tolist() == [2.0] * 80
+
+
+@pytest.mark.parametrize(
+    ("gone", "said"),
+    [
+        (["t"], "no column t for the time"),
+        (["q_2"], "no column of q_1 … q_2"),
+        (["power", "current_1", "current_2"], "no column of power, nor of current_1 …"),
+    ],
+)
+def test_what_is_missing_is_said(tmp_path, gone, said):
+    table = {name: values for name, values in columns().items() if name not in gone}
+    with pytest.raises(RecordingError, match=said):
+        read_moves([written(tmp_path, table)], 2)
+
+
+def test_a_table_without_motion_in_it(tmp_path):
+    with pytest.raises(RecordingError, match="no 10 rows in a row"):
+        read_moves([written(tmp_path, columns(5))], 2)
+
+
+def test_some_moves_only(tmp_path):
+    path = written(tmp_path, columns(60) | {"move": np.repeat([1, 2, 3], 20)})
+    moves = read_moves([path], 2).only([0, 2])
+    assert moves.count == 2
+    assert np.array_equal(moves.time[20:], columns(60)["t"][40:])

@@ -1,0 +1,89 @@
+"""Local polynomials through position and velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+import onnxruntime
+import pytest
+
+from cellwatt_plugins.models.graph import Graph
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span, noise_of
+
+STEP = 0.008
+NOISE = Noise(2e-5, 2.5e-3)
+
+
+def moves_of(q, qd, lengths):
+    nan = np.full(len(q), np.nan)
+    move = np.repeat(np.arange(len(lengths)), lengths)
+    return Moves(move, np.arange(len(q)) * STEP, q, qd, np.full(q.shape, np.nan), nan)
+
+
+def polynomial(rows=200):
+    t = np.arange(rows) * STEP
+    q = np.stack([0.3 + 0.2 * t - 0.5 * t**2, 1 - t + 2 * t**2], axis=1)
+    qd = np.stack([0.2 - t, -1 + 4 * t], axis=1)
+    return q, qd, np.tile([-1.0, 4.0], (rows, 1))
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_a_parabola_is_passed_on_as_it_is(ahead):
+    q, qd, qdd = polynomial()
+    smoother = Smoother.design(NOISE, STEP, Span(11, 2), Span(21, 3), ahead)
+    moves = moves_of(q, qd, [200])
+    inside = smoother.whole(moves)
+    assert inside.sum() == 180
+    assert smoother.delay == (10 if ahead else 0)
+    for found, true in zip(smoother.apply(moves), (q, qd, qdd), strict=True):
+        assert np.abs(found - true)[inside].max() < 1e-7
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_noise_falls_as_the_weights_say(ahead):
+    draw = np.random.default_rng(0)
+    shape = (20_000, 2)
+    moves = moves_of(NOISE.position * draw.normal(size=shape), NOISE.velocity * draw.normal(size=shape), [20_000])
+    smoother = Smoother.design(NOISE, STEP, Span(15, 2), Span(15, 3), ahead)
+    each = smoother.weights.reshape(3, -1, 2) * [NOISE.position, NOISE.velocity]
+    expected = np.sqrt((each**2).sum(axis=(1, 2)))
+    found = [values.std() for values in smoother.apply(moves)]
+    assert found == pytest.approx(expected, rel=0.1)
+    assert found[1] < 0.4 * NOISE.velocity
+
+
+def test_moves_do_not_mix_and_their_ends_are_held():
+    q = np.concatenate([np.zeros((50, 1)), np.ones((60, 1))])
+    moves = moves_of(q, np.zeros_like(q), [50, 60])
+    smoothed = Smoother.design(NOISE, STEP, Span(9, 2), Span(9, 3), True).apply(moves)
+    assert np.abs(smoothed[0] - q).max() < 1e-9
+    assert np.abs(smoothed[2]).max() < 1e-9
+
+
+def test_noise_is_read_off_a_smooth_motion():
+    draw = np.random.default_rng(1)
+    q, qd, _ = polynomial(4000)
+    moves = moves_of(q + 3e-5 * draw.normal(size=q.shape), qd + 1e-3 * draw.normal(size=q.shape), [2000, 2000])
+    noise = Noise.of(moves)
+    assert noise.position == pytest.approx(3e-5, rel=0.1)
+    assert noise.velocity == pytest.approx(1e-3, rel=0.1)
+    assert np.isnan(noise_of(moves, moves.current)).all()
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_in_a_graph_it_gives_the_same(ahead):
+    q, qd, _ = polynomial(60)
+    smoother = Smoother.design(NOISE, STEP, Span(7, 2), Span(11, 3), ahead)
+    moves = moves_of(q, qd, [60])
+    graph = Graph(columns=5, window=11)
+    traced = smoother.trace(graph, joints=2, columns=5)
+    here = smoother.trace_as_is(graph, 4, 1)
+    file = graph.model(graph.concat([each.name for each in [*traced, here]]), 7)
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    table = np.concatenate([q, qd, np.arange(60.0)[:, None]], axis=1)
+    windows = np.stack([table[i : i + 11] for i in range(50)])
+    found = session.run(None, {"input": windows})[0]
+    rows = np.arange(50) + 10 - smoother.delay
+    expected = np.concatenate([each[rows] for each in smoother.apply(moves)], axis=1)
+    assert np.abs(found[:, :6] - expected).max() < 1e-9
+    assert np.array_equal(found[:, 6], rows)

@@ -1,0 +1,90 @@
+"""The supply's numbers, found again from powers made by plain arithmetic."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.models.power import supply as supplies
+from cellwatt_plugins.models.power.supply import BRAKES, Stated
+from cellwatt_plugins.models.power.terms import Drive
+
+CONSTANT, RESISTANCE = np.array([12.0, 10.0, 8.0]), np.array([0.6, 0.8, 1.2])
+STATED = Stated(0.0, RESISTANCE)
+FOLD = np.repeat(np.arange(6), 500)
+
+
+def driven(seed=0):
+    draw = np.random.default_rng(seed)
+    torque = draw.normal(size=(3000, 3)) * [40, 30, 10]
+    qd = draw.normal(size=(3000, 3))
+    qd[::7] = 0
+    current = torque / CONSTANT
+    return Drive(torque * qd, current**2 * RESISTANCE, qd, current), draw.normal(size=3000)
+
+
+def test_one_bus_that_burns_what_comes_back():
+    drive, noise = driven()
+    flow = (drive.mechanical + drive.copper).sum(axis=1)
+    power = 80 + np.maximum(flow, 0) / 0.9 + 0.5 * noise
+    effects, sharing = supplies.select(drive, power, FOLD, STATED)
+    assert (effects, sharing) == ((), "bus")
+    found, left = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+    assert found.standby == pytest.approx(80, abs=0.2)
+    assert 1 / found.up == pytest.approx(0.9, rel=0.03)
+    assert found.down == pytest.approx(0, abs=0.02)
+    assert left == pytest.approx(0.5, rel=0.05)
+
+
+def test_drives_that_each_burn_their_own_and_iron_loss():
+    drive, noise = driven(1)
+    each = drive.mechanical + drive.copper + 4 * np.abs(drive.qd)
+    power = 50 + np.maximum(each, 0).sum(axis=1) / 0.85 + 0.5 * noise
+    effects, sharing = supplies.select(drive, power, FOLD, STATED)
+    assert (effects, sharing) == (("iron loss",), "joint")
+    found, left = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+    assert left == pytest.approx(0.5, rel=0.05)
+    assert found.weights[found.terms.index("iron")] == pytest.approx(4, rel=0.1)
+
+
+def test_energy_that_is_fed_back_and_brakes():
+    drive, noise = driven(2)
+    flow = (drive.mechanical + drive.copper).sum(axis=1)
+    power = 60 + flow / 0.9 + 8 * (np.abs(drive.qd).max(axis=1) > 0) + 0.5 * noise
+    effects, sharing = supplies.select(drive, power, FOLD, STATED)
+    assert (effects, sharing) == ((BRAKES,), "bus")
+    found, _ = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
+    assert found.down / found.up == pytest.approx(1, abs=0.02)
+    assert found.brakes == pytest.approx(8, abs=0.3)
+
+
+def test_little_data_leaves_what_is_stated():
+    drive, noise = driven(3)
+    few = supplies.rows_of(drive, np.arange(3000) < 12)
+    power = 80 + (few.mechanical + few.copper).sum(axis=1) / 0.9 + noise[:12]
+    found, _ = supplies.fit(few, power, supplies.believed(few, power, (), "bus", STATED))
+    assert np.abs(found.weights - 1).max() < 0.3
+
+
+def test_slopes_are_those_of_the_power():
+    drive, noise = driven(4)
+    some = supplies.rows_of(drive, np.arange(3000) < 50)
+    for sharing in ("bus", "joint"):
+        belief = supplies.believed(some, 80 + noise[:50], ("iron loss", BRAKES), sharing, STATED)
+        x = belief.mean.vector() + 0.1
+        slopes, _ = belief.mean.with_vector(x).slopes(some)
+        for i in range(len(x)):
+            step = np.zeros(len(x))
+            step[i] = 1e-6
+            change = belief.mean.with_vector(x + step).power(some) - belief.mean.with_vector(x - step).power(some)
+            assert slopes[:, i] == pytest.approx(change[:, 0] / 2e-6, abs=1e-3)
+
+
+def test_a_joint_that_hardly_moved_is_believed_to_lose_what_others_lose():
+    drive, noise = driven(5)
+    still = Drive(drive.mechanical * [1, 1, 1e-4], drive.copper, drive.qd * [1, 1, 1e-4], drive.current)
+    power = 80 + (still.mechanical + still.copper).sum(axis=1) / 0.9 + 2 * noise
+    belief = supplies.believed(still, power, ("eddy-current loss",), "bus", STATED)
+    found, _ = supplies.fit(still, power, belief)
+    moved = Drive(still.mechanical, still.copper, still.qd + np.array([0, 0, 1.0]), still.current)
+    assert np.abs(found.power(moved) - found.power(still)).max() < 30

@@ -1,0 +1,91 @@
+"""``cellwatt train power`` as a user calls it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.emulation.arm import ArmSignals
+from cellwatt.errors import CellwattError
+from cellwatt_plugins.models.command import predict, train
+from cellwatt_plugins.models.power import paper
+from cellwatt_plugins.models.power.demo import demo_robot, train_demo
+from cellwatt_plugins.models.predict import predict_file
+from tests.plugins.models.power.emulated_arm import write_case
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    return write_case(tmp_path_factory.mktemp("case"), "six axes", 3, moves=4, unseen=2)
+
+
+def called(*words):
+    return CliRunner().invoke(train, ["power", *map(str, words)], catch_exceptions=False)
+
+
+def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
+    monkeypatch.setattr(paper, "ITERATIONS", 40)
+    robot, table, unseen = case
+    done = called(table, "--robot", robot, "--out", tmp_path, "--json")
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    assert report == json.loads((tmp_path / "power.json").read_text())
+    assert set(report["held_out"]) == {"NLS", "SCG", "best"}
+    assert report["held_out"]["best"]["energy_error_mean_percent"] < 5
+    assert [len(report["tables"]["best"]["errors_percent"][0])] == [4]
+    assert report["nls"]["power"]["P_c"][0] > 0
+    words = ["--model", tmp_path / "model.onnx", unseen, "--out", tmp_path / "said.parquet"]
+    assert CliRunner().invoke(predict, list(map(str, words)), catch_exceptions=False).exit_code == 0
+    said = pq.read_table(tmp_path / "said.parquet")
+    assert said.column_names == ["t", "move", "power", *(f"current_{i}" for i in range(1, 7))]
+    assert said.num_rows == pq.read_table(unseen).num_rows
+
+
+def test_a_column_that_is_missing_is_said(case, tmp_path):
+    robot, table, _ = case
+    pq.write_table(pq.read_table(table).drop_columns(["qd_3"]), tmp_path / "less.parquet")
+    with pytest.raises(CellwattError, match=r"less\.parquet: no column of qd_1 … qd_6"):
+        called(tmp_path / "less.parquet", "--robot", robot, "--out", tmp_path)
+
+
+def test_a_robot_without_torque_constants_is_refused(case, tmp_path):
+    robot, table, _ = case
+    text = robot.read_text().replace("torque_constant: 13.0", "torque_constant: 0.0")
+    assert text != robot.read_text()
+    (tmp_path / "robot.yaml").write_text(text)
+    (tmp_path / "robot.urdf").write_text((robot.parent / "robot.urdf").read_text())
+    with pytest.raises(CellwattError, match="torque_constant of joint_1"):
+        called(table, "--robot", tmp_path, "--out", tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_model_of_the_demonstrations_arm(tmp_path):
+    """What the demo emulates is no rigid body; the model of it is still near."""
+    table = demo_table(0, 20.0)
+    pq.write_table(table, tmp_path / "recorded.parquet")
+    metadata = train_demo(tmp_path / "recorded.parquet", demo_robot(tmp_path), tmp_path / "model.onnx")
+    assert metadata.rate_hz == 50.0
+    unseen = demo_table(1, 20.0)
+    pq.write_table(unseen, tmp_path / "unseen.parquet")
+    predict_file(tmp_path / "model.onnx", tmp_path / "unseen.parquet", tmp_path / "said.parquet")
+    said = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()
+    measured = unseen["board.supply.power"].to_numpy()
+    assert np.sqrt(np.mean((said - measured) ** 2)) < 0.15 * measured.std()
+
+
+def demo_table(seed, seconds):
+    """Frames at 50 Hz, power averaged over each."""
+    time = np.arange(0, seconds, 0.002)
+    signals = ArmSignals(seed=seed).at(time)
+    columns = {"t": time[::10]}
+    for i in range(1, 7):
+        for quantity in ("position", "velocity", "current"):
+            columns[f"arm.joint_{i}.{quantity}"] = signals[f"joint_{i}.{quantity}"][::10]
+    columns["board.supply.power"] = signals["supply.power"].reshape(-1, 10).mean(axis=1)
+    return pa.table(columns)

@@ -1,0 +1,133 @@
+"""The physics of held poses, against plain vector mechanics and against differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.models.static.effects import BENT, legendre
+from cellwatt_plugins.models.static.identify import Arm
+from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.robot import load_robot
+from tests.plugins.models.static import arms
+
+
+def some_poses(seed=0, count=25, payload=None) -> Poses:
+    rng = np.random.default_rng(seed)
+    q, came = (arms.within(arms.LIMITS, rng.random((count, 6))) for _ in range(2))
+    nothing = np.zeros((count, 6))
+    return Poses(
+        q, nothing, nothing, np.full(count, 100), q - came, np.full(count, np.nan) if payload is None else payload
+    )
+
+
+@pytest.fixture(scope="module")
+def setting(tmp_path_factory):
+    poses = some_poses(payload=np.random.default_rng(1).uniform(0, 5, 25))
+    arm = Arm.of(load_robot(arms.write_robot(tmp_path_factory.mktemp("robot"), arms.Arm())), poses.q)
+    return poses, arm.basis(poses), arm.effects(poses)
+
+
+def test_slopes_are_those_of_differences(setting):
+    _, basis, effects = setting
+    rng = np.random.default_rng(2)
+    p = effects.scale * rng.normal(size=len(effects.scale))
+    _, slopes = effects.evaluate(basis, p)
+    for k in range(len(p)):
+        step = np.zeros(len(p))
+        step[k] = 1e-6 * effects.scale[k]
+        up, down = (effects.evaluate(basis, p + s)[0] for s in (step, -step))
+        np.testing.assert_allclose(slopes[..., k] * effects.scale[k], (up - down) / 2e-6, rtol=1e-4, atol=1e-4)
+
+
+def at(effects, **groups):
+    p = np.zeros(len(effects.scale))
+    for name, value in groups.items():
+        p[effects.slices[name.replace("_", " ")]] = value
+    return p
+
+
+MOMENT = arms.MASS[:, None] * arms.CENTRE
+HEAVIER = arms.MASS + np.array([0, 0, 1.0, 0, 0, 0])
+REALLY = {
+    "masses": (
+        {"link_3": [1.0, 0.2, 0.0, -0.1]},
+        replace(
+            arms.Arm(),
+            mass=HEAVIER,
+            centre=(MOMENT + np.outer([0, 0, 1.0, 0, 0, 0], [0.2, 0, -0.1])) / HEAVIER[:, None],
+        ),
+    ),
+    "gain": (
+        {"gain": [0.1, -0.05, 0.02, 0, 0, 0.3]},
+        replace(arms.Arm(), gain=1 + np.array([0.1, -0.05, 0.02, 0, 0, 0.3])),
+    ),
+    "tilt": ({"tilt": [2e-4, -1e-4]}, replace(arms.Arm(), tilt=(2e-4, -1e-4))),
+    "zero": ({"zero": 1e-4 * np.arange(6)}, replace(arms.Arm(), zero=1e-4 * np.arange(6))),
+    "friction": (
+        {"friction_2": [5.0], "load_friction": [0.03, 0, 0, 0.01, 0, 0, 0]},
+        replace(arms.Arm(), friction=np.array([0, 5.0, 0, 0, 0, 0]), load_friction=np.array([3, 3, 4, 3, 3, 3]) / 100),
+    ),
+}
+
+
+@pytest.mark.parametrize("what", REALLY)
+def test_an_effect_is_what_plain_mechanics_say(setting, what):
+    poses, basis, effects = setting
+    groups, really = REALLY[what]
+    torque, _ = effects.evaluate(replace(basis, payload=np.zeros(len(basis))), at(effects, **groups))
+    np.testing.assert_allclose(torque, really.torque(poses.q, poses.q - poses.approach), atol=2e-5)
+
+
+def test_a_spring_is_linear_in_the_angle(setting):
+    poses, basis, effects = setting
+    stiffness, relaxed = 25.0, -0.3
+    middle, half = arms.LIMITS[2].mean(), effects.half[2]
+    p = at(effects, spring_3=[stiffness * (middle - relaxed), stiffness * half])
+    more = effects.evaluate(basis, p)[0] - effects.evaluate(basis, 0 * p)[0]
+    np.testing.assert_allclose(more[:, 2], stiffness * (poses.q[:, 2] - relaxed), atol=1e-9)
+    np.testing.assert_allclose(np.delete(more, 2, axis=1), 0.0, atol=1e-12)
+
+
+def test_a_payload_is_a_mass_at_the_last_link(setting):
+    poses, basis, effects = setting
+    p = at(effects, payload=[0.1, 0.02, -0.03])
+    mine = effects.evaluate(basis, p)[0]
+    for row in (0, 7, 20):
+        carrying = replace(arms.Arm(), tool=(float(poses.payload[row]), (0.1, 0.02, -0.03)))
+        np.testing.assert_allclose(mine[row], carrying.load(poses.q[row : row + 1])[0], atol=1e-9)
+
+
+def test_hoses_have_an_energy(setting):
+    """Both joints' torques are slopes of one energy: the slope of the one over the other's angle is the same."""
+    poses, _, effects = setting
+    p = np.zeros(len(effects.scale))
+    for kind in ("hose", "bent hose"):
+        part = effects.slices[f"{kind} 3-4"]
+        p[part] = effects.scale[part] * np.random.default_rng(5).normal(size=part.stop - part.start)
+    part = effects.linear
+
+    def torque(q):
+        share = (q - arms.LIMITS.mean(axis=1)) / effects.half
+        basis = replace(setting[1], share=share)
+        return effects.load(basis, p)[1][:, :, part] @ p[part]
+
+    h = 1e-5
+    cross = []
+    for a, b in ((2, 3), (3, 2)):
+        step = np.zeros(6)
+        step[b] = h
+        cross.append((torque(poses.q + step)[:, a] - torque(poses.q - step)[:, a]) / (2 * h))
+    np.testing.assert_allclose(cross[0], cross[1], rtol=1e-5, atol=1e-5)
+    assert np.abs(cross[0]).max() > 0.1
+
+
+def test_polynomials_are_legendres():
+    x = np.linspace(-1, 1, 9)
+    value, slope = legendre(x)
+    for degree in range(BENT + 1):
+        reference = np.polynomial.Legendre.basis(degree)
+        np.testing.assert_allclose(value[degree], reference(x), atol=1e-12)
+        np.testing.assert_allclose(slope[degree], reference.deriv()(x) if degree else 0 * x, atol=1e-11)

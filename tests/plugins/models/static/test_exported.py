@@ -1,0 +1,113 @@
+"""Model files against the formulas that they hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt import CellInfo, FrameChannel, Frames, Layout
+from cellwatt.errors import ModelError
+from cellwatt_plugins.models import ModelSettings, ModelStage, read_metadata
+from cellwatt_plugins.models.network import open_network
+from cellwatt_plugins.models.static.exported import Widths, write_best, write_paper
+from cellwatt_plugins.models.static.identify import Identified, identify, with_leftover
+from cellwatt_plugins.models.static.paper import trained
+from tests.plugins.models.static import arms
+from tests.plugins.models.static.test_identify import collection, known
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """An arm with every effect in its model, at random, and what is left over."""
+    poses = collection(arms.some_arm(6), 1, 60)
+    poses = replace(poses, payload=np.linspace(0, 4, 60))
+    arm = known(tmp_path_factory.mktemp("robot"), poses)
+    basis, effects = arm.basis(poses), arm.effects(poses)
+    model = identify(basis, poses.torque, effects)
+    p = 0.5 * effects.scale * np.random.default_rng(2).normal(size=len(effects.scale))
+    p[effects.slices["zero"]] = 0.0  # the graph turns the angles themselves, the formula follows the slope
+    everything = replace(model, posterior=replace(model.posterior, mean=p))
+    return with_leftover(everything, basis, poses.torque), arm, poses
+
+
+def save(folder: Path, fitted: tuple) -> Path:
+    model, arm, poses = fitted
+    write_best(folder / "model.onnx", model, Widths(2.0, 9.0), arm, poses)
+    return folder / "model.onnx"
+
+
+def inputs(poses) -> np.ndarray:
+    return np.hstack([poses.q, poses.approach, poses.payload[:, None]])
+
+
+def test_the_graph_is_the_formula(tmp_path, fitted):
+    model, arm, poses = fitted
+    network = open_network(save(tmp_path, fitted))
+    given = network.run(inputs(poses))
+    basis = arm.basis(poses)
+    np.testing.assert_allclose(given[:, :6], model.torque(basis), atol=1e-8)
+    np.testing.assert_allclose(given[:, 6], model.total(basis), atol=1e-8)
+    unknown = np.isnan(poses.approach).any(axis=1)
+    assert unknown.sum() == 1
+    width = np.where(unknown, 9.0, 2.0)
+    np.testing.assert_allclose(given[:, 7], np.maximum(given[:, 6] - width, 0))
+    np.testing.assert_allclose(given[:, 8], given[:, 6] + width)
+
+
+def test_plain_models_and_zero_positions_too(tmp_path, fitted):
+    model, arm, poses = fitted
+    effects = model.effects
+    p = np.zeros(len(effects.scale))
+    p[effects.slices["zero"]] = 1e-4
+    p[effects.slices["friction 2"]] = 3.0
+    plain = Identified(effects, replace(model.posterior, mean=p), None, model.odd)
+    network = open_network(save(tmp_path, (plain, arm, poses)))
+    given = network.run(inputs(poses))
+    np.testing.assert_allclose(given[:, :6], plain.torque(arm.basis(poses)), atol=1e-4)
+
+
+def test_the_file_says_what_it_needs(tmp_path, fitted):
+    told = read_metadata(save(tmp_path, fitted))
+    assert told.robot == "mh12"
+    assert [i.channel for i in told.inputs if not i.optional] == [f"joint_{j}.position" for j in range(1, 7)]
+    assert [i.channel for i in told.inputs if i.optional][-1] == "tool.payload"
+    assert [o.name for o in told.outputs][-3:] == ["torque_sum", "torque_sum_low", "torque_sum_high"]
+    assert told.training.data == fitted[2].digest
+
+
+def test_live_it_says_the_same_and_needs_only_positions(tmp_path, fitted):
+    _, _, poses = fitted
+    file = save(tmp_path, fitted)
+    channels = [FrameChannel(f"arm.joint_{j}.position", "rad", "continuous", "linear") for j in range(6, 0, -1)]
+    layout = Layout(tuple(channels), 50.0)
+    stage = ModelStage("static", ModelSettings(file=file), layout, CellInfo("a", "b", "mh12", tmp_path))
+    values = poses.q[:, ::-1].copy()
+    values[5, 2] = np.nan
+    zeros = np.zeros(values.shape, np.int64)
+    block = Frames(layout, 0, 20_000_000 * np.arange(len(values)), values, zeros.astype(np.uint8), zeros)
+    prediction = stage.process(block, ())[0]
+    table = inputs(replace(poses, approach=np.full_like(poses.q, np.nan), payload=np.full(60, np.nan)))
+    wanted = open_network(file).run(table)
+    wanted[5] = np.nan
+    for column, name in zip(wanted.T, prediction.outputs, strict=True):
+        np.testing.assert_allclose(prediction.outputs[name], column, rtol=1e-6, atol=1e-6)
+    with pytest.raises(ModelError, match="it is of robot 'mh12', the cell's robot is 'ur5'"):
+        ModelStage("static", ModelSettings(file=file), layout, CellInfo("a", "b", "ur5", tmp_path))
+
+
+def test_the_papers_methods_are_files_too(tmp_path, fitted):
+    _, arm, poses = fitted
+    basis = arm.basis(poses)
+    gravity = basis.vertical @ fitted[0].effects.cad
+    simulated = np.abs(gravity).sum(axis=1)
+    both = np.hstack([poses.q, gravity])
+    plain, hybrid = trained(poses.q, poses.total, 12, 0), trained(both, poses.total - simulated, 9, 0)
+    wanted = {"gravity": simulated, "network": plain(poses.q), "hybrid": simulated + hybrid(both)}
+    networks = {"gravity": (None, True), "network": (plain, False), "hybrid": (hybrid, True)}
+    for name, (network, with_gravity) in networks.items():
+        write_paper(tmp_path / f"{name}.onnx", network, arm, poses, with_gravity)
+        given = open_network(tmp_path / f"{name}.onnx").run(poses.q)[:, 0]
+        np.testing.assert_allclose(given, wanted[name], rtol=1e-9, atol=1e-8)

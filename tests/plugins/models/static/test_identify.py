@@ -1,0 +1,167 @@
+"""What held poses say of arms whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.models.static.findings import findings
+from cellwatt_plugins.models.static.identify import Arm, Identified, identify, identify_checked, with_leftover
+from cellwatt_plugins.models.static.leftover import learned
+from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.robot import load_robot
+from tests.plugins.models.static import arms
+
+RIGHT = arms.Arm()
+
+
+def collection(arm: arms.Arm, seed: int, count: int) -> Poses:
+    """A collection in the order of the sequence; each pose's mean as a controller in whole per cent gives it."""
+    rng = np.random.default_rng(seed)
+    table = arms.samples(arm, rng, count)
+    percent = np.stack([table[f"torque_percent_{j}"] for j in range(1, 7)], axis=1).reshape(count, 100, 6)
+    q = arms.within(arm.limits, arms.halton(count))
+    approach = np.vstack([np.full((1, 6), np.nan), np.diff(q, axis=0)])
+    spread = percent.std(axis=1) / 100 * arm.rated
+    return Poses(
+        q, percent.mean(axis=1) / 100 * arm.rated, spread, np.full(count, 100), approach, np.full(count, np.nan)
+    )
+
+
+def known(folder, poses: Poses, cad: arms.Arm = RIGHT) -> Arm:
+    return Arm.of(load_robot(arms.write_robot(folder, cad)), poses.q)
+
+
+def fitted(folder, really: arms.Arm, count: int, seed: int = 1) -> tuple[Identified, Arm, Poses]:
+    poses = collection(really, seed, count)
+    arm = known(folder, poses, arms.Arm(limits=really.limits, rated=really.rated))
+    return identify(arm.basis(poses), poses.torque, arm.effects(poses)), arm, poses
+
+
+def r2(model: Identified, arm: Arm, really: arms.Arm, seed: int = 9) -> float:
+    q, came, torque = arms.unseen(really, np.random.default_rng(seed), 200)
+    nothing = np.zeros_like(q)
+    poses = Poses(q, nothing, nothing, np.ones(200, int), q - came, np.full(200, np.nan))
+    total = np.abs(torque).sum(axis=1)
+    return float(1 - np.mean((model.total(arm.basis(poses)) - total) ** 2) / np.var(total))
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+@pytest.mark.parametrize(("count", "least"), [(40, 0.995), (300, 0.998)])
+def test_arms_drawn_at_random_are_found(tmp_path, seed, count, least):
+    really = arms.some_arm(seed)
+    model, arm, _ = fitted(tmp_path, really, count)
+    assert r2(model, arm, really) > least
+
+
+def test_an_arm_like_its_cad_model_is_left_alone(tmp_path):
+    really = replace(RIGHT, friction=0.01 * arms.RATED)
+    model, arm, poses = fitted(tmp_path, really, 200)
+    told = findings(model, arm, arm.basis(poses))
+    assert {finding.kind for finding in told} <= {"friction", "gravity"}
+    assert sum(finding.kind == "gravity" for finding in told) <= 1  # twenty to one is not never
+
+
+def test_findings_are_true_within_their_deviations(tmp_path):
+    spring = np.array([0, 0, 25.0, 0, 0, 0])
+    really = replace(
+        RIGHT,
+        friction=np.array([2.0, 5, 4, 1, 1, 0.5]),
+        load_friction=0.04,
+        spring=spring,
+        relaxed=np.full(6, -0.2),
+        tool=(3.0, (0.1, 0.0, 0.0)),
+    )
+    model, arm, poses = fitted(tmp_path, really, 300)
+    told = findings(model, arm, arm.basis(poses))
+    friction = {f.joints[0]: f.figures[0] for f in told if f.kind == "friction"}
+    for joint, true in enumerate(really.friction, start=1):
+        assert abs(friction[joint].value - true) < 3.5 * friction[joint].deviation
+    (stiffness, *_), *others = [f.figures for f in told if f.kind == "spring"]
+    assert not others
+    assert abs(stiffness.value - 25.0) < 3.5 * stiffness.deviation
+    (share,) = [f.figures for f in told if f.kind == "load friction"]
+    two = next(figure for figure in share if figure.name == "joint 2")
+    assert abs(two.value - 4.0) < 3.5 * two.deviation
+    assert any("Joint 2 carries" in f.statement and "the CAD model says" in f.statement for f in told)
+
+
+def test_torques_that_fit_nothing_else_are_not_used(tmp_path):
+    really = arms.some_arm(13)
+    poses = collection(really, 1, 120)
+    spoiled = poses.torque.copy()
+    spoiled[[10, 40, 77], [1, 2, 4]] += [40.0, -30.0, 8.0]
+    arm = known(tmp_path, poses)
+    model = identify(arm.basis(poses), spoiled, arm.effects(poses))
+    assert {(10, 1), (40, 2), (77, 4)} <= set(map(tuple, np.argwhere(model.odd)))
+    assert model.odd.sum() < 10
+    assert r2(model, arm, really) > 0.998
+
+
+def test_without_the_direction_the_sum_is_what_it_is_on_average(tmp_path):
+    really = replace(RIGHT, friction=0.03 * arms.RATED)
+    model, arm, poses = fitted(tmp_path, really, 120)
+    both = []
+    for way in (1.0, -1.0):
+        told = replace(poses, approach=np.full_like(poses.q, way))
+        both.append(np.abs(model.torque(arm.basis(told))))
+    blind = replace(poses, approach=np.full_like(poses.q, np.nan))
+    np.testing.assert_allclose(model.total(arm.basis(blind)), np.sum(np.mean(both, axis=0), axis=1), rtol=1e-9)
+
+
+def test_payloads_between_poses_are_told_apart_from_the_arm(tmp_path):
+    carried = np.where(np.arange(160) % 3 == 0, 0.0, np.where(np.arange(160) % 3 == 1, 3.0, 8.0))
+    parts = [
+        collection(replace(RIGHT, tool=(mass, (0.12, 0.0, 0.03)), hold=0.0005), 1, 160) for mass in (0.0, 3.0, 8.0)
+    ]
+    torque = np.choose((np.arange(160) % 3)[:, None], [part.torque for part in parts])
+    poses = replace(parts[0], torque=torque, payload=carried)
+    arm = known(tmp_path, poses)
+    model = identify(arm.basis(poses), poses.torque, arm.effects(poses))
+    centre = model.posterior.mean[model.effects.slices["payload"]]
+    np.testing.assert_allclose(centre, [0.12, 0.0, 0.03], atol=0.01)
+
+
+class Bumpy(arms.Arm):
+    """Something no physics here has: a bump over three joints."""
+
+    def load(self, q):
+        bump = np.exp(-np.sum((q[:, [0, 3, 4]] - [0.3, 0.5, -0.2]) ** 2, axis=1))
+        return super().load(q) + 20.0 * bump[:, None] * np.array([0, 1, 1, 0.1, 0.1, 0])
+
+
+def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path):
+    plain = replace(RIGHT, friction=0.01 * arms.RATED)
+    for really, helps in ((plain, False), (Bumpy(friction=0.01 * arms.RATED), True)):
+        poses = collection(really, 1, 100)
+        arm = known(tmp_path, poses)
+        basis, effects = arm.basis(poses), arm.effects(poses)
+        checked = identify_checked(poses, basis, effects, 0, lambda: None)
+        assert (checked.model.leftover is not None) == helps
+        if helps:
+            fuller = r2(checked.model, arm, really)
+            assert fuller > r2(replace(checked.model, leftover=None), arm, really)
+
+
+def test_a_process_follows_what_is_left(tmp_path):
+    rng = np.random.default_rng(4)
+    share = rng.uniform(-1, 1, (200, 3))
+    truth = np.stack([np.sin(2 * share[:, 0] + share[:, 1]), share[:, 2] ** 2, 0 * share[:, 0]], axis=1)
+    found = learned(share, truth + 0.05 * rng.normal(size=truth.shape), np.ones((200, 3), bool))
+    new = rng.uniform(-0.9, 0.9, (200, 3))
+    wanted = np.stack([np.sin(2 * new[:, 0] + new[:, 1]), new[:, 2] ** 2, 0 * new[:, 0]], axis=1)
+    np.testing.assert_array_less(np.sqrt(np.mean((found(new) - wanted) ** 2, axis=0)), 0.05)
+
+
+def test_the_leftover_is_part_of_the_torque(tmp_path):
+    poses = collection(Bumpy(), 1, 60)
+    arm = known(tmp_path, poses)
+    basis = arm.basis(poses)
+    model = identify(basis, poses.torque, arm.effects(poses))
+    fuller = with_leftover(model, basis, poses.torque)
+    assert fuller.leftover is not None
+    used = basis.direction[:, 0] != 0
+    errors = [np.std((poses.torque - m.torque(basis))[used, 1]) for m in (model, fuller)]
+    assert errors[1] < errors[0]

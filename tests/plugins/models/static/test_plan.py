@@ -1,0 +1,180 @@
+"""Plans of poses: the sequence, safety, order, and the operator's job."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
+from cellwatt_plugins.models.static.collision import Checker, Outline, distance, read_outline
+from cellwatt_plugins.models.static.command import plan_poses as command
+from cellwatt_plugins.models.static.inform import LONGEST, Encoders, jobs
+from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, short_order, travel, within
+from cellwatt_plugins.models.static.planning import MH12
+from cellwatt_plugins.robot import RigidBody, load_robot
+from tests.plugins.models.static import arms
+
+SPEED = np.radians([220, 200, 220, 410, 410, 610])
+
+
+@pytest.fixture(scope="module")
+def mh12():
+    robot = load_robot(MH12)
+    return RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+
+
+def test_the_sequence_is_haltons():
+    np.testing.assert_allclose(halton(8, 2)[:, 0], [1 / 2, 1 / 4, 3 / 4, 1 / 8, 5 / 8, 3 / 8, 7 / 8, 1 / 16])
+    np.testing.assert_allclose(halton(5, 2)[:, 1], [1 / 3, 2 / 3, 1 / 9, 4 / 9, 7 / 9])
+    np.testing.assert_allclose(halton(200, 6), arms.halton(200), atol=1e-12)
+
+
+def test_the_packaged_robot_has_the_limits_and_masses_of_the_paper(mh12):
+    robot = load_robot(MH12)
+    found = [(joint.lower_limit, joint.upper_limit) for joint in robot.joints]
+    np.testing.assert_allclose(found, arms.LIMITS)
+    np.testing.assert_allclose(mh12.model.upperPositionLimit, [2.9670, 2.7052, 2.6179, 3.4096, 2.6179, 3.1415])
+    masses = [mh12.model.inertias[i].mass for i in range(1, 6)]
+    np.testing.assert_allclose(masses, [44.652, 30.939, 10.538, 4.9476, 2.0965])
+
+
+def test_all_of_the_papers_poses_are_safe(mh12):
+    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    plan = plan_poses(532, arms.LIMITS, SPEED, checker)
+    assert (len(plan.q), plan.unsafe, plan.unreachable) == (532, 0, 0)
+    expected = within(arms.LIMITS, halton(532, 6))
+    np.testing.assert_allclose(sorted(map(tuple, plan.q)), sorted(map(tuple, expected)))
+    assert plan.travel < 0.5 * plan.unordered
+    assert (np.abs(plan.rising - 0.5) < 0.1).all()
+
+
+def test_poses_through_the_floor_or_into_the_arm_are_not_safe(mh12):
+    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    straight, down, folded = np.zeros(6), np.array([0, 1.9, 0.9, 0, 0, 0]), np.array([0, 0, 2.55, 0, 0, 0])
+    np.testing.assert_array_equal(checker.safe(np.stack([straight, down, folded])), [True, False, False])
+    assert checker.safe_move(straight, 0.2 * down)
+    assert not checker.safe_move(straight, down)
+
+
+def test_a_way_through_the_floor_between_two_safe_poses_is_not_safe(mh12):
+    """The forearm swings from in front to behind and points down in between."""
+    checker = Checker(mh12, Outline(floor=0.6, capsules=read_outline(MH12, mh12).capsules[-2:]), arms.LIMITS)
+    ahead, behind = np.zeros(6), np.array([0, 0, 3.0, 0, 0, 0])
+    assert checker.safe(np.stack([ahead, behind])).all()
+    assert not checker.safe_move(ahead, behind)
+
+
+def test_wide_limits_leave_unsafe_places_out(mh12):
+    limits = np.array(arms.LIMITS)
+    limits[1], limits[2] = (-1.5, 1.9), (-1.4, 2.5)
+    checker = Checker(mh12, read_outline(MH12, mh12), limits)
+    plan = plan_poses(60, limits, SPEED, checker)
+    assert plan.unsafe > 0
+    assert len(plan.q) + plan.unreachable == 60
+    assert checker.safe(plan.q).all()
+    assert all(checker.safe_move(a, b) for a, b in zip(plan.q[:-1], plan.q[1:], strict=True))
+
+
+def test_limits_without_a_safe_place_are_refused(mh12):
+    limits = np.array([[-0.1, 0.1], [1.9, 2.0], [0.8, 0.9], [0, 0.1], [0, 0.1], [0, 0.1]])
+    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    with pytest.raises(ConfigError, match="only 0 of 100 places within the joints' limits are safe"):
+        plan_poses(5, limits, SPEED, checker)
+
+
+@given(seed=st.integers(0, 1000))
+@settings(max_examples=40, deadline=None)
+def test_distances_between_rods(seed):
+    rng = np.random.default_rng(seed)
+    a, b = rng.normal(size=(2, 3, 2, 3))
+    share = np.linspace(0, 1, 201)[:, None]
+    for k in range(3):
+        points = [end[k, 0] + share * (end[k, 1] - end[k, 0]) for end in (a, b)]
+        brute = np.linalg.norm(points[0][:, None] - points[1], axis=2).min()
+        assert distance(a, b)[k] == pytest.approx(brute, abs=0.02)
+        assert distance(a, b)[k] <= brute + 1e-9
+
+
+def test_the_order_is_short_and_begins_everywhere():
+    q = within(arms.LIMITS, halton(160, 6))
+    order = short_order(q, SPEED)
+    assert sorted(order) == list(range(160))
+    assert travel(q[order], SPEED) < 0.5 * travel(q, SPEED)
+
+
+def test_the_first_poses_of_a_plan_are_those_of_a_short_plan(mh12):
+    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    long, short = (plan_poses(n, arms.LIMITS, SPEED, checker).q for n in (160, STAGE))
+    np.testing.assert_array_equal(long[:STAGE], short)
+
+
+def read_job(text: str) -> tuple[list[list[int]], list[str]]:
+    lines = text.split("\r\n")
+    places = [list(map(int, line.split("=")[1].split(","))) for line in lines if re.match(r"C\d{5}=", line)]
+    return places, lines[lines.index("NOP") + 1 : lines.index("END")]
+
+
+def test_the_job_goes_to_each_pose_once_and_waits():
+    per_degree, zero = np.array([1341.4, 1341.4, 1341.4, 1000, 1000, -622]), np.array([0, -1.5, 0, 0, 0.1, 0])
+    coupling = np.eye(6)
+    coupling[5, 4] = -0.1
+    q = within(arms.LIMITS, halton(10, 6))
+    written = jobs("HELD", q, Encoders(per_degree, coupling, zero), 25.0, 3.0, datetime(2026, 5, 4, 10, 0))
+    ((name, text),) = written.items()
+    assert name == "HELD.JBI"
+    assert text.startswith("/JOB\r\n//NAME HELD\r\n//POS\r\n///NPOS 10,0,0,0,0,0\r\n")
+    places, steps = read_job(text)
+    driver = MotorAngles.of(per_degree, coupling, zero)
+    np.testing.assert_allclose([driver.angles(place) for place in places], q, atol=3e-5)
+    assert steps == [s for i in range(10) for s in (f"MOVJ C{i:05d} VJ=25.00 PL=0", "TIMER T=3.00")]
+
+
+def test_a_long_plan_is_several_jobs():
+    q = within(arms.LIMITS, halton(2 * LONGEST + 1, 6))
+    written = jobs("HELD", q, Encoders(np.full(6, 1000.0)), 25.0, 3.0, datetime(2026, 5, 4))
+    assert list(written) == ["HELD-1.JBI", "HELD-2.JBI", "HELD-3.JBI"]
+    assert sum(len(read_job(text)[0]) for text in written.values()) == len(q)
+
+
+def test_an_encoder_for_another_robot_is_refused():
+    with pytest.raises(ConfigError, match="pulses_per_degree has 7 values, the robot 6 joints"):
+        Encoders(np.ones(7)).pulses(np.zeros((1, 6)))
+
+
+def test_the_command_writes_plan_and_job(tmp_path):
+    cell = tmp_path / "cell.yaml"
+    source = {"driver": "yaskawa", "host": "127.0.0.1", "pulses_per_degree": [1000.0] * 6}
+    cell.write_text(yaml.safe_dump({"site": "a", "cell": "b", "sources": {"arm": source}}))
+    done = CliRunner().invoke(command, ["--count", "12", "--out", str(tmp_path / "plan"), "--cell", str(cell)])
+    assert done.exit_code == 0, done.output
+    assert "12 poses of mh12" in done.output
+    table = np.genfromtxt(tmp_path / "plan" / "plan.csv", delimiter=",", names=True)
+    places, _ = read_job((tmp_path / "plan" / "POSES.JBI").read_bytes().decode())
+    angles = np.stack([table[f"q_{i}"] for i in range(1, 7)], axis=1)
+    np.testing.assert_allclose(np.radians(np.array(places) / 1000), angles, atol=1e-5)
+
+
+def test_a_cell_without_encoders_is_refused(tmp_path):
+    cell = tmp_path / "cell.yaml"
+    cell.write_text("site: a\ncell: b\nsources: {arm: {driver: ur, host: 192.0.2.1}}\n")
+    done = CliRunner().invoke(command, ["--count", "4", "--out", str(tmp_path), "--cell", str(cell)])
+    assert isinstance(done.exception, ConfigError)
+    assert "expected one source with pulses_per_degree; none has" in str(done.exception)
+
+
+def test_a_robot_without_an_outline_has_rods(tmp_path):
+    file = arms.write_robot(tmp_path, arms.Arm())
+    robot = load_robot(file)
+    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    assert [capsule.link for capsule in read_outline(file, body).capsules] == [0, 1, 2, 3, 4, 5]
+    file.write_text(file.read_text() + "capsules: [{link: 9, from: [0, 0, 0], to: [0, 0, 1], radius: 0.1}]\n")
+    with pytest.raises(ConfigError, match="a link above 6"):
+        read_outline(file, body)

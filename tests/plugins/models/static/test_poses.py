@@ -1,0 +1,107 @@
+"""Poses from the tables that a person has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.static.poses import read_poses
+from cellwatt_plugins.robot import load_robot
+from tests.plugins.models.static import arms
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    return load_robot(arms.write_robot(tmp_path_factory.mktemp("robot"), arms.Arm()))
+
+
+def save(folder, columns, name="samples.parquet"):
+    path = folder / name
+    pq.write_table(pa.table(columns), path)
+    return path
+
+
+def test_samples_become_means_in_newton_metres(tmp_path, robot):
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 15)
+    poses = read_poses([save(tmp_path, table)], robot)
+    assert len(poses) == 15
+    np.testing.assert_array_equal(poses.count, 100)
+    np.testing.assert_allclose(poses.torque, arms.Arm().load(poses.q), atol=0.006 * arms.RATED.max())
+    percent = table["torque_percent_2"].reshape(15, 100)
+    np.testing.assert_allclose(poses.torque[:, 1], 4.6 * percent.mean(axis=1))
+    np.testing.assert_allclose(poses.spread[:, 1], 4.6 * percent.std(axis=1, ddof=1))
+    assert np.isnan(poses.approach[0]).all()
+    np.testing.assert_allclose(poses.approach[1:], np.diff(poses.q, axis=0))
+
+
+def test_newton_metres_and_known_ways_are_taken_as_they_are(tmp_path, robot):
+    rng = np.random.default_rng(2)
+    q, came, torque = rng.normal(size=(3, 20, 6))
+    columns = {"pose": np.arange(20), "payload": np.linspace(0, 3, 20)}
+    for j in range(6):
+        columns |= {f"q_{j + 1}": q[:, j], f"q_from_{j + 1}": came[:, j], f"torque_{j + 1}": torque[:, j]}
+    poses = read_poses([save(tmp_path, columns)], robot)
+    np.testing.assert_array_equal(poses.torque, torque)
+    np.testing.assert_allclose(poses.approach, q - came)
+    assert poses.payload_known
+
+
+def test_poses_are_recognised_in_a_recording_of_motion(tmp_path, robot):
+    rng = np.random.default_rng(3)
+    goals = rng.uniform(-1, 1, (14, 6))
+    q = [np.zeros((1, 6))]
+    for goal in goals:
+        q.append(q[-1][-1] + np.linspace(0, 1, 26)[1:, None] * (goal - q[-1][-1]))
+        q.append(np.repeat(goal[None], 140, axis=0))
+    q = np.concatenate(q)
+    torque = arms.Arm().load(q) / arms.RATED
+    columns = {"t": 0.02 * np.arange(len(q))}
+    for j in range(6):
+        columns |= {f"arm.joint_{j + 1}.position": q[:, j], f"arm.joint_{j + 1}.torque_ratio": torque[:, j]}
+    poses = read_poses([save(tmp_path, columns)], robot)
+    np.testing.assert_allclose(poses.q, goals, atol=1e-9)
+    np.testing.assert_allclose(poses.torque, arms.Arm().load(goals), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(np.sign(poses.approach[1:]), np.sign(np.diff(goals, axis=0)))
+
+
+def test_several_files_follow_each_other(tmp_path, robot):
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 24)
+    halves = [{k: v[part] for k, v in table.items()} for part in (slice(0, 1200), slice(1200, 2400))]
+    paths = [save(tmp_path, half, f"{i}.parquet") for i, half in enumerate(halves)]
+    poses = read_poses(paths, robot)
+    assert len(poses) == 24
+    assert np.isnan(poses.approach[[0, 12]]).all()
+
+
+def test_poses_with_few_samples_are_left_out_and_said(tmp_path, robot):
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 20)
+    keep = (table["pose"] != 7) | (np.arange(2000) % 100 < 5)
+    poses = read_poses([save(tmp_path, {k: v[keep] for k, v in table.items()})], robot)
+    assert len(poses) == 19
+    assert poses.notes == ("1 poses have too few samples and are left out",)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda t: t.pop("q_3"), r"no position of joint 3; there are: pose, t, q_1"),
+        (lambda t: t.pop("torque_percent_5"), r"no torque of joint 1;"),
+        (lambda t: t.update({k: v[:500] for k, v in t.items()}), "5 poses; a training needs 12, and 40"),
+        (lambda t: (t.pop("pose"), t.pop("t")), r"expected a column pose, or t \(s\)"),
+    ],
+)
+def test_what_cannot_be_used_is_said(tmp_path, robot, change, text):
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 20)
+    change(table)
+    with pytest.raises(RecordingError, match=text):
+        read_poses([save(tmp_path, table)], robot)
+
+
+def test_per_cent_need_rated_torques(tmp_path, robot):
+    joints = tuple(joint.model_copy(update={"rated_torque": 0.0}) for joint in robot.joints)
+    table = arms.samples(arms.Arm(), np.random.default_rng(1), 20)
+    with pytest.raises(RecordingError, match=r"write rated_torque .* of joint_1 into robot.yaml"):
+        read_poses([save(tmp_path, table)], robot.model_copy(update={"joints": joints}))

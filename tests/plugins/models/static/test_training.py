@@ -1,0 +1,145 @@
+"""``cellwatt train static`` and ``cellwatt predict``, as a person calls them."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import CellwattError, ModelError, RecordingError
+from cellwatt_plugins.models import read_metadata
+from cellwatt_plugins.models.command import predict, train
+from cellwatt_plugins.models.seal import sealed
+from cellwatt_plugins.models.static import paper
+from cellwatt_plugins.models.static.conformal import half_width
+from cellwatt_plugins.models.static.learning import Curve, Point
+from cellwatt_plugins.models.static.scores import Scores
+from tests.plugins.models.static import arms
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """A collection, its robot, poses never collected, and what two trainings on it said."""
+    folder = tmp_path_factory.mktemp("case")
+    really = replace(arms.Arm(), friction=0.01 * arms.RATED, mass=arms.MASS * 1.1)
+    robot, unseen = arms.write_case(folder, really, 4, cad=arms.Arm(), count=48)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paper, "TRIALS", 2)
+        given = ("static", folder / "samples.parquet", "--robot", robot, "--out")
+        report = json.loads(call(train, *given, folder / "a", "--json"))
+        text = call(train, *given, folder / "b")
+    return folder, unseen, report, text
+
+
+def call(command, *words):
+    done = CliRunner().invoke(command, [str(word) for word in words])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_poses_never_collected_are_predicted(case, tmp_path):
+    folder, (q, came, torque), report, _ = case
+    assert [method["name"] for method in report["methods"]] == ["gravity", "network", "hybrid", "best"]
+    columns = {f"q_{j + 1}": q[:, j] for j in range(6)} | {f"q_from_{j + 1}": came[:, j] for j in range(6)}
+    pq.write_table(pa.table({"pose": np.arange(len(q)), **columns}), tmp_path / "poses.parquet")
+    given = ("--model", folder / "a" / "model.onnx", tmp_path / "poses.parquet", "--out", tmp_path / "said.parquet")
+    said = json.loads(call(predict, *given, "--json"))
+    assert (said["rows"], said["missing"], said["begun"]) == (400, 0, 0)
+    table = pq.read_table(tmp_path / "said.parquet")
+    assert table.column_names[0] == "pose"
+    total = np.abs(torque).sum(axis=1)
+    assert Scores.of(total, table["torque_sum"].to_numpy()).r2 > 0.998
+    assert np.abs(table["torque_2"].to_numpy() - torque[:, 1]).max() < 4.0
+    inside = (table["torque_sum_low"].to_numpy() <= total) & (total <= table["torque_sum_high"].to_numpy())
+    assert inside.mean() >= 0.9
+
+
+def test_the_same_data_give_the_same_file(case):
+    models = []
+    for name in ("a", "b"):
+        path = case[0] / name / "model.onnx"
+        created = re.search(rb'"created":"[^"]+"', path.read_bytes())
+        content = path.read_bytes().replace(created[0], b"")
+        models.append(content[: -len(sealed(b""))])
+        assert read_metadata(path).training.rows == 48
+    assert models[0] == models[1]
+
+
+def test_in_words(case):
+    for part in ("gravity of the CAD model", "(0.687)", "best model", "Joint 2: friction holds", "More poses"):
+        assert part in case[3], case[3]
+    assert "model.onnx" in case[3]
+
+
+def test_a_table_without_a_joint_is_refused(case, tmp_path):
+    model = tmp_path / "model.onnx"
+    model.write_bytes((case[0] / "a" / "model.onnx").read_bytes())
+    pq.write_table(pa.table({f"q_{j}": [0.1] for j in (1, 2, 3, 5, 6)}), tmp_path / "poses.parquet")
+    given = ("--model", model, tmp_path / "poses.parquet", "--out", tmp_path / "said.parquet")
+    with pytest.raises(RecordingError, match=r"no column for input 4 of 12 of the model, 'joint_4.position' in rad"):
+        call(predict, *given)
+    model.write_bytes(b"not a model")
+    with pytest.raises(ModelError, match="onnxruntime cannot load it"):
+        call(predict, *given)
+
+
+def test_a_missing_library_is_named(case, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    given = ("static", case[0] / "samples.parquet", "--robot", case[0] / "robot.yaml", "--out", tmp_path)
+    with pytest.raises(CellwattError, match=r"training needs optuna: install it with pip install 'cellwatt\[train\]'"):
+        call(train, *given)
+
+
+def test_a_dozen_poses_in_newton_metres_are_a_beginning(tmp_path, monkeypatch):
+    monkeypatch.setattr(paper, "TRIALS", 1)
+    robot = arms.write_robot(tmp_path, arms.Arm())
+    robot.write_text(re.sub(r"  (rated_torque|lower_limit|upper_limit).*\n", "", robot.read_text()))
+    q = arms.within(arms.LIMITS, arms.halton(12))
+    columns = {
+        f"{name}_{j + 1}": values[:, j] for name, values in (("q", q), ("torque", arms.Arm().load(q))) for j in range(6)
+    }
+    pq.write_table(pa.table({"pose": np.arange(12), **columns}), tmp_path / "poses.parquet")
+    text = call(train, "static", tmp_path / "poses.parquet", "--robot", robot, "--out", tmp_path)
+    assert "More poses would still help: with 12" in text
+
+
+def test_scores_are_those_of_the_paper():
+    measured, predicted = np.array([100.0, 200.0, 400.0]), np.array([110.0, 180.0, 400.0])
+    scores = Scores.of(measured, predicted)
+    assert scores.rmse == pytest.approx(np.sqrt(500 / 3))
+    assert scores.mape == pytest.approx((10 + 10 + 0) / 3)
+    assert scores.accuracy == pytest.approx(100 - 20 / 3)
+    assert scores.mean_absolute == pytest.approx(10.0)
+    assert scores.r2 == pytest.approx(1 - 500 / np.sum((measured - measured.mean()) ** 2))
+
+
+def test_intervals_hold_what_they_say():
+    rng = np.random.default_rng(0)
+    inside = []
+    for _ in range(300):
+        errors = rng.standard_t(3, size=60)
+        inside.append(np.mean(np.abs(rng.standard_t(3, size=200)) <= half_width(errors)))
+    assert 0.89 < np.mean(inside) < 0.93
+
+
+@pytest.mark.parametrize(
+    ("errors", "reached", "enough", "words"),
+    [
+        ((3.0, 2.0, 1.01), 1.0, 80, "More poses would no longer help: 80 are as good as all 100"),
+        ((3.0, 2.0, 1.5), 1.0, None, "More poses would still help"),
+    ],
+)
+def test_advice_on_more_poses(errors, reached, enough, words):
+    points = tuple(Point(n, e, e, e) for n, e in zip((20, 40, 80), errors, strict=True))
+    curve = Curve(points, 0.9, reached, 100)
+    assert curve.enough == enough
+    assert words in curve.in_words()

@@ -1,0 +1,57 @@
+"""Models that look some frames ahead of what they predict."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from pydantic import ValidationError
+
+from cellwatt import Prediction
+from cellwatt_plugins.models import Input
+from cellwatt_plugins.models.predict import predict_file
+from tests.plugins.models.making import COLUMNS, Mlp, cut, frames, metadata, outputs, run, stage
+
+WINDOW, DELAY = 5, 2
+
+
+@pytest.fixture
+def values():
+    return np.random.default_rng(1).uniform(-2, 2, (40, 5))
+
+
+@pytest.mark.parametrize("edges", [[], [1, 2, 3], [20], list(range(1, 40))])
+def test_predictions_carry_the_times_of_the_frames_they_are_for(tmp_path, values, edges):
+    network = Mlp.random(3, window=WINDOW)
+    made = stage(network.save(tmp_path / "m.onnx", metadata(window=WINDOW, delay=DELAY)))
+    block = frames(values)
+    results = run(made, cut(block, edges))
+    predictions = [result for result in results if isinstance(result, Prediction)]
+    assert sum((p.time for p in predictions), ()) == tuple(block.time[: 40 - DELAY].tolist())
+    assert [p.sequence for p in predictions] == np.cumsum([0, *(len(p.time) for p in predictions[:-1])]).tolist()
+    given = outputs(results)
+    assert np.isnan(given[: WINDOW - 1 - DELAY]).all()
+    windows = np.stack([values[i - 2 : i + 3][:, COLUMNS] for i in range(2, 38)])
+    np.testing.assert_allclose(given[2:], network.truth(windows), rtol=0, atol=1e-4)
+
+
+def test_offline_both_ends_of_a_motion_are_held(tmp_path):
+    network = Mlp.random(4, inputs=1, window=WINDOW)
+    told = metadata(inputs=(Input("joint_1.position", "rad"),), window=WINDOW, delay=DELAY)
+    network.save(tmp_path / "m.onnx", told)
+    q = np.random.default_rng(2).normal(size=12)
+    table = {"t": 0.02 * np.arange(12), "move": np.repeat([0, 1], 6), "q_1": q}
+    pq.write_table(pa.table(table), tmp_path / "moves.parquet")
+    report = predict_file(tmp_path / "m.onnx", tmp_path / "moves.parquet", tmp_path / "said.parquet")
+    said = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()
+    for first in (0, 6):
+        padded = np.concatenate([[q[first]] * 2, q[first : first + 6], [q[first + 5]] * 2])
+        windows = np.stack([padded[i : i + WINDOW] for i in range(6)])[:, :, None]
+        np.testing.assert_allclose(said[first : first + 6], network.truth(windows)[:, 0], rtol=0, atol=1e-4)
+    assert report.begun == 4
+
+
+def test_a_delay_beyond_the_window_is_refused():
+    with pytest.raises(ValidationError, match="a delay of 5 frames is not within a window of 5"):
+        metadata(window=WINDOW, delay=WINDOW)

@@ -1,0 +1,163 @@
+"""Metadata written into a file and read back."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from cellwatt import CellwattError, ModelError
+from cellwatt.channel import UNITS
+from cellwatt_plugins.models import Input, Metadata, Output, Training, describe, read_metadata
+from cellwatt_plugins.models.metadata import decode, encode
+from tests.plugins.models.making import Mlp, metadata, stage
+
+SEAL = 2 + 2 + len("cellwatt.sha256") + 2 + 64
+"""Bytes of the last entry: tag and length of it, of its key and of its value."""
+
+names = st.text(min_size=1, max_size=20)
+units = st.sampled_from(sorted(UNITS))
+limits = st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 2).map(lambda pair: tuple(sorted(pair)))
+
+
+@st.composite
+def described(draw: st.DrawFn) -> Metadata:
+    channels = draw(st.lists(names, min_size=1, max_size=5, unique=True))
+    return Metadata(
+        name=draw(names),
+        robot=draw(st.none() | names),
+        inputs=tuple(Input(c, draw(units)) for c in channels),
+        outputs=tuple(Output(n, draw(units)) for n in draw(st.lists(names, min_size=1, max_size=3, unique=True))),
+        rate_hz=draw(st.none() | st.floats(1e-3, 1e6)),
+        window=draw(st.integers(1, 10_000)),
+        training=Training(
+            data=hashlib.sha256(draw(st.binary(max_size=4))).hexdigest(),
+            range=tuple(draw(limits) for _ in channels),
+            created=draw(st.datetimes(timezones=st.just(UTC))),
+            rows=draw(st.integers(1, 2**60)),
+        ),
+    )
+
+
+@given(described())
+def test_text_and_back(given):
+    assert decode(encode(given), Path("m.onnx")) == given
+
+
+@given(st.text() | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(repr))
+def test_any_text_is_refused_in_one_line(text):
+    with pytest.raises(ModelError) as caught:
+        decode(text, Path("m.onnx"))
+    assert str(caught.value).startswith("the model m.onnx is refused: ")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_described_file_is_taken_and_says_what_was_written(tmp_path):
+    path = Mlp.random(1).save(tmp_path / "m.onnx", None)
+    describe(path, metadata())
+    assert read_metadata(path) == metadata()
+    describe(str(path), metadata(name="second"))
+    assert stage(path).metadata.name == "second"
+    assert path.read_bytes().count(b"cellwatt.sha256") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
+
+
+def test_other_metadata_and_the_graph_stay(tmp_path):
+    path = Mlp.random(1).save(tmp_path / "m.onnx", None)
+    before = onnx.load(path)
+    onnx.helper.set_model_props(before, {"author": "me"})
+    onnx.save(before, path)
+    describe(path, metadata())
+    after = onnx.load(path)
+    assert {p.key for p in after.metadata_props} == {"author", "cellwatt", "cellwatt.sha256"}
+    assert after.graph == before.graph
+
+
+@settings(max_examples=50, deadline=None)
+@given(at=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_any_flipped_bit_is_seen_until_the_file_is_described_again(tmp_path_factory, at, bit):
+    path = Mlp.random(1).save(tmp_path_factory.mktemp("flipped") / "m.onnx", None)
+    describe(path, metadata())
+    content = bytearray(path.read_bytes())
+    content[int(at * (len(content) - SEAL))] ^= 1 << bit
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match="is not as describe\\(\\) left it"):
+        stage(path)
+    with pytest.raises(ModelError, match="is not as describe\\(\\) left it"):
+        read_metadata(path)
+
+
+def test_a_changed_weight_is_taken_once_it_is_described_again(tmp_path):
+    path = Mlp.random(1).save(tmp_path / "m.onnx", None)
+    describe(path, metadata())
+    content = path.read_bytes()
+    weight = np.float32(Mlp.random(1).b[0]).tobytes()
+    path.write_bytes(content.replace(weight, np.float32(0.3).tobytes(), 1))
+    with pytest.raises(ModelError, match="describe it anew"):
+        stage(path)
+    describe(path, metadata())
+    assert stage(path).metadata == metadata()
+
+
+def test_the_digest_is_an_entry_that_others_can_read(tmp_path):
+    path = Mlp.random(1).save(tmp_path / "m.onnx", None)
+    describe(path, metadata())
+    onnx.checker.check_model(path)
+    digest = {p.key: p.value for p in onnx.load(path).metadata_props}["cellwatt.sha256"]
+    assert hashlib.sha256(path.read_bytes()[:-SEAL]).hexdigest() == digest
+
+
+def test_a_file_that_does_not_agree_stays_as_it_was(tmp_path):
+    path = Mlp.random(1, outputs=3).save(tmp_path / "m.onnx", None)
+    before = path.read_bytes()
+    with pytest.raises(ModelError, match="expected \\[2, 2\\] for the metadata's outputs power, heat"):
+        describe(path, metadata())
+    assert path.read_bytes() == before
+
+
+def test_a_file_that_cannot_be_written_is_told(tmp_path, monkeypatch):
+    path = Mlp.random(1).save(tmp_path / "m.onnx", None)
+
+    def full(self: Path, target: Path) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(ModelError, match="cannot be written: no space left"):
+        describe(path, metadata())
+    assert [p.name for p in tmp_path.iterdir()] == ["m.onnx"]
+
+
+def test_without_onnx_the_package_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(CellwattError, match="pip install onnx"):
+        describe(tmp_path / "m.onnx", metadata())
+
+
+def test_training_of_a_table():
+    when = datetime(2026, 1, 2, tzinfo=UTC)
+    made = Training.of([[1, 10], [3, float("nan")], [2, -5]], when)
+    assert made.range == ((1.0, 3.0), (-5.0, 10.0))
+    assert (made.rows, made.created) == (3, when)
+    assert Training.of(np.array([[1.5]])).data == hashlib.sha256(struct.pack("<d", 1.5)).hexdigest()
+
+
+@pytest.mark.parametrize("table", [[1.0, 2.0], [], [[1.0, float("nan")]]])
+def test_no_training_of_what_is_no_table(table):
+    with pytest.raises(ModelError, match="training table"):
+        Training.of(table)
+
+
+def test_contradictions_are_refused_when_made():
+    with pytest.raises(ValidationError, match="expected one of"):
+        Input("joint_1.position", "deg")
+    with pytest.raises(ValidationError, match="4 entries for 3 inputs"):
+        metadata(training=Training.of(np.ones((2, 4))))

@@ -1,0 +1,95 @@
+"""Alarms of inputs that leave the training range: raised at once, cleared with hysteresis. Range −4 to 4, 50 Hz."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.plugins.models.making import CHANNELS, COLUMNS, START, Mlp, alarms, cut, frames, layout, metadata, run, stage
+
+SECOND = 50
+
+
+@pytest.fixture
+def path(tmp_path):
+    return Mlp.random(4).save(tmp_path / "m.onnx", metadata())
+
+
+def voltage(*spans: tuple[float, int]) -> np.ndarray:
+    """Frames at rest but for the voltage, which has each value for so many frames."""
+    values = np.zeros((sum(n for _, n in spans), len(CHANNELS)))
+    values[:, COLUMNS[0]] = np.concatenate([np.full(n, v) for v, n in spans])
+    return values
+
+
+def at(frame: int) -> int:
+    return START + frame * layout().step
+
+
+def test_raised_once_with_channel_value_and_range(path):
+    (alarm,) = alarms(run(stage(path), [frames(voltage((0, 10), (4.5, 30)))]))
+    assert (alarm.kind, alarm.severity, alarm.active) == ("model_outside_range", "info", True)
+    assert alarm.id == "power.meter.supply.voltage.model_outside_range"
+    assert (alarm.source, alarm.since, alarm.time) == ("meter", at(10), at(10))
+    assert alarm.statement == (
+        "meter.supply.voltage is 4.5 V, outside the -4 to 4 V that model test-power was trained on: "
+        "its predictions are extrapolated."
+    )
+    figures = {"value_V": 4.5, "low_V": -4.0, "high_V": 4.0}
+    assert alarm.evidence == {"model": "test-power", "channel": "meter.supply.voltage", **figures}
+
+
+def test_cleared_after_a_second_within_the_range(path):
+    spans = (4.5, 5), (-6.0, 1), (4.5, 1), (3.9, SECOND + 20)
+    raised, cleared = alarms(run(stage(path), [frames(voltage(*spans))]))
+    assert cleared.id == raised.id
+    assert (cleared.active, cleared.since, cleared.time) == (False, at(0), at(7 + SECOND - 1))
+    assert cleared.evidence["furthest_V"] == -6.0
+
+
+def test_furthest_is_measured_from_the_range(tmp_path):
+    training = replace(metadata().training, range=((100.0, 200.0), (-4.0, 4.0), (-4.0, 4.0)))
+    path = Mlp.random(4).save(tmp_path / "m.onnx", metadata(training=training))
+    spans = (250, 1), (20, 1), (260, 1), (150, SECOND)
+    assert alarms(run(stage(path), [frames(voltage(*spans))]))[-1].evidence["furthest_V"] == 20
+
+
+@pytest.mark.parametrize("value", [4.3, np.nextafter(4, 5)], ids=["in the margin", "just outside"])
+def test_between_range_and_margin_nothing_changes(path, value):
+    assert alarms(run(stage(path), [frames(voltage((value, 3 * SECOND)))])) == []
+    spans = (4.5, 1), (0, SECOND - 1), (value, 1), (0, SECOND - 1)
+    assert len(alarms(run(stage(path), [frames(voltage(*spans))]))) == 1
+
+
+def test_missing_values_neither_raise_nor_clear(path):
+    assert alarms(run(stage(path), [frames(voltage((np.nan, 2 * SECOND)))])) == []
+    spans = (4.5, 1), (0, SECOND - 1), (np.nan, 2 * SECOND), (0, 1)
+    cleared = alarms(run(stage(path), [frames(voltage(*spans))]))[1:]
+    assert [a.time for a in cleared] == [at(3 * SECOND)]
+
+
+def test_it_may_be_raised_again(path):
+    spans = ((4.5, 1), (0, SECOND)) * 3
+    found = alarms(run(stage(path), [frames(voltage(*spans))]))
+    assert [a.active for a in found] == [True, False] * 3
+
+
+@pytest.mark.parametrize(("outside", "count"), [(0.0, 1), (0.125, 0)])
+def test_the_margin_is_a_setting(path, outside, count):
+    assert len(alarms(run(stage(path, outside=outside), [frames(voltage((4.9, 1)))]))) == count
+
+
+def test_each_input_has_its_own_in_the_order_of_time(path):
+    values = voltage((0, 10), (5, 2), (0, 3 * SECOND))
+    values[5, COLUMNS[2]] = -9
+    found = alarms(run(stage(path), cut(frames(values), [7, 11, 60])))
+    names = ["arm.joint_2.position", "meter.supply.voltage"]
+    assert [(a.evidence["channel"], a.active) for a in found] == [(n, up) for up in (True, False) for n in names]
+
+
+def test_a_channel_that_is_no_input_is_not_watched(path):
+    values = voltage((0, 10))
+    values[:, 3] = 1e6
+    assert alarms(run(stage(path), [frames(values)])) == []

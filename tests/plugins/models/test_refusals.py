@@ -1,0 +1,264 @@
+"""Every file that does not fit is refused in one line that names the file, what was found and what was expected."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from cellwatt import CellwattError, ConfigError, Layout, ModelError
+from cellwatt.config import load
+from cellwatt.runtime.assemble import prepare
+from cellwatt_plugins.models import Input, Output
+from cellwatt_plugins.models.metadata import encode
+from tests.plugins.models.making import CHANNELS, Mlp, layout, metadata, save, stage, tensor
+
+MLP = Mlp.random(1)
+TWO_ARMS = {
+    "left.joint_1.position": "rad",
+    "left.joint_2.position": "rad",
+    "left.supply.voltage": "V",
+    "right.joint_1.position": "rad",
+    "right.joint_2.position": "rad",
+    "meter.supply.power": "W",
+}
+
+
+def told(**changes: Any) -> Callable[[Path], Path]:
+    """A good model with other metadata; ``None`` removes a key, ``__`` leads inside."""
+    document = json.loads(encode(metadata()))
+    for path, value in changes.items():
+        *parents, last = [int(part) if part.isdigit() else part for part in path.split("__")]
+        inside = document
+        for part in parents:
+            inside = inside[part]
+        if value is None:
+            del inside[last]
+        else:
+            inside[last] = value
+    return lambda path: MLP.save(path, json.dumps(document))
+
+
+def text(content: str | None) -> Callable[[Path], Path]:
+    return lambda path: MLP.save(path, content)
+
+
+def content(data: bytes) -> Callable[[Path], Path]:
+    return lambda path: (path.write_bytes(data), path)[1]
+
+
+def identity(shape: list[int | str], out: list[int | str], kind: int = TensorProto.FLOAT) -> Callable[[Path], Path]:
+    nodes = [helper.make_node("Identity", ["x"], ["y"])]
+    return lambda path: save(path, nodes, [tensor("x", shape, kind)], [tensor("y", out, kind)], metadata())
+
+
+def reduced(*nodes: Any, weights: Any = ()) -> Callable[[Path], Path]:
+    """From x [n, 3] to y [n, 2] by nodes that take v [n, 2], the first two columns."""
+    bounds = [numpy_helper.from_array(np.array([i]), n) for i, n in ((0, "from"), (2, "to"), (1, "axis"))]
+    first = helper.make_node("Slice", ["x", "from", "to", "axis"], ["v"])
+    y = tensor("y", ["n", 2])
+    return lambda path: save(path, [first, *nodes], [tensor("x", ["n", 3])], [y], metadata(), [*bounds, *weights])
+
+
+def two_inputs(path: Path) -> Path:
+    nodes = [helper.make_node("Add", ["x", "z"], ["y"])]
+    return save(path, nodes, [tensor("x", ["n", 2]), tensor("z", ["n", 2])], [tensor("y", ["n", 2])], metadata())
+
+
+def windowed(path: Path) -> Path:
+    return Mlp.random(1, window=3).save(path, metadata(window=5))
+
+
+def truncated(path: Path) -> Path:
+    whole = MLP.save(path, metadata()).read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    return path
+
+
+def mangled(text: bytes) -> Callable[[Path], Path]:
+    """A good model, no digest, with a byte in ``text`` that is not UTF-8."""
+
+    def make(path: Path) -> Path:
+        whole = MLP.save(path, metadata()).read_bytes()
+        path.write_bytes(whole.replace(text, text[:-1] + b"\xff"))
+        return path
+
+    return make
+
+
+def folder(path: Path) -> Path:
+    path.mkdir()
+    return path
+
+
+dropout = reduced(helper.make_node("RandomNormalLike", ["v"], ["r"]), helper.make_node("Add", ["v", "r"], ["y"]))
+batch = reduced(helper.make_node("ReduceMax", ["v"], ["r"], axes=[0]), helper.make_node("Sub", ["v", "r"], ["y"]))
+failing = reduced(
+    helper.make_node("Reshape", ["v", "shape"], ["y"]), weights=[numpy_helper.from_array(np.array([7, 2]), "shape")]
+)
+
+MODELS: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
+    "file that is not ONNX": (content(b"site: plant-1\n"), ["onnxruntime cannot load it as ONNX", "Protobuf"]),
+    "empty file": (content(b""), ["onnxruntime cannot load it as ONNX"]),
+    "half a file": (truncated, ["onnxruntime cannot load it as ONNX"]),
+    "missing file": (lambda path: path, ["cannot be read: no such file"]),
+    "metadata that is no text": (mangled(b"test-power"), ["onnxruntime cannot read its metadata", "utf-8"]),
+    "operator that is no text": (mangled(b"MatMul"), ["onnxruntime cannot load it as ONNX", "utf-8"]),
+    "folder": (folder, ["cannot be read: is a directory"]),
+    "no metadata": (text(None), ["no metadata", "'cellwatt'", "found none", "describe()"]),
+    "broken JSON": (text('{"version": 1,'), ["its metadata is not JSON", "line 1 column"]),
+    "deep JSON": (text("[" * 100_000), ["its metadata is not JSON"]),
+    "JSON that is no object": (text("[1]"), ["its metadata is [1], expected a JSON object"]),
+    "newer version": (told(version=2, colour="red"), ["of version 2", "reads version 1", "update cellwatt"]),
+    "version as text": (told(version="1"), ["has version '1', expected 1"]),
+    "version zero": (told(version=0), ["version is 0", "should be 1"]),
+    "no version": (told(version=None), ["has version None, expected 1"]),
+    "no robot": (told(robot=None), ["lacks robot"]),
+    "unknown key": (told(inputs__1__units="rad"), ["unknown key inputs[1].units"]),
+    "two mistakes": (told(inputs__1__units="rad", name=""), ["its metadata", "(and 1 more)"]),
+    "unit that is not SI": (told(inputs__1__unit="deg"), ["inputs[1].unit is 'deg'", "expected one of", "rad/s"]),
+    "number as text": (told(rate_hz="50"), ["rate_hz is '50'", "number"]),
+    "window of zero": (told(window=0), ["window is 0", "greater than or equal to 1"]),
+    "digest too short": (told(training__data="ab"), ["training.data is 'ab'"]),
+    "time without a zone": (told(training__created="2026-05-04T00:00:00"), ["training.created", "timezone"]),
+    "range upside down": (told(training__range__2=[1, -1]), ["training.range[2] is [1, -1]", "low not above high"]),
+    "range of two inputs": (told(training__range=[[0, 1]] * 2), ["training.range has 2 entries for 3 inputs"]),
+    "channel twice": (told(inputs__0__channel="joint_1.position"), ["'joint_1.position' is given twice"]),
+    "output twice": (told(outputs__0__name="heat"), ["the output 'heat' is given twice"]),
+    "too few columns": (identity(["n", 2], ["n", 2]), ["'x' has the shape [n, 2]", "expected [N, 3]", "3 inputs"]),
+    "no batch axis": (identity([3], [3]), ["'x' has the shape [3]", "expected [N, 3]"]),
+    "one frame only": (identity([1, 3], [1, 3]), ["[1, 3]", "expected [N, 3]", "dynamic first axis"]),
+    "other window": (windowed, ["'x' has the shape [n, 3, 3]", "expected [N, 5, 3]", "window 5"]),
+    "too many outputs": (identity(["n", 3], ["n", 3]), ["'y' has the shape [2, 3]", "expected [2, 2]", "power, heat"]),
+    "whole numbers": (identity(["n", 3], ["n", 3], TensorProto.INT64), ["'x' is tensor(int64)", "tensor(float)"]),
+    "two tensors": (two_inputs, ["2 input and 1 output tensors", "expected one of each"]),
+    "dropout left on": (dropout, ["one frame alone gives", "among others", "export it for inference"]),
+    "batch statistics": (batch, ["one frame alone gives", "among others", "export it for inference"]),
+    "graph that fails": (failing, ["it fails on inputs of shape [2, 3]"]),
+}
+
+CELLS: dict[str, tuple[dict[str, Any], type[CellwattError], list[str]]] = {
+    "other robot": ({"robot": "ur5e"}, ModelError, ["of robot 'ur10e'", "robot is 'ur5e'"]),
+    "cell without a robot": ({"robot": None}, ModelError, ["of robot 'ur10e'", "names no robot", "'robot: ur10e'"]),
+    "other rate": ({"grid": layout(rate=100.0)}, ModelError, ["at 50 Hz", "come at 100 Hz"]),
+    "wrong unit": (
+        {"grid": layout(CHANNELS | {"arm.joint_2.position": "A"})},
+        ModelError,
+        ["input 3 of 3 ('joint_2.position' in rad)", "arm.joint_2.position in A"],
+    ),
+    "unknown channel": (
+        {"grid": layout({n: u for n, u in CHANNELS.items() if "voltage" not in n})},
+        ModelError,
+        ["input 1 of 3 ('supply.voltage' in V)", "no source", "meter.supply.power"],
+    ),
+    "ambiguous channel": (
+        {"grid": layout(TWO_ARMS)},
+        ConfigError,
+        ["input 2 of 3 ('joint_1.position' in rad)", "several sources", "set source to one of left, right"],
+    ),
+    "unknown source": ({"source": "amr"}, ConfigError, ["no source 'amr'", "expected one of arm, meter"]),
+    "source without inputs": (
+        {"grid": layout(TWO_ARMS), "source": "meter"},
+        ConfigError,
+        ["source 'meter' gives none", "joint_1.position"],
+    ),
+    "the other arm's voltage": (
+        {"grid": layout(TWO_ARMS), "source": "right"},
+        ModelError,
+        ["input 1 of 3 ('supply.voltage' in V)", "no source", "right.joint_1.position"],
+    ),
+}
+
+
+def the_line(error: CellwattError, path: Path, parts: list[str]) -> None:
+    line = str(error)
+    assert "\n" not in line
+    assert str(path) in line
+    assert [part for part in parts if part not in line] == [], line
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_model(tmp_path, capfd, name):
+    make, parts = MODELS[name]
+    path = make(tmp_path / "m.onnx")
+    with pytest.raises(ModelError) as caught:
+        stage(path)
+    the_line(caught.value, path, parts)
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_cell(tmp_path, name):
+    cell, kind, parts = CELLS[name]
+    path = MLP.save(tmp_path / "m.onnx", metadata())
+    with pytest.raises(kind) as caught:
+        stage(path, **cell)
+    the_line(caught.value, path, parts)
+
+
+@pytest.mark.parametrize(
+    ("cell", "changes"),
+    [
+        ({}, {}),
+        ({"robot": None}, {"robot": None}),
+        ({"robot": "descriptions/ur10e"}, {}),
+        ({"grid": layout(rate=100.0)}, {"rate_hz": None}),
+        ({"grid": layout(TWO_ARMS), "source": "left"}, {}),
+        ({"grid": layout(TWO_ARMS | {"meter.supply.voltage": "V"}), "source": "left"}, {}),
+        (
+            {"grid": layout(TWO_ARMS)},
+            {
+                "inputs": (
+                    *(Input(f"right.joint_{j}.position", "rad") for j in (1, 2)),
+                    Input("supply.power", "W"),
+                )
+            },
+        ),
+    ],
+)
+def test_what_fits_is_taken(tmp_path, cell, changes):
+    assert stage(MLP.save(tmp_path / "m.onnx", metadata(**changes)), **cell).metadata.name == "test-power"
+
+
+def test_the_named_source_is_meant_where_several_give_an_input(tmp_path):
+    grid: Layout = layout(TWO_ARMS | {"right.supply.voltage": "V"})
+    path = MLP.save(tmp_path / "m.onnx", metadata())
+    picked = {s: [grid.names[c] for c in stage(path, grid, source=s)._columns] for s in ("left", "right")}
+    short = ("supply.voltage", "joint_1.position", "joint_2.position")
+    assert picked == {side: [f"{side}.{name}" for name in short] for side in ("left", "right")}
+
+
+def test_a_file_cut_anywhere_is_refused_or_whole(tmp_path):
+    path = MLP.save(tmp_path / "m.onnx", metadata(outputs=(Output("power", "W"), Output("heat", "J"))))
+    whole = path.read_bytes()
+    for length in range(0, len(whole), 23):
+        path.write_bytes(whole[:length])
+        with pytest.raises(ModelError, match=r"m\.onnx is refused"):
+            stage(path)
+
+
+def test_without_onnxruntime_the_extra_is_named(tmp_path, monkeypatch):
+    path = MLP.save(tmp_path / "m.onnx", metadata())
+    monkeypatch.setitem(__import__("sys").modules, "onnxruntime", None)
+    with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[model\]'"):
+        stage(path)
+
+
+def test_in_a_settings_file_the_line_has_its_place(tmp_path):
+    MLP.save(tmp_path / "m.onnx", metadata(inputs=tuple(Input(f"joint_{j}.position", "rad") for j in (1, 2, 3))))
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(
+        "site: plant\ncell: one\nrobot: ur5e\nsources:\n  arm: {driver: ur, host: 192.0.2.10}\n"
+        "stages:\n  power: {stage: model, file: m.onnx}\nzenoh: off\n"
+    )
+    with pytest.raises(ConfigError) as caught:
+        prepare(load(cell, {}))
+    (line,) = map(str, caught.value.problems)
+    assert line.startswith(f"{cell}:7:3: stages.power: the model {tmp_path / 'm.onnx'} is refused: it is of robot")
+    cell.write_text(cell.read_text().replace("ur5e", "ur10e"))
+    assert list(prepare(load(cell, {})).stages) == ["power"]

@@ -1,0 +1,113 @@
+"""Seed 001 on arms of the tests' own, whose physics shares no code with the models; and on a real UR3e."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.models.power import training
+from cellwatt_plugins.models.power.moves import read_moves
+from cellwatt_plugins.models.power.paper import Nls, Scg, Seen
+from cellwatt_plugins.models.power.scores import Score
+from cellwatt_plugins.models.power.training import estimate, model_of, train
+from cellwatt_plugins.models.power.tuning import tune
+from cellwatt_plugins.robot import RigidBody, load_robot
+from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques, write_case
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT / ".." / "shared" / "data"
+NOISE = {"six axes": 0.7, "seven axes": 0.7, "burdened": 1.2, "rippled": 0.7}
+"""W of the emulated power."""
+
+
+def read(robot, *tables):
+    description = load_robot(robot)
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    return description, body, *(read_moves([table], body.joints) for table in tables)
+
+
+def test_the_emulated_arm_is_one(tmp_path):
+    """Its torques do the work that its energy gains, with friction off."""
+    arm = six_axes(np.random.default_rng(0))
+    draw = np.random.default_rng(1)
+    true = course(arm, draw, 3, (0.5, 1.5))
+    load, _ = torques(arm, true["q"], true["qd"], true["qdd"])
+    for k in range(3):
+        rows = true["move"] == k
+        q, qd = true["q"][rows], true["qd"][rows]
+        work = np.trapezoid((load[rows] * qd).sum(axis=1), dx=1 / arm.rate)
+        still, _ = torques(arm, q, 0 * qd, 0 * qd)
+        lifted = np.trapezoid((still * qd).sum(axis=1), dx=1 / arm.rate)
+        assert work == pytest.approx(lifted, abs=0.05)  # kinetic energy is zero at both ends
+    assert supply(arm, 0 * load, 0 * load) == pytest.approx(arm.standby)
+
+
+def test_the_papers_two_methods_reach_its_figures(tmp_path):
+    robot, body, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
+    tuning = tune(known, robot, body, ahead=False)
+    seen, here = Seen.of(known, robot, body, tuning), Seen.of(unseen, robot, body, tuning)
+    nls = Nls.fit(known, seen, robot)
+    assert Score.of(unseen, *nls.predict(here)).energy_mean <= 1.54
+    assert Score.of(unseen, *Scg.fit(known, seen, 0).predict(here)).energy_mean <= 0.89
+    assert nls.power[0] == pytest.approx(80, rel=0.02)  # P_c
+    assert (nls.errors[1][0] > 0) and (nls.errors[1][0] < 0.1)
+
+
+@pytest.mark.parametrize("kind", list(ARMS))
+@pytest.mark.timeout(300)
+@pytest.mark.slow
+def test_the_best_model_on_faster_and_slower_moves(tmp_path, monkeypatch, kind):
+    """With windows that reach as far ahead as back. A hose that no term is for costs the most."""
+    monkeypatch.setattr(training, "AHEAD", True)
+    robot, body, known, unseen = read(*write_case(tmp_path, kind, 21))
+    score = Score.of(unseen, *estimate(model_of(known, robot, body), unseen, robot, body))
+    assert score.energy_mean <= 0.4
+    assert score.energy_worst <= 1.5
+    assert score.power <= 1.3 * NOISE[kind]
+    assert max(score.current) <= (0.1 if kind == "rippled" else 0.045)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.slow
+def test_windows_that_only_look_back(tmp_path, monkeypatch):
+    """Velocity is known late then, which shows in the currents where friction turns over."""
+    monkeypatch.setattr(training, "AHEAD", False)
+    robot, body, known, unseen = read(*write_case(tmp_path, "six axes", 21))
+    score = Score.of(unseen, *estimate(model_of(known, robot, body), unseen, robot, body))
+    assert score.energy_mean <= 0.4
+    assert score.power <= 1.6 * NOISE["six axes"]
+    assert max(score.current) <= 0.12
+
+
+def test_what_an_arm_has_is_found(tmp_path):
+    robot, body, known = read(*write_case(tmp_path, "six axes", 31, moves=8, unseen=1)[:2])
+    fitted = model_of(known, robot, body)
+    arm = six_axes(np.random.default_rng(31))
+    model = fitted.model
+    assert model.supply is not None
+    assert model.supply.standby == pytest.approx(arm.standby, abs=0.5)
+    assert 1 / model.supply.up == pytest.approx(arm.efficiency, rel=0.03)
+    assert model.supply.down == pytest.approx(0, abs=0.1)
+    assert any("Stribeck" in effect for effect in fitted.structure.effects)
+    viscous = model.weights[model.terms.index("viscous")]
+    assert viscous[:3] == pytest.approx(arm.viscous[:3], rel=0.15)
+
+
+@pytest.mark.skipif(not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not here")
+@pytest.mark.timeout(300)
+@pytest.mark.slow
+def test_five_short_moves_of_a_real_ur3e(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "bench"))
+    sys.modules.pop("models", None)
+    from models import ur3e
+
+    description = load_robot(ur3e.write_robot(tmp_path))
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    trained = train(read_moves(ur3e.write_moves(DATA, tmp_path), 6), description, body)
+    best = trained.scores["best"]
+    assert best.power <= 3.0
+    assert best.energy_mean <= 2.5
+    assert best.power < trained.scores["NLS"].power
