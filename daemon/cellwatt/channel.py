@@ -16,6 +16,7 @@ UNITS = frozenset(
         "rad/s",
         "rad/s^2",
         "Nm",
+        "Nm/s",
         "N",
         "m",
         "m/s",

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
 from cellwatt_drivers.scpi_analyzer.dialect import Dialect
 from cellwatt_drivers.scpi_analyzer.line import Answer, Line
-from cellwatt_drivers.scpi_analyzer.wire import Identification, parse_error, parse_identification
+from cellwatt_drivers.scpi_analyzer.wire import Identification, parse_count, parse_error, parse_identification
 
 _DEEPEST_QUEUE = 50
 
@@ -39,31 +39,47 @@ class Analyzer:
             except ConnectError:
                 if not heard:
                     raise
+                model = self._dialect.model
                 raise WrongDeviceError(
-                    f"{self._line.place} is not an {self._dialect.model}: it answers {heard[:80]!r}; "
+                    f"{self._line.place} is not {_article(model)} {model}: it answers {heard[:80]!r}; "
                     "check the address, or the speed of the serial port"
                 ) from None
-            if self._dialect.model in text.upper():
+            if (self._dialect.known or self._dialect.model) in text.upper():
                 return parse_identification(text)
             heard = heard or text
 
-    async def selected(self) -> tuple[str, ...]:
-        """Short spellings of the functions that ``read`` answers, in order."""
-        answer = await self._line.ask(self._dialect.selected, self._timeout)
-        return tuple(self._dialect.short(name) for name in answer.text.split(self._dialect.separator))
+    def prepare(self) -> None:
+        """Make the analyzer speak the dialect."""
+        for command in self._dialect.prepare:
+            self._line.tell(command)
 
-    def select(self, functions: Sequence[str]) -> None:
+    async def selected(self, wanted: Sequence[str]) -> tuple[str, ...]:
+        """The items that ``read`` answers, in order; ``wanted`` where the query itself names them."""
+        dialect = self._dialect
+        if not dialect.selected:
+            return tuple(wanted)
+        if not dialect.count:
+            answer = await self._line.ask(dialect.selected, self._timeout)
+            return tuple(dialect.found(name) for name in answer.text.split(dialect.separator))
+        answer = await self._line.ask(dialect.count, self._timeout)
+        found = []
+        for number in range(1, parse_count(answer.text) + 1):
+            item = await self._line.ask(dialect.selected.format(number=number), self._timeout)
+            found.append(dialect.found(item.text))
+        return tuple(found)
+
+    def select(self, items: Sequence[str]) -> None:
         """Choose and order what ``read`` answers."""
-        for command in self._dialect.select:
-            self._line.tell(command.format(functions=self._dialect.separator.join(functions)))
+        for command in self._dialect.selection(items):
+            self._line.tell(command)
 
-    async def choose(self, functions: Sequence[str]) -> None:
+    async def choose(self, items: Sequence[str]) -> None:
         """``select``, and make sure of it. Raises ``DeviceError`` with what the analyzer says against it."""
-        self.select(functions)
+        self.select(items)
         errors = await self.errors()
         if errors:
             code, text = errors[0]
-            raise DeviceError(f"{self._line.place} refuses the functions {', '.join(functions)}: {code} {text}")
+            raise DeviceError(f"{self._line.place} refuses the functions {', '.join(items)}: {code} {text}")
 
     def integrate(self) -> None:
         """Start the integrator."""
@@ -73,14 +89,23 @@ class Analyzer:
     async def errors(self) -> list[tuple[int, str]]:
         """Take all entries off the error queue, oldest first."""
         found: list[tuple[int, str]] = []
+        for command in self._dialect.before_errors:
+            self._line.tell(command)
         while len(found) < _DEEPEST_QUEUE:
             answer = await self._line.ask(self._dialect.errors, self._timeout)
             code, text = parse_error(answer.text)
             if code == 0:
                 break
             found.append((code, text))
+        for command in self._dialect.after_errors:
+            self._line.tell(command)
         return found
 
-    async def read(self) -> Answer:
+    async def read(self, items: Sequence[str]) -> Answer:
         """One line of measured values."""
-        return await self._line.ask(self._dialect.read, self._timeout)
+        return await self._line.ask(self._dialect.query(items), self._timeout)
+
+
+def _article(model: str) -> str:
+    """``a`` or ``an``, as the model's first letter is spoken."""
+    return "an" if model[0] in "AEFHILMNORSX" else "a"

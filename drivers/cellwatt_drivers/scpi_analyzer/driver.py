@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import AbstractAsyncContextManager, suppress
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
@@ -17,18 +17,25 @@ from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.ticker import Beat, Ticker
 from cellwatt_drivers.scpi_analyzer.analyzer import Analyzer
-from cellwatt_drivers.scpi_analyzer.dialect import HMC8015
+from cellwatt_drivers.scpi_analyzer.dialect import DIALECTS, Element, Model
 from cellwatt_drivers.scpi_analyzer.line import Answer, LateError, Line, open_serial, open_tcp
 from cellwatt_drivers.scpi_analyzer.wire import PORT, Value, parse_values
 
 FunctionName = Literal["URMS", "IRMS", "P", "S", "Q", "LAMB", "PHI", "FU", "WH"]
 
-DIALECT = HMC8015
+
+def _written(element: object) -> object:
+    """A bare 2 is a number in YAML, and the name of an input here."""
+    return str(element) if type(element) is int else element
 
 
 class ScpiAnalyzerSettings(SourceSettings):
-    """An R&S HMC8015 on the network (``host``) or on a serial port (``serial``)."""
+    """A power analyzer on the network (``host``) or on a serial port (``serial``)."""
 
+    model: Model = "hmc8015"
+    """Family: R&S HMC8015, Yokogawa WT300 (WT310, WT330, …) or ZES Zimmer LMG600 (LMG610, LMG640, LMG670)."""
+    element: Annotated[Element, BeforeValidator(_written)] = "1"
+    """Input of an analyzer with several (wt300, lmg600); ``sigma``: their sum (wt300)."""
     host: str | None = None
     """Address of the analyzer."""
     port: int = Field(PORT, ge=1, le=65535)
@@ -38,9 +45,9 @@ class ScpiAnalyzerSettings(SourceSettings):
     baud: int = Field(115200, gt=0)
     """Speed of the serial port; a USB virtual port ignores it."""
     functions: tuple[FunctionName, ...] = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
-    """What to read; WH counts only while the integrator runs."""
+    """What to read; WH counts only while the integrator runs (not on an LMG600)."""
     rate: Hertz = 10.0
-    """Polls a second; the HMC8015 makes 10 readings a second."""
+    """Polls a second; the HMC8015 makes 10 readings a second, the others as many as they are set to."""
     timeout: Seconds = Field(1.0, gt=0)
     """Wait this long for an answer, then open the connection anew."""
     select: bool = True
@@ -61,6 +68,11 @@ class ScpiAnalyzerSettings(SourceSettings):
     def _fits(self) -> ScpiAnalyzerSettings:
         if (self.host is None) == (self.serial is None):
             raise ValueError("write either 'host' or 'serial'")
+        dialect = DIALECTS[self.model]
+        if lacking := [f for f in self.functions if f not in dialect.functions]:
+            raise ValueError(f"{self.model} has no {', '.join(lacking)}; it has: {', '.join(dialect.functions)}")
+        if self.element not in dialect.elements:
+            raise ValueError(f"{self.model} has no element {self.element}; it has: {', '.join(dialect.elements)}")
         if self.integrate and "WH" not in self.functions:
             raise ValueError("'integrate' starts the energy integrator: add WH to functions")
         return self
@@ -72,18 +84,25 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
     """
 
     Settings = ScpiAnalyzerSettings
-    title = "Power analyzers over SCPI (R&S HMC8015; TCP or serial)"
+    title = "Power analyzers over SCPI (R&S HMC8015, Yokogawa WT300, ZES LMG600; TCP or serial)"
     emulator = "cellwatt_drivers.scpi_analyzer.emulator:ScpiAnalyzerEmulator"
     writes = (
         "queries: *IDN?, SYST:ERR? (takes entries off the error queue), CHAN1:MEAS:FUNC?, CHAN1:MEAS:DATA?",
         "unless select is false: CHAN1:MEAS:FORM ASC, CHAN1:MEAS:FUNC <functions> (what DATA? answers; the list found "
         "before is written back when the connection is closed in order)",
         "only where integrate is true: INT:MODE MAN, INT:STAT ON, INT:STAR (not stopped afterwards)",
+        "wt300, queries: *IDN?, :STAT:ERR?, :NUM:NORM:NUM?, :NUM:NORM:ITEM<n>?, :NUM:NORM:VAL?; unless select is "
+        "false: :NUM:FORM ASC, :NUM:NORM:NUM <n>, :NUM:NORM:ITEM<n> <function>,<element> (put back as above); only "
+        "where integrate is true: :INTEG:MODE NORM, :INTEG:STAR",
+        "lmg600: *IDN?, *ZLANG SHORT and *ZLANG SCPI (the language of this connection), SYST:ERR?, INIM;<functions> "
+        "(takes over the newest cycle's values for this connection and answers them)",
     )
 
     def __init__(self, name: str, settings: ScpiAnalyzerSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
-        functions = [DIALECT.functions[f] for f in settings.functions]
+        self._dialect = DIALECTS[settings.model]
+        self._items = self._dialect.items(settings.functions, settings.element)
+        functions = [self._dialect.functions[f] for f in settings.functions]
         self._scale = np.array([f.scale for f in functions])
         self._stream = Stream("measured", tuple(f.channel for f in functions), settings.rate, "host")
         self._period = round(1e9 / settings.rate)
@@ -126,11 +145,11 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         return open_tcp(s.host, s.port, s.timeout, self.outlet.now)
 
     def _analyzer(self, line: Line) -> Analyzer:
-        return Analyzer(line, DIALECT, self.settings.timeout)
+        return Analyzer(line, self._dialect, self.settings.timeout)
 
     async def _greet(self, analyzer: Analyzer) -> Identity:
         found = await analyzer.identify()
-        return Identity(DIALECT.maker, found.model, found.serial, found.firmware)
+        return Identity(self._dialect.maker, found.model, found.serial, found.firmware)
 
     async def _converse(self) -> None:
         """One connection, from the greeting on."""
@@ -151,12 +170,13 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     async def _set_up(self, analyzer: Analyzer) -> tuple[str, ...]:
         """Make the analyzer answer the functions; gives all that it answers, in order."""
-        wanted = self.settings.functions
-        order = await analyzer.selected()
+        wanted = self._items
+        analyzer.prepare()
+        order = await analyzer.selected(wanted)
         if self.settings.select and order != wanted:
             self._before = order
             await analyzer.choose(wanted)
-            order = await analyzer.selected()
+            order = await analyzer.selected(wanted)
         if missing := [f for f in wanted if f not in order]:
             raise DeviceError(
                 f"the analyzer's list {', '.join(order)} lacks {', '.join(missing)}: choose them there, "
@@ -168,14 +188,14 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         return order
 
     async def _poll(self, analyzer: Analyzer, order: tuple[str, ...]) -> None:
-        columns = [order.index(f) for f in self.settings.functions]
+        columns = [order.index(item) for item in self._items]
         resumed = self._deadline != 0
         check = time.monotonic() + self.settings.error_check
         async with Ticker(self.settings.rate) as ticker:
             async for tick in ticker:
                 self._account_lost(tick, resumed)
                 resumed, self._deadline = False, tick.deadline
-                await self._read(analyzer, columns, len(order))
+                await self._read(analyzer, columns, order)
                 if time.monotonic() >= check:
                     check = time.monotonic() + self.settings.error_check
                     self._report(await analyzer.errors(), "while measuring")
@@ -198,10 +218,10 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
             self.outlet.account.expect(polls)
             self.outlet.account.miss(polls, reason)
 
-    async def _read(self, analyzer: Analyzer, columns: list[int], count: int) -> None:
+    async def _read(self, analyzer: Analyzer, columns: list[int], order: tuple[str, ...]) -> None:
         try:
-            answer = await analyzer.read()
-            values = parse_values(answer.text, count, DIALECT.separator)
+            answer = await analyzer.read(order)
+            values = parse_values(answer.text, len(order), self._dialect.separator)
         except LateError:
             self._miss(1, "timeout")
             raise

@@ -7,6 +7,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,7 +41,12 @@ class _Electric:
 
 
 class EmulatedAnalyzer:
-    """Executes lines of SCPI. ``overload`` names the functions whose input is too large for the range."""
+    """Executes lines of SCPI. ``overload`` names the functions whose input is too large for the range.
+
+    ``data_query`` occurs in every line that asks for measured values.
+    """
+
+    data_query: ClassVar[str] = "DATA?"
 
     def __init__(self, signals: Signals, identification: str) -> None:
         self.identification = identification
@@ -157,8 +163,11 @@ class EmulatedAnalyzer:
             math.sqrt(float(np.mean(voltage**2))), math.sqrt(float(np.mean(current**2))), float(np.mean(power))
         )
 
+    def _values(self) -> dict[str, float]:
+        return _functions(self._electric) | {"WH": self._energy, "TIME": self._seconds}
+
     def _measured(self) -> str:
-        values = _functions(self._electric) | {"WH": self._energy, "TIME": self._seconds}
+        values = self._values()
         return ",".join(self._number(name, values[name]) for name in self.functions)
 
     def _number(self, name: str, value: float) -> str:

@@ -1,4 +1,4 @@
-"""An R&S HMC8015's SCPI port: TCP or a pseudo-terminal."""
+"""A power analyzer's SCPI port: TCP or a pseudo-terminal."""
 
 from __future__ import annotations
 
@@ -14,24 +14,32 @@ from typing import ClassVar
 from cellwatt.emulation import Emulator, Fault, Signals
 from cellwatt.emulation.faults import FaultKind
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
+from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
 from cellwatt_drivers.scpi_analyzer.wire import PORT
 
-_DEFAULT_IDENTIFICATION = "Rohde&Schwarz,HMC8015,000000001,HW10000000,SW1.403"
+_MAKES: Mapping[str, tuple[type[EmulatedAnalyzer], str]] = {
+    "hmc8015": (EmulatedAnalyzer, "Rohde&Schwarz,HMC8015,000000001,HW10000000,SW1.403"),
+    "wt300": (EmulatedWt310, "YOKOGAWA,WT310E,C2XX00001V,F1.03"),
+    "lmg600": (EmulatedLmg670, "ZES ZIMMER Electronic Systems GmbH,LMG670,00000001,7.134"),
+}
+"""By the name of the driver's ``model``: the instrument, and its answer to ``*IDN?``."""
 
 
 class ScpiAnalyzerEmulator(Emulator):
     """One analyzer on the mains of ``supply.power``, ``supply.voltage`` and ``supply.current``.
 
-    Listens on 127.0.0.1:5025 unless told otherwise; ``pty`` makes it a serial port. Options: ``idn`` (the
-    answer to ``*IDN?``), ``overload`` (functions, comma-separated, whose input is too large from the start).
+    Listens on 127.0.0.1:5025 unless told otherwise; ``pty`` makes it a serial port. Options: ``model``
+    (``hmc8015``, ``wt300``: a WT310E, ``lmg600``: an LMG670), ``idn`` (the answer to ``*IDN?``), ``overload``
+    (functions, comma-separated, whose input is too large from the start).
 
-    Faults on answers to ``DATA?``: ``loss`` (not sent), ``half_frame`` (cut, without its end), ``delay`` (late
-    by ``seconds``), ``garbage`` (a line of random bytes ahead of it). At the next line received, ``stall``
-    leaves the asker waiting for ``seconds``; ``disconnect`` closes the port for ``seconds``, on a
-    pseudo-terminal it lets all bytes be lost. ``made`` counts queries for data, ``sent`` whole answers to them.
+    Faults on measured values (answers to ``DATA?``, ``VAL?`` or ``INIM``): ``loss`` (not sent), ``half_frame``
+    (cut, without its end), ``delay`` (late by ``seconds``), ``garbage`` (a line of random bytes ahead of it). At the
+    next line received, ``stall`` leaves the asker waiting for ``seconds``; ``disconnect`` closes the port for
+    ``seconds``, on a pseudo-terminal it lets all bytes be lost. ``made`` counts queries for data, ``sent`` whole
+    answers to them.
     """
 
-    title: ClassVar[str] = "R&S HMC8015 power analyzer (SCPI)"
+    title: ClassVar[str] = "Power analyzer (SCPI: R&S HMC8015, Yokogawa WT310E, ZES LMG670)"
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
     def __init__(
@@ -45,7 +53,11 @@ class ScpiAnalyzerEmulator(Emulator):
     ) -> None:
         super().__init__(signals, address or f"127.0.0.1:{PORT}", epoch=epoch, seed=seed, options=options)
         left = dict(self.options)
-        self.analyzer = EmulatedAnalyzer(signals, left.pop("idn", _DEFAULT_IDENTIFICATION))
+        model = left.pop("model", "hmc8015")
+        if model not in _MAKES:
+            raise ValueError(f"model {model!r} is not one of {', '.join(_MAKES)}")
+        make, identification = _MAKES[model]
+        self.analyzer = make(signals, left.pop("idn", identification))
         overload = [name for name in left.pop("overload", "").split(",") if name]
         self.analyzer.overload = known_functions(overload)
         if unknown := set(overload) - self.analyzer.overload:
@@ -145,7 +157,7 @@ class ScpiAnalyzerEmulator(Emulator):
             answer = self.analyzer.execute(line, time.time() - self.epoch)
             if answer is None:
                 continue
-            if "DATA?" in line.upper():
+            if self.analyzer.data_query in line.upper():
                 await self._send_data(answer.encode() + b"\n", write)
             else:
                 write(answer.encode() + b"\n")

@@ -12,6 +12,7 @@ PORT = 5025
 LONGEST = 4096
 """Bytes of the longest line taken; measured values of every function fit in a tenth of it."""
 
+_MOST_VALUES = 255
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _UNAVAILABLE = re.compile(r"NAN|-+", re.IGNORECASE)
 _INFINITE = re.compile(r"[-+]?INF(?:INITY)?", re.IGNORECASE)
@@ -70,6 +71,14 @@ def parse_error(line: str) -> tuple[int, str]:
     if not found:
         raise ProtocolError(f"{line[:60]!r} is not an entry of the error queue")
     return int(found[1]), found[2].strip()
+
+
+def parse_count(line: str) -> int:
+    """How many values an analyzer answers, with or without a header. Raises ``ProtocolError``."""
+    text = line.strip().split(" ")[-1]
+    if not text.isascii() or not text.isdigit() or int(text) > _MOST_VALUES:
+        raise ProtocolError(f"{line[:40]!r} is not a number of values")
+    return int(text)
 
 
 def parse_identification(line: str) -> Identification:

@@ -1,0 +1,169 @@
+"""Polls a controller's pages: states and energy, each as a stream; pauses where the controller does not answer."""
+
+from __future__ import annotations
+
+import time
+from typing import Literal
+
+import numpy as np
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Channel, Quality, Stream
+from cellwatt.driver import Identity, Outlet
+from cellwatt.errors import DeviceError, ProtocolError, WrongDeviceError
+from cellwatt.ticker import Ticker
+from cellwatt_drivers.abb import rws
+from cellwatt_drivers.abb.rws import Energy, RobotWare
+from cellwatt_drivers.abb.web import Web
+
+Page = Literal["state", "energy"]
+
+STATE_CHANNELS = tuple(
+    Channel(f"controller.{name}", "1", "discrete")
+    for name in ("motors_on", "program_running", "automatic", "emergency_stop", "speed_ratio")
+)
+
+
+def state_stream(rate: float) -> Stream:
+    """Motors, program, mode and speed override."""
+    return Stream("controller", STATE_CHANNELS, rate, "host")
+
+
+def energy_stream(axes: int) -> Stream:
+    """The controller's energy measurement; it sends a new one when it has one."""
+    return Stream(
+        "energy",
+        (
+            Channel("controller.energy", "J", "counter"),
+            Channel("controller.interval_energy", "J", "discrete"),
+            Channel("controller.interval", "s", "discrete"),
+            *(Channel(f"joint_{i}.interval_energy", "J", "discrete") for i in range(1, axes + 1)),
+        ),
+        0.0,
+        "host",
+    )
+
+
+class Controller:
+    """What a controller's pages say, poll by poll.
+
+    A poll reads the pages of ``streams`` one after the other. Energy is handed over when the controller has made a
+    new measurement; ``energy_unit`` is J per unit of its figures.
+    """
+
+    def __init__(
+        self, outlet: Outlet, state: Stream | None, energy: Stream | None, robotware: RobotWare, unit: str, joule: float
+    ) -> None:
+        self._outlet = outlet
+        self._state = state
+        self._energy = energy
+        self._robotware: RobotWare = robotware
+        self._unit = unit
+        self._joule = joule
+        self._count: int | None = None
+        self._before: dict[str, str] = {}
+        self._deadline = 0
+        self.taken = 0
+
+    async def identify(self, web: Web) -> Identity:
+        """Name and version of the system."""
+        values: dict[str, str] = {}
+        for item in rws.items(await web.get(rws.SYSTEM)):
+            values = {**item.values, **values}
+        return Identity(
+            "ABB",
+            {6: "IRC5", 7: "OmniCore"}[self._robotware],
+            serial=values.get("sysid", ""),
+            firmware=f"RobotWare {values.get('rwversion', 'unknown')}",
+            notes={"system": values["name"]} if "name" in values else {},
+        )
+
+    async def poll(self, web: Web, rate: float) -> None:
+        """Read ``rate`` times a second until a page cannot be read (``SourceError``)."""
+        period = round(1e9 / rate)
+        resumed = self._deadline != 0
+        energy = self._energy
+        async with Ticker(rate) as ticker:
+            async for beat in ticker:
+                lost = round((beat.deadline - self._deadline) / period) - 1 if resumed else beat.merged
+                if self._state is not None and lost > 0:
+                    self._outlet.account.expect(lost)
+                    self._outlet.account.miss(lost, "disconnected" if resumed else "slow answers")
+                resumed, self._deadline = False, beat.deadline
+                if self._state is not None:
+                    await self._read_state(web, self._state)
+                if energy is not None and not await self._has_energy(web, energy):
+                    energy = None
+                self.taken += 1
+
+    async def _read_state(self, web: Web, stream: Stream) -> None:
+        asked, since = self._outlet.now(), time.monotonic_ns()
+        try:
+            words = {
+                "controller": rws.value(await web.get(rws.CONTROLLER[self._robotware]), "ctrlstate"),
+                "program": rws.value(await web.get(rws.EXECUTION), "ctrlexecstate"),
+                "mode": rws.value(await web.get(rws.MODE), "opmode"),
+            }
+            ratio = rws.ratio(await web.get(rws.SPEED))
+        except BaseException:
+            self._outlet.account.expect()
+            self._outlet.account.miss(1, "not answered")
+            raise
+        self._tell(words)
+        values = [
+            float(words["controller"] == "motoron"),
+            float(words["program"] == "running"),
+            float(words["mode"] == "AUTO"),
+            float(words["controller"].startswith("emergencystop")),
+            ratio,
+        ]
+        self._outlet.account.expect()
+        self._outlet.emit(Reading(stream, np.array([values]), asked + time.monotonic_ns() - since, asked=asked))
+
+    async def _has_energy(self, web: Web, stream: Stream) -> bool:
+        """Read the energy page; a controller that has none keeps its other pages."""
+        try:
+            await self._read_energy(web, stream)
+        except (DeviceError, ProtocolError, WrongDeviceError) as error:
+            if self._state is None:
+                raise
+            self._outlet.event("energy_failed", f"energy is not read any more in this session: {error}")
+            return False
+        return True
+
+    async def _read_energy(self, web: Web, stream: Stream) -> None:
+        asked, since = self._outlet.now(), time.monotonic_ns()
+        found = rws.energy(await web.get(rws.ENERGY), self._unit)
+        if found.count == self._count:
+            return
+        if self._count is not None and found.count > self._count + 1:
+            self._outlet.account.expect(found.count - self._count - 1)
+            self._outlet.account.miss(found.count - self._count - 1, "energy between polls")
+        self._count = found.count
+        self._tell({"energy": found.state})
+        joints = len(stream.channels) - 3
+        if len(found.joints) < joints:
+            raise ProtocolError(f"the controller gives the energy of {len(found.joints)} axes of {self._unit}")
+        quality = Quality.GOOD if found.valid else Quality.MISSING
+        self._outlet.account.expect()
+        self._outlet.emit(
+            Reading(
+                stream,
+                self._row(found, joints),
+                asked + time.monotonic_ns() - since,
+                asked=asked,
+                quality=np.array([quality], dtype=np.uint8),
+            )
+        )
+
+    def _row(self, found: Energy, joints: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        energies = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]]) * self._joule
+        return np.array([[energies[0], energies[1], found.interval, *energies[2:]]])
+
+    def _tell(self, words: dict[str, str]) -> None:
+        """Report states that are others than before."""
+        for what, word in words.items():
+            before = self._before.get(what, word)
+            self._before[what] = word
+            if before != word:
+                self._outlet.event(f"{what}_state", f"{what}: {before} → {word}", before=before, after=word)

@@ -1,0 +1,64 @@
+"""Listens for a controller's EGM packets; never sends."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+from cellwatt.account import Account
+from cellwatt.errors import ConnectError, why
+from cellwatt_drivers.abb.wire import LARGEST
+
+_BUFFER = 1 << 20  # bytes; some seconds of packets while this process is held up
+_MOST = 64  # datagrams taken at once
+
+Take = Callable[[list[bytes]], None]
+
+
+@asynccontextmanager
+async def listening(host: str, bind: str, port: int, account: Account, take: Take) -> AsyncIterator[None]:
+    """Give ``take`` the packets that ``host`` sends to UDP ``bind``:``port``; others' are counted as ``strangers``.
+
+    Raises ``ConnectError`` where the port is taken or the name of the host is unknown.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(host, None, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+    except OSError as error:
+        raise ConnectError(f"the name {host!r} is not known: {why(error)}; write the IP address") from error
+    senders = {str(entry[4][0]) for entry in found}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        opened.setblocking(False)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        try:
+            opened.bind((bind, port))
+        except OSError as error:
+            raise ConnectError(
+                f"UDP port {port} of {bind} cannot be opened for EGM: {why(error)}; another program, or another source "
+                "of this cell, may have it: give each robot an egm_port of its own"
+            ) from error
+        loop.add_reader(opened, _receive, opened, senders, account, take)
+        try:
+            yield
+        finally:
+            loop.remove_reader(opened)
+
+
+def _receive(opened: socket.socket, senders: set[str], account: Account, take: Take) -> None:
+    datagrams: list[bytes] = []
+    for _ in range(_MOST):
+        try:
+            datagram, sender = opened.recvfrom(LARGEST)
+        except (BlockingIOError, InterruptedError):
+            break
+        except OSError:  # the network's word on a port that never sent: nothing to do with what comes in
+            account.count("socket errors")
+            break
+        if sender[0] in senders:
+            datagrams.append(datagram)
+        else:
+            account.count("strangers")
+    if datagrams:
+        take(datagrams)

@@ -1,0 +1,131 @@
+"""The web server of an emulated controller: Robot Web Services 1.0 (Digest) or 2.0 (Basic)."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+import secrets
+import ssl
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+
+from cellwatt_drivers.abb import rws
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Meter
+from cellwatt_drivers.abb.rws import RobotWare, entry
+
+REALM = "validusers@robapi.abb"
+SESSIONS = 70
+"""Sessions that a controller has."""
+Answer = tuple[int, dict[str, str], bytes]
+
+
+class Pages:
+    """Answers requests for pages; ``asked`` counts them by method and path, ``sessions`` are the open ones."""
+
+    def __init__(
+        self,
+        robot: EmulatedRobot,
+        meter: Meter,
+        robotware: RobotWare,
+        user: str,
+        password: str,
+        now: Callable[[], float],
+    ) -> None:
+        self.asked: Counter[str] = Counter()
+        self.sessions: set[str] = set()
+        self._robot = robot
+        self._meter = meter
+        self._robotware: RobotWare = robotware
+        self._user, self._password = user, password
+        self._now = now
+        self._nonce = secrets.token_hex(8)
+
+    def answer(self, method: str, path: str, authorization: str, cookie: str) -> Answer:
+        """Status, headers and body for a request."""
+        self.asked[f"{method} {path}"] += 1
+        session = re.search(r"-http-session-=(\w+)", cookie)
+        if session is None or session[1] not in self.sessions:
+            if not self._authorized(method, authorization):
+                return 401, {"WWW-Authenticate": self._challenge()}, b""
+            if len(self.sessions) >= SESSIONS:
+                return 503, {}, b""
+            name = secrets.token_hex(8)
+            self.sessions.add(name)
+            headers = {"Set-Cookie": f"-http-session-={name}; path=/; httponly"}
+        else:
+            name, headers = session[1], {}
+        if path == rws.LOGOUT:
+            self.sessions.discard(name)
+            return 200, headers, b""
+        if method != "GET":
+            return 405, headers, b""
+        body = self._page(path)
+        return (404, headers, b"") if body is None else (200, headers, body)
+
+    def _challenge(self) -> str:
+        if self._robotware == 7:
+            return f'Basic realm="{REALM}"'
+        return f'Digest realm="{REALM}", domain="/", nonce="{self._nonce}", algorithm="MD5", qop="auth"'
+
+    def _authorized(self, method: str, authorization: str) -> bool:
+        scheme, _, rest = authorization.partition(" ")
+        if self._robotware == 7:
+            with suppress(ValueError):
+                return scheme == "Basic" and base64.b64decode(rest).decode() == f"{self._user}:{self._password}"
+            return False
+        given = {k: a or b for k, a, b in re.findall(r'(\w+)=(?:"([^"]*)"|([^\s,]+))', rest)}
+        if scheme != "Digest" or given.get("nonce") != self._nonce or given.get("username") != self._user:
+            return False
+        first = _md5(f"{self._user}:{REALM}:{self._password}")
+        second = _md5(f"{method}:{given.get('uri', '')}")
+        middle = f"{self._nonce}:{given.get('nc')}:{given.get('cnonce')}:{given.get('qop')}"
+        return secrets.compare_digest(given.get("response", ""), _md5(f"{first}:{middle}:{second}"))
+
+    def _page(self, path: str) -> bytes | None:
+        on = self._robot.motors_on
+        plain = {
+            rws.CONTROLLER[self._robotware]: ("pnl-ctrlstate", "ctrlstate", "motoron" if on else "motoroff"),
+            rws.MODE: ("pnl-opmode", "opmode", "AUTO"),
+            rws.SPEED: ("pnl-speedratio", "speedratio", "100"),
+            rws.EXECUTION: ("rap-execution", "ctrlexecstate", "running" if self._robot.running else "stopped"),
+        }
+        if path in plain:
+            kind, name, word = plain[path]
+            return rws.page(name, entry(kind, name, {name: word}))
+        if path == rws.SYSTEM:
+            version = {6: "6.15.04.00", 7: "7.15.0"}[self._robotware]
+            return rws.page("system", entry("sys-system", "system", {"name": "EMULATED", "rwversion": version}))
+        return self._energy() if path == rws.ENERGY else None
+
+    def _energy(self) -> bytes:
+        meter = self._meter
+        meter.advance(self._now())
+        state: dict[str, str | float] = {
+            "state": "0" if meter.count else "-1",
+            "energy-state": "not-paused",
+            "change-count": str(meter.count),
+            "time-stamp": "0",
+            "reset-time": "0",
+            "interval-length": meter.length,
+            "interval-energy": f"{meter.interval:.4f}",
+            "accumulated-energy": f"{meter.accumulated:.4f}",
+        }
+        axes = "".join(
+            entry("sys-energy-axis-li", str(i), {"interval-energy": f"{joule:.4f}"})
+            for i, joule in enumerate(meter.joints, 1)
+        )
+        robot = entry("sys-energy-mec-li", "ROB_1", {}, f"<ul>{axes}</ul>")
+        return rws.page("system", entry("sys-energy-state-li", "energy-state", state) + robot)
+
+
+def tls(certificate: str) -> ssl.SSLContext:
+    """The server's side of TLS with a file that holds key and certificate."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificate)
+    return context
+
+
+def _md5(text: str) -> str:
+    return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()

@@ -1,0 +1,119 @@
+"""The robot behind an emulated controller: signals as EGM messages and as energy."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.emulation import Signals
+from cellwatt.emulation.signals import Float
+from cellwatt_drivers.abb.messages import classes
+from cellwatt_drivers.abb.rws import RobotWare
+from cellwatt_drivers.abb.wire import DATA
+
+_BLOCK = 50
+"""Packets computed at once; a disturbance of the world shows after them."""
+_DEGREES = math.degrees(1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """What a packet says of itself: number, controller's time in s since 1970, and whether it states that time."""
+
+    number: int
+    time: float
+    clocked: bool
+
+
+class EmulatedRobot:
+    """Makes the packets of a robot with ``axes`` joints, ``period`` s apart."""
+
+    def __init__(self, signals: Signals, robotware: RobotWare, axes: int, period: float) -> None:
+        self.motors_on = True
+        self.running = True
+        self._signals = signals
+        self._robotware = robotware
+        self._axes = axes
+        self._period = period
+        self._first = -1
+        self._block: Mapping[str, Float] = {}
+
+    def packet(self, index: int, stamp: Stamp) -> bytes:
+        """The packet of ``index`` periods after the epoch."""
+        row, values = self._row(index)
+        message = classes()["EgmRobot"]()
+        message.header.seqno = stamp.number & 0xFFFFFFFF
+        message.header.tm = round(stamp.time * 1e3) & 0xFFFFFFFF
+        message.header.mtype = DATA
+        joints = [float(values[f"joint_{i}.position"][row]) * _DEGREES for i in range(1, self._axes + 1)]
+        message.feedBack.joints.joints.extend(joints)
+        message.planned.joints.joints.extend(joints)
+        for name, key in (("x", "tool.x"), ("y", "tool.y"), ("z", "tool.z")):
+            setattr(message.feedBack.cartesian.pos, name, float(values[key][row]) * 1e3 if key in values else 0.0)
+        orient = message.feedBack.cartesian.orient
+        orient.u0, orient.u1, orient.u2, orient.u3 = 0.0, 0.0, 1.0, 0.0
+        if stamp.clocked:
+            for part in (message.feedBack, message.planned):
+                part.time.sec, part.time.usec = divmod(round(stamp.time * 1e6), 1_000_000)
+        message.motorState.state = 1 if self.motors_on else 2
+        message.mciState.state = 3 if self.motors_on else 2
+        message.mciConvergenceMet = False
+        message.rapidExecState.state = 2 if self.running else 1
+        message.utilizationRate = 0.0
+        wrench = [float(values[k][row]) if k in values else 0.0 for k in _WRENCH]
+        if self._robotware == 7:
+            message.moveIndex = index // 250 & 0xFFFFFFFF
+            message.measuredForce.fcActive = any(wrench)
+            message.measuredForce.force.extend(wrench)
+            return bytes(message.SerializeToString())
+        return bytes(message.SerializeToString()) + _force6(wrench)
+
+    def _row(self, index: int) -> tuple[int, Mapping[str, Float]]:
+        first, row = index - index % _BLOCK, index % _BLOCK
+        if first != self._first:
+            self._first = first
+            self._block = self._signals.at(np.arange(first, first + _BLOCK, dtype=np.float64) * self._period)
+        return row, self._block
+
+
+_WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
+
+
+def _force6(wrench: list[float]) -> bytes:
+    """Field 9 of the robot's message as RobotWare 6 writes it: unpacked doubles of number 1."""
+    inside = b"".join(b"\x09" + struct.pack("<d", value) for value in wrench)
+    return b"\x4a" + bytes([len(inside)]) + inside
+
+
+class Meter:
+    """A controller's energy measurement over intervals of ``length`` s since the epoch, J."""
+
+    def __init__(self, signals: Signals, axes: int, length: float = 1.0) -> None:
+        self.count = 0
+        self.length = length
+        self.interval = 0.0
+        self.accumulated = 0.0
+        self.joints = [0.0] * axes
+        self._signals = signals
+
+    def advance(self, t: float) -> None:
+        """Take in the intervals that ended before t s; after a pause of minutes only the last ones."""
+        ended = math.floor(t / self.length)
+        for interval in range(max(self.count, ended - 60), ended):
+            self._take(interval)
+        self.count = max(self.count, ended)
+
+    def _take(self, interval: int) -> None:
+        t = (interval + np.linspace(0.0, 1.0, 51)[:-1]) * self.length
+        values = self._signals.at(t)
+        power = values.get("supply.power", np.zeros_like(t))
+        self.interval = float(power.mean()) * self.length
+        self.accumulated += self.interval
+        for joint in range(len(self.joints)):
+            torque = values.get(f"joint_{joint + 1}.torque", np.zeros_like(t))
+            speed = values.get(f"joint_{joint + 1}.velocity", np.zeros_like(t))
+            self.joints[joint] = float((torque * speed).mean()) * self.length

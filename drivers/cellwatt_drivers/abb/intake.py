@@ -1,0 +1,117 @@
+"""From EGM packets to the daemon: losses, duplicates, new sessions, the controller's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Stream
+from cellwatt.driver import Outlet
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.abb.wire import Columns, Packet, decode
+
+_RECENT = 1000
+"""A packet at most this far behind the newest came late or twice; further behind, numbering has begun anew."""
+_LONGEST_GAP = 1_000_000
+"""More missing numbers than this are no loss but another numbering."""
+_STEP = 200_000_000
+"""ns by which the controller's time must leave both the numbering and this PC's time to count as set anew."""
+_WRAP = 1 << 32
+
+
+class Intake:
+    """Takes the datagrams of one robot in order, over all connections to it, and keeps its account.
+
+    ``expect`` follows the packets' own numbers. Times are the controller's clock (µs), or, where it sends none, the
+    milliseconds of the header, which are unwrapped.
+    """
+
+    def __init__(self, outlet: Outlet, stream: Stream, columns: Columns, delivers: Callable[[], None]) -> None:
+        """``delivers`` is called before each block is handed over."""
+        self.stream = stream
+        self._delivers = delivers
+        self._outlet = outlet
+        self._columns = columns
+        self._period = round(1e9 / stream.rate)
+        self._number: int | None = None
+        self._time = 0
+        self._arrival = 0
+        self._clocked = False
+        self._wraps = 0
+        self._sent = 0
+        self._reason = "gap"
+
+    def opened(self) -> None:
+        """Losses before the next packet are those of an outage."""
+        self._reason = "outage"
+
+    def take(self, datagrams: list[bytes]) -> None:
+        """Decode and hand over; what is not EGM is counted as ``malformed``."""
+        arrival = self._outlet.now()
+        times: list[int] = []
+        rows: list[list[float]] = []
+        for datagram in datagrams:
+            try:
+                packet = decode(datagram)
+            except ProtocolError:
+                self._outlet.account.count("malformed")
+                continue
+            time = self._continue(packet, arrival, times, rows)
+            if time is not None:
+                times.append(time)
+                rows.append(self._columns.row(packet.message))
+        self._flush(times, rows, arrival)
+
+    def _continue(self, packet: Packet, arrival: int, times: list[int], rows: list[list[float]]) -> int | None:
+        """The packet's time, ns, or ``None`` where it is to be left out; counts what is missing before it."""
+        clocked = packet.clock is not None
+        time = packet.clock if packet.clock is not None else self._unwrapped(packet.sent)
+        account = self._outlet.account
+        fault = None
+        missing = 0
+        if self._number is not None:
+            ahead = packet.sequence - self._number
+            if -_RECENT < ahead <= 0 and time <= self._time:
+                account.count("duplicates" if ahead == 0 else "late packets")
+                return None
+            if ahead <= 0 or ahead > _LONGEST_GAP:
+                account.count("sessions")
+            else:
+                missing = ahead - 1
+            fault = self._broken(clocked, time, 1 + missing, arrival)
+        if fault is not None:
+            self._flush(times, rows, arrival)
+            self._outlet.clock_reset(self.stream, fault)
+        account.expect(1 + missing)
+        account.miss(missing, self._reason)
+        self._reason = "gap"
+        self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
+        return time
+
+    def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
+        """Why the controller's time cannot be on the map of the packets before, or ``None``."""
+        if clocked != self._clocked:
+            return "the controller's clock came or went"
+        passed = time - self._time
+        if passed <= 0:
+            return "the controller's time went back"
+        strange = abs(passed - steps * self._period) > _STEP and abs(passed - (arrival - self._arrival)) > _STEP
+        return "the controller's time jumped" if strange else None
+
+    def _unwrapped(self, sent: int) -> int:
+        """Header time, ns, continued over its wrap at 2³² ms."""
+        if sent < self._sent - _WRAP // 2:
+            self._wraps += 1
+        self._sent = sent
+        return (self._wraps * _WRAP + sent) * 1_000_000
+
+    def _flush(self, times: list[int], rows: list[list[float]], arrival: int) -> None:
+        if not rows:
+            return
+        values = np.array(rows)
+        self._delivers()
+        self._outlet.emit(Reading(self.stream, values, arrival, np.array(times, dtype=np.int64)))
+        times.clear()
+        rows.clear()

@@ -1,0 +1,137 @@
+"""Pages of Robot Web Services ⇄ what they say; pure functions.
+
+Source: Robot Web Services, 3HAC050973: a page is XHTML whose ``<li class=…>`` hold ``<span class=NAME>VALUE</span>``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+from xml.etree import ElementTree
+
+from cellwatt.errors import ProtocolError
+
+RobotWare = Literal[6, 7]
+LARGEST = 1 << 20  # bytes of a page
+
+ENERGY = "/rw/system/energy"
+EXECUTION = "/rw/rapid/execution"
+SPEED = "/rw/panel/speedratio"
+MODE = "/rw/panel/opmode"
+SYSTEM = "/rw/system"
+LOGOUT = "/logout"
+CONTROLLER = {6: "/rw/panel/ctrlstate", 7: "/rw/panel/ctrl-state"}
+
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One ``<li>`` of a page: its class, its title and its spans by class."""
+
+    kind: str
+    title: str
+    values: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Energy:
+    """The controller's own energy measurement, in its own unit; ``interval`` in s, ``joints`` of the last interval.
+
+    ``valid`` is what the controller says of the measurement; ``count`` rises with each new one.
+    """
+
+    valid: bool
+    count: int
+    state: str
+    interval: float
+    interval_energy: float
+    accumulated: float
+    joints: tuple[float, ...]
+
+
+def items(page: bytes) -> list[Item]:
+    """All ``<li>`` of a page in order. Raises ``ProtocolError`` where it is not XHTML."""
+    try:
+        root = ElementTree.fromstring(page)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ProtocolError(f"a page of Robot Web Services is no XHTML: {error}") from error
+    return list(_walk(root))
+
+
+def _walk(root: ElementTree.Element) -> Iterator[Item]:
+    for element in root.iter():
+        if _name(element) == "li":
+            spans = {s.get("class", ""): (s.text or "").strip().strip('"') for s in element if _name(s) == "span"}
+            yield Item(element.get("class", ""), element.get("title", ""), spans)
+
+
+def _name(element: ElementTree.Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def value(page: bytes, name: str) -> str:
+    """The one value of a page, e.g. ``ctrlstate``. Raises ``ProtocolError`` where it is not there."""
+    for item in items(page):
+        if name in item.values:
+            return item.values[name]
+    raise ProtocolError(f"a page of Robot Web Services lacks {name!r}")
+
+
+def ratio(page: bytes) -> float:
+    """Speed override, 0 … 1."""
+    percent = _number(value(page, "speedratio"))
+    return percent / 100
+
+
+def energy(page: bytes, unit: str) -> Energy:
+    """The energy page; ``joints`` are those of the mechanical unit with this name. Raises ``ProtocolError``."""
+    found = items(page)
+    state = next((i.values for i in found if i.kind.startswith("sys-energy-state")), None)
+    if state is None:
+        raise ProtocolError("the energy page of Robot Web Services lacks its state")
+    joints: list[float] = []
+    here = False
+    for item in found:
+        if item.kind.startswith("sys-energy-mec"):
+            here = item.title == unit
+        elif here and item.kind.startswith("sys-energy-axis"):
+            joints.append(_number(item.values.get("interval-energy", "")))
+    return Energy(
+        valid=state.get("state") == "0",
+        count=int(_number(state.get("change-count", "0"))),
+        state=state.get("energy-state", ""),
+        interval=_number(state.get("interval-length", "")),
+        interval_energy=_number(state.get("interval-energy", "")),
+        accumulated=_number(state.get("accumulated-energy", "")),
+        joints=tuple(joints),
+    )
+
+
+def _number(text: str) -> float:
+    if not text:
+        return _NAN
+    try:
+        number = float(text)
+    except ValueError as error:
+        raise ProtocolError(f"{text!r} in a page of Robot Web Services is no number") from error
+    if not math.isfinite(number):
+        raise ProtocolError(f"{text!r} in a page of Robot Web Services is no finite number")
+    return number
+
+
+def page(title: str, content: str) -> bytes:
+    """A page as a controller writes it."""
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<html xmlns="http://www.w3.org/1999/xhtml">\n'
+        f'<head><title>{title}</title><base href="http://localhost/rw/"/></head>\n'
+        f'<body><div class="state"><a href="" rel="self"/><ul>{content}</ul></div></body>\n</html>\n'
+    ).encode()
+
+
+def entry(kind: str, title: str, values: dict[str, str | float], inside: str = "") -> str:
+    """One ``<li>`` of a page."""
+    spans = "".join(f'<span class="{name}">{text}</span>' for name, text in values.items())
+    return f'<li class="{kind}" title="{title}">{spans}{inside}</li>'

@@ -1,0 +1,122 @@
+"""A session with Robot Web Services: reads pages, one at a time."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from base64 import b64encode
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt_drivers.abb.rws import LARGEST, LOGOUT, RobotWare
+
+if TYPE_CHECKING:
+    import aiohttp
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Where the pages are and who asks; ``certificate`` is a file, without one the server's is not checked."""
+
+    host: str
+    port: int
+    robotware: RobotWare
+    user: str
+    password: str
+    tls: bool
+    certificate: str | None
+    timeout: float
+
+    @property
+    def url(self) -> str:
+        """Start of each page's address."""
+        return f"{'https' if self.tls else 'http'}://{self.host}:{self.port}"
+
+
+class Web:
+    """Reads pages with GET in one session of the controller, whose cookie it keeps: sessions are few."""
+
+    def __init__(self, session: aiohttp.ClientSession, access: Access, tls: ssl.SSLContext | bool) -> None:
+        self._session = session
+        self._access = access
+        self._tls = tls
+
+    async def get(self, path: str) -> bytes:
+        """A page.
+
+        Raises ``ConnectError`` (nobody answers), ``WrongDeviceError`` (something else, or another RobotWare, does),
+        ``DeviceError`` (user or password refused, or an error of the controller) and ``ProtocolError``.
+        """
+        import aiohttp
+
+        url = self._access.url + path
+        try:
+            async with self._session.get(url, ssl=self._tls, allow_redirects=False) as answer:
+                page = await answer.content.read(LARGEST)
+                status = answer.status
+        except TimeoutError as error:
+            raise ConnectError(f"{url}: no answer within {self._access.timeout:g} s") from error
+        except (aiohttp.ClientConnectionError, OSError) as error:
+            raise ConnectError(f"{url} cannot be read: {_reason(error)}") from error
+        except aiohttp.ClientError as error:
+            raise ProtocolError(f"{url}: no HTTP that is understood: {_reason(error)}") from error
+        return self._judge(url, status, page)
+
+    def _judge(self, url: str, status: int, page: bytes) -> bytes:
+        if status == 200:
+            return page
+        if status == 401:
+            raise DeviceError(
+                f"{url}: user {self._access.user!r} or the password is refused; see user, password, robotware"
+            )
+        if status == 503:
+            raise DeviceError(f"{url}: the controller has no session left; close other clients of it")
+        if status in (301, 302, 404, 406):
+            raise WrongDeviceError(
+                f"{url}: HTTP {status}: not a controller with RobotWare {self._access.robotware}; see robotware"
+            )
+        raise DeviceError(f"{url}: the controller answers HTTP {status}")
+
+
+@asynccontextmanager
+async def session(access: Access) -> AsyncIterator[Web]:
+    """Open a session (nothing is sent before the first page) and log out of it at the end."""
+    import aiohttp
+
+    jar = aiohttp.CookieJar(unsafe=True)  # controllers are addressed by number, and their cookies are for that
+    timeout = aiohttp.ClientTimeout(total=access.timeout)
+    connector = aiohttp.TCPConnector(limit=1)
+    middlewares: tuple[aiohttp.ClientMiddlewareType, ...] = ()
+    headers = {"Accept": "application/xhtml+xml;v=2.0"}
+    if access.robotware == 6:
+        middlewares = (aiohttp.DigestAuthMiddleware(access.user, access.password),)
+        headers = {}
+    else:
+        headers["Authorization"] = "Basic " + b64encode(f"{access.user}:{access.password}".encode()).decode()
+    async with aiohttp.ClientSession(
+        connector=connector, timeout=timeout, cookie_jar=jar, headers=headers, middlewares=middlewares
+    ) as opened:
+        web = Web(opened, access, await _tls(access))
+        try:
+            yield web
+        finally:
+            if len(jar):
+                with suppress(ConnectError, DeviceError, WrongDeviceError, ProtocolError):
+                    async with asyncio.timeout(access.timeout):
+                        await web.get(LOGOUT)
+
+
+async def _tls(access: Access) -> ssl.SSLContext | bool:
+    if not access.tls or access.certificate is None:
+        return False
+    try:
+        return await asyncio.to_thread(ssl.create_default_context, cafile=access.certificate)
+    except (OSError, ssl.SSLError) as error:
+        raise ConnectError(f"certificate {access.certificate} cannot be read: {error}") from error
+
+
+def _reason(error: BaseException) -> str:
+    return str(error) or type(error).__name__

@@ -1,0 +1,187 @@
+"""EGM datagrams ⇄ what they say, in SI units; pure functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from cellwatt.channel import Channel
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.abb.messages import classes, parse
+
+PORT = 6510
+CYCLE = 0.004
+"""s; a controller sends every cycle, or every so many."""
+DATA = 2
+"""``mtype`` of what a robot sends."""
+LARGEST = 4096
+"""Bytes of a datagram that is still taken for EGM; a full one has some 600."""
+
+Group = Literal["joints", "planned", "tool", "state", "force", "torque", "collision"]
+External = Literal["rotary", "linear"]
+
+_RAD = math.radians(1.0)
+_NAN = float("nan")
+_FACTOR = {"rotary": _RAD, "linear": 1e-3}
+_ON_OFF = {1: 1.0, 2: 0.0}
+_RUNNING = {1: 0.0, 2: 1.0}
+_LAST_SECOND = 9_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """One datagram: ``sequence`` and ``sent`` (ms, wraps at 2³²) of its header, ``clock`` the controller's time (ns
+    since 1970) of the measured position, ``None`` where it is not given, and the ``message`` itself.
+    """
+
+    sequence: int
+    sent: int
+    clock: int | None
+    message: Any
+
+
+def decode(datagram: bytes) -> Packet:
+    """Raises ``ProtocolError`` where the datagram is not one of a robot's."""
+    message = parse(datagram)
+    header = message.header
+    if not header.HasField("seqno") or header.mtype != DATA:
+        raise ProtocolError("not an EGM message of a robot: no sequence number, or not of the type DATA")
+    clock = None
+    if message.feedBack.HasField("time"):
+        time = message.feedBack.time
+        if time.sec > _LAST_SECOND or time.usec >= 1_000_000:
+            raise ProtocolError(f"the controller's time {time.sec} s {time.usec} µs is none")
+        clock = (time.sec * 1_000_000 + time.usec) * 1000
+    return Packet(header.seqno, header.tm, clock, message)
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The channels of some groups, and how each group gets its values from a message; NaN for what is not there."""
+
+    channels: tuple[Channel, ...]
+    readers: tuple[Callable[[Any], Sequence[float]], ...]
+
+    def row(self, message: Any) -> list[float]:
+        """Values in the order of ``channels``."""
+        found: list[float] = []
+        for read in self.readers:
+            found.extend(read(message))
+        return found
+
+
+def columns(groups: Sequence[Group], axes: int, external: Sequence[External]) -> Columns:
+    """The columns for a robot with ``axes`` joints and ``external`` axes."""
+    channels: list[Channel] = []
+    readers: list[Callable[[Any], Sequence[float]]] = []
+    for group in groups:
+        made, read = _GROUPS[group](axes, tuple(external))
+        channels += made
+        readers.append(read)
+    return Columns(tuple(channels), tuple(readers))
+
+
+_Made = tuple[list[Channel], Callable[[Any], Sequence[float]]]
+
+
+def _fit(values: Sequence[float], factors: Sequence[float]) -> list[float]:
+    """Values × factors; NaN where there are too few values, surplus ones are left out."""
+    found = [value * factor for value, factor in zip(values, factors, strict=False)]
+    return found + [_NAN] * (len(factors) - len(found))
+
+
+def _motion(part: Literal["feedBack", "planned"], quantity: str) -> Callable[[int, tuple[External, ...]], _Made]:
+    def make(axes: int, external: tuple[External, ...]) -> _Made:
+        joints = [_RAD] * axes
+        others = [_FACTOR[kind] for kind in external]
+        channels = [Channel(f"joint_{i}.{quantity}", "rad") for i in range(1, axes + 1)]
+        for i, kind in enumerate(external, 1):
+            channels.append(Channel(f"external_{i}.{quantity}", "rad" if kind == "rotary" else "m"))
+
+        def read(message: Any) -> Sequence[float]:
+            motion = getattr(message, part)
+            found = _fit(motion.joints.joints, joints)
+            return found + _fit(motion.externalJoints.joints, others) if others else found
+
+        return channels, read
+
+    return make
+
+
+def _tool(axes: int, external: tuple[External, ...]) -> _Made:
+    channels = [Channel(f"tool.{axis}", "m") for axis in "xyz"]
+    # A quaternion and its negative are one orientation: a value between two samples would be wrong at a change.
+    channels += [Channel(f"tool.q{axis}", "1", align="hold") for axis in "wxyz"]
+
+    def read(message: Any) -> Sequence[float]:
+        pose = message.feedBack.cartesian
+        at, turn = pose.pos, pose.orient
+        place = [at.x * 1e-3, at.y * 1e-3, at.z * 1e-3] if pose.HasField("pos") else [_NAN] * 3
+        return place + ([turn.u0, turn.u1, turn.u2, turn.u3] if pose.HasField("orient") else [_NAN] * 4)
+
+    return channels, read
+
+
+def _state(axes: int, external: tuple[External, ...]) -> _Made:
+    names = ("motors_on", "program_running", "egm_state", "move_index")
+
+    def read(message: Any) -> Sequence[float]:
+        return (
+            _ON_OFF.get(message.motorState.state, _NAN),
+            _RUNNING.get(message.rapidExecState.state, _NAN),
+            float(message.mciState.state) if message.HasField("mciState") else _NAN,
+            float(message.moveIndex) if message.HasField("moveIndex") else _NAN,
+        )
+
+    return [Channel(f"robot.{name}", "1", "discrete") for name in names], read
+
+
+def _force(axes: int, external: tuple[External, ...]) -> _Made:
+    channels = [Channel(f"tool.force_{axis}", "N") for axis in "xyz"]
+    channels += [Channel(f"tool.torque_{axis}", "Nm") for axis in "xyz"]
+
+    def read(message: Any) -> Sequence[float]:
+        return _fit(force(message), [1.0] * 6)
+
+    return channels, read
+
+
+def force(message: Any) -> Sequence[float]:
+    """The measured force, N and Nm.
+
+    RobotWare 6 sends it as field 1, where RobotWare 7 has a yes or no: its values are then among the unknown fields.
+    """
+    if not message.HasField("measuredForce"):
+        return ()
+    measured = message.measuredForce
+    if measured.force or measured.HasField("fcActive"):
+        return list(measured.force)
+    older = classes()["EgmMeasuredForce6"]()
+    older.ParseFromString(measured.SerializeToString())
+    return list(older.force)
+
+
+def _torque(axes: int, external: tuple[External, ...]) -> _Made:
+    channels = [Channel(f"joint_{i}.target_torque", "Nm") for i in range(1, axes + 1)]
+    return channels, lambda message: _fit(message.torqueRef.joints, [1.0] * axes)
+
+
+def _collision(axes: int, external: tuple[External, ...]) -> _Made:
+    def read(message: Any) -> Sequence[float]:
+        known = message.HasField("CollisionInfo")
+        return (float(message.CollisionInfo.collsionTriggered) if known else _NAN,)
+
+    return [Channel("robot.collision", "1", "discrete")], read
+
+
+_GROUPS: dict[str, Callable[[int, tuple[External, ...]], _Made]] = {
+    "joints": _motion("feedBack", "position"),
+    "planned": _motion("planned", "target_position"),
+    "tool": _tool,
+    "state": _state,
+    "force": _force,
+    "torque": _torque,
+    "collision": _collision,
+}

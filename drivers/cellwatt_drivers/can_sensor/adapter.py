@@ -1,0 +1,70 @@
+"""An slcan adapter (LAWICEL's ASCII protocol) on a pseudo-terminal."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+CHUNK = 4096
+
+
+class Adapter:
+    """The adapter's side: obeys O, L, C and S, and sends frames while it is open.
+
+    ``heard`` are the commands that came; ``port`` is where a client finds it.
+    """
+
+    def __init__(self, master: int, port: str) -> None:
+        self.port = port
+        self.heard: list[str] = []
+        self.is_open = False
+        self._master = master
+        self._partial = b""
+
+    def read(self) -> None:
+        """Called by the loop when the client wrote."""
+        try:
+            data = os.read(self._master, CHUNK)
+        except BlockingIOError:
+            return
+        *commands, self._partial = (self._partial + data).split(b"\r")
+        for command in commands:
+            text = command.decode("ascii", "replace")
+            self.heard.append(text)
+            if text[:1] in {"O", "L"}:
+                self.is_open = True
+            elif text[:1] == "C":
+                self.is_open = False
+            self.write(b"\r")
+
+    def send(self, identifier: int, data: bytes) -> bool:
+        """A standard frame to the client; whether it was taken."""
+        return self.is_open and self.write(f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode())
+
+    def write(self, data: bytes) -> bool:
+        """Bytes to the client; whether they were taken, which they are not when it does not read."""
+        try:
+            return os.write(self._master, data) == len(data)
+        except BlockingIOError:
+            return False
+
+
+@contextmanager
+def virtual_adapter() -> Iterator[Adapter]:
+    """An adapter at a port of its own; must be entered on a running loop."""
+    loop = asyncio.get_running_loop()
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    adapter = Adapter(master, os.ttyname(slave))
+    loop.add_reader(master, adapter.read)
+    try:
+        yield adapter
+    finally:
+        loop.remove_reader(master)
+        os.close(master)
+        os.close(slave)

@@ -1,0 +1,256 @@
+"""Listens to sensors on a CAN bus."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import AbstractAsyncContextManager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import Field, field_validator, model_validator
+
+from cellwatt.channel import Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConfigError, ConnectError, SourceError, WrongDeviceError
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
+from cellwatt_drivers.can_sensor.intake import Intake
+from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
+from cellwatt_drivers.can_sensor.sensor_map import SensorMap, SensorName, load_decodings
+
+if TYPE_CHECKING:
+    from can import Message
+
+MULTICAST_PORT = 43113
+_BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
+_MOST_OTHERS = 8
+_EXTRAS = {"can": "python-can", "cantools": "cantools"}
+
+
+class CanSensorSettings(SourceSettings):
+    """A sensor on a CAN bus: one of the packaged ones, or any with a DBC file and a map of one's own."""
+
+    sensor: SensorName | None = None
+    """Make of the sensor: one of the packaged maps."""
+    map: Path | None = None
+    """File with a map of one's own instead of ``sensor``."""
+    interface: Interface = "socketcan"
+    """How python-can reaches the bus."""
+    channel: str = "can0"
+    """Network interface (``can0``), serial port of an slcan adapter, multicast group, or name of a virtual bus."""
+    port: int = Field(MULTICAST_PORT, ge=1, le=65535)
+    """UDP port; only for udp_multicast."""
+    bitrate: int | None = None
+    """Bit/s that an slcan adapter is told; left out: as it is set. SocketCAN's is set with ``ip link``."""
+    listen_only: bool = False
+    """Tell an slcan adapter not even to acknowledge; then another node must do so."""
+    settle: Seconds = Field(0.0, ge=0, le=10)
+    """Wait this long after opening an slcan adapter; those that restart then need 2 s."""
+    read: tuple[str, ...] | None = None
+    """Streams to read; left out: those of the map that are not optional."""
+    rates: dict[str, Hertz] = Field(default_factory=dict)
+    """Messages a second, by stream, where the sensor is set otherwise than the map says."""
+    silence: Seconds = Field(2.0, gt=0)
+    """Not one frame of the sensor for this long: the bus is closed and opened again."""
+
+    @field_validator("bitrate")
+    @classmethod
+    def _known_rate(cls, bitrate: int | None) -> int | None:
+        if bitrate is not None and bitrate not in _BITRATES:
+            raise ValueError(f"expected one of {', '.join(map(str, _BITRATES))}")
+        return bitrate
+
+    @model_validator(mode="after")
+    def _fits(self) -> CanSensorSettings:
+        if (self.sensor is None) == (self.map is None):
+            raise ValueError("write either 'sensor' (a packaged map) or 'map' (a file)")
+        if self.interface != "slcan" and (self.bitrate is not None or self.listen_only):
+            raise ValueError("'bitrate' and 'listen_only' are for slcan; SocketCAN's are set with ip link")
+        if self.interface == "slcan" and not self.channel.startswith("/"):
+            raise ValueError("'channel' of slcan is the path of a serial port, like '/dev/serial/by-id/usb-…'")
+        if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
+            raise ValueError("'read' names at least one stream, each once")
+        return self
+
+
+class CanSensorDriver(Driver[CanSensorSettings]):
+    """One sensor; several may listen to one bus. Nothing is ever sent to the bus.
+
+    Samples carry the time at which the PC received the frame, so each stream has a clock model of its own. What is
+    known of a message's counter outlives the connection.
+    """
+
+    Settings = CanSensorSettings
+    title = "Sensors on a CAN bus by DBC file (Isabellenhütte IVT-S, own maps)"
+    emulator = "cellwatt_drivers.can_sensor.emulator:CanSensorEmulator"
+    writes = (
+        "no frame to the bus; its controller acknowledges frames of others unless it is set to listen only",
+        "slcan only, to the adapter: C (close), S<n> (bit rate, where bitrate is set), O or L (open, or listen only)",
+    )
+
+    def __init__(self, name: str, settings: CanSensorSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        _need_extras(name, settings.interface)
+        self._map, decodings = load_decodings(settings.sensor, settings.map)
+        self._intakes: dict[tuple[int, bool], Intake] = {}
+        for stream in _chosen(self._map, settings):
+            rate = settings.rates.get(stream)
+            period = 1 / rate if rate else self._map.streams[stream].cycle
+            intake = Intake(name, decodings[stream], period, outlet)
+            self._intakes[intake.identifier] = intake
+        self._state: BusState = "active"
+        self._others: set[int] = set()
+        self._errors = 0
+        self._dropped = 0
+        self._malformed = 0
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One for each message that is read."""
+        return tuple(i.stream for i in self._intakes.values())
+
+    async def identify(self) -> Identity:
+        """The map's sensor, once one of its frames was heard. Raises ``SourceError``."""
+        async with self._open() as listening:
+            return await self._first(listening)
+
+    async def run(self) -> None:
+        """See ``Driver.run``."""
+        for intake in self._intakes.values():
+            intake.resume()
+        async with self._open() as listening:
+            connected = False
+            loop = asyncio.get_running_loop()
+            heard = loop.time()
+            self._others, self._errors, self._dropped, self._malformed = set(), 0, 0, 0
+            try:
+                while True:
+                    frames = await listening.frames(max(0.0, heard + self.settings.silence - loop.time()))
+                    if sum(self._take(frame) for frame in frames):
+                        heard = loop.time()
+                        if not connected:
+                            connected = True
+                            self.outlet.connected(self._identity())
+                    self._hand_over(listening)
+                    if loop.time() - heard >= self.settings.silence:
+                        raise self._verdict(listening.place)
+            finally:
+                self._hand_over(listening)
+
+    def _open(self) -> AbstractAsyncContextManager[Listening]:
+        s = self.settings
+        options: dict[str, Any] = {}
+        if s.interface == "slcan":
+            options = {"listen_only": s.listen_only, "sleep_after_open": s.settle, "timeout": 0}
+            options |= {} if s.bitrate is None else {"bitrate": s.bitrate}
+        elif s.interface == "udp_multicast":
+            options = {"port": s.port, "hop_limit": 0}
+        return open_listening(BusPlace(s.interface, s.channel, options))
+
+    async def _first(self, listening: Listening) -> Identity:
+        loop = asyncio.get_running_loop()
+        end = loop.time() + self.settings.silence
+        self._others, self._errors = set(), 0
+        while loop.time() < end:
+            for frame in await listening.frames(end - loop.time()):
+                if frame.is_error_frame:
+                    self._errors += 1
+                elif (frame.arbitration_id, frame.is_extended_id) in self._intakes:
+                    return self._identity()
+                else:
+                    self._others.add(frame.arbitration_id)
+        raise self._verdict(listening.place)
+
+    def _identity(self) -> Identity:
+        heard = ", ".join(f"{name} 0x{i.identifier[0]:X}" for name, i in self._by_name().items())
+        return Identity(self._map.maker, self._map.model, notes={"messages": heard, "map": self._map.source})
+
+    def _by_name(self) -> dict[str, Intake]:
+        return {i.stream.name: i for i in self._intakes.values()}
+
+    def _take(self, frame: Message) -> bool:
+        """Whether it is a frame of the sensor."""
+        if frame.is_error_frame:
+            self._note_error(frame)
+            return False
+        intake = self._intakes.get((frame.arbitration_id, frame.is_extended_id))
+        if intake is None or frame.is_remote_frame:
+            self.outlet.account.count("other frames")
+            if len(self._others) < _MOST_OTHERS:
+                self._others.add(frame.arbitration_id)
+            return False
+        intake.take(frame)
+        return True
+
+    def _note_error(self, frame: Message) -> None:
+        error = decode_error(frame.arbitration_id, bytes(frame.data))
+        self._errors += 1
+        self.outlet.account.count("error frames")
+        for what in error.names:
+            self.outlet.account.count(f"error frames: {what}")
+        if error.overflow:
+            self.outlet.account.count("controller overflows")
+        if error.state is not None and error.state != self._state:
+            kind = {"off": "bus_off", "passive": "bus_passive", "warning": "bus_warning", "active": "bus_active"}
+            text = _STATES[error.state]
+            self._state = error.state
+            self.outlet.event(kind[error.state], f"{self.name}: {self.settings.channel}: {text}")
+
+    def _hand_over(self, listening: Listening) -> None:
+        since = asyncio.get_running_loop().time() - listening.latest  # read ahead of the cell's time: never too early
+        arrival = self.outlet.now() - round(since * 1e9)
+        for intake in self._intakes.values():
+            intake.flush(arrival)
+        if listening.dropped > self._dropped:
+            self.outlet.account.count("frames dropped", listening.dropped - self._dropped)
+            self._dropped = listening.dropped
+        if listening.malformed > self._malformed:
+            self.outlet.account.count("malformed", listening.malformed - self._malformed)
+            self._malformed = listening.malformed
+
+    def _verdict(self, place: BusPlace) -> SourceError:
+        """Why nothing of the sensor was heard."""
+        where = f"{place}: in {self.settings.silence:g} s"
+        if self._state == "off":
+            return ConnectError(
+                f"{where} no frame: the controller is bus-off; set restart-ms with ip link, check wires"
+            )
+        if self._others:
+            others = ", ".join(f"0x{i:X}" for i in sorted(self._others))
+            wanted = ", ".join(f"0x{i.identifier[0]:X}" for i in self._intakes.values())
+            return WrongDeviceError(f"{where} only frames {others}, but none of the {self._map.model}'s ({wanted})")
+        if self._errors:
+            return ConnectError(f"{where} only {self._errors} error frames: wrong bit rate, or a wire is off?")
+        return ConnectError(f"{where} not one frame: is the sensor on, is the bit rate right, is the bus terminated?")
+
+
+_STATES: dict[BusState, str] = {
+    "active": "the controller takes part again",
+    "warning": "the controller sees many errors (warning level)",
+    "passive": "the controller sees so many errors that it is error-passive",
+    "off": "the controller is bus-off: it takes no part until it is restarted",
+}
+
+
+def _need_extras(name: str, interface: Interface) -> None:
+    missing = [package for module, package in _EXTRAS.items() if find_spec(module) is None]
+    if interface == "udp_multicast" and find_spec("msgpack") is None:
+        missing.append("msgpack")
+    if missing:
+        raise ConfigError(
+            f"source {name}: driver can_sensor needs {' and '.join(missing)}: pip install 'cellwatt[can]'"
+        )
+
+
+def _chosen(made: SensorMap, settings: CanSensorSettings) -> tuple[str, ...]:
+    """Streams to read. Raises ``ConfigError`` where the map lacks one."""
+    names = settings.read
+    if names is None:
+        names = tuple(n for n, s in made.streams.items() if not s.optional) or tuple(made.streams)
+    for key, wanted in (("read", names), ("rates", tuple(settings.rates))):
+        if unknown := [n for n in wanted if n not in made.streams]:
+            raise ConfigError(
+                f"{key}: the map of {made.model} has no stream {', '.join(unknown)}; it has: {', '.join(made.streams)}"
+            )
+    return names

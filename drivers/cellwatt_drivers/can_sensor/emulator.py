@@ -1,0 +1,185 @@
+"""An Isabellenhütte IVT-S on a CAN bus."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, ClassVar
+
+import can
+import numpy as np
+
+from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.ticker import Ticker
+from cellwatt_drivers.can_sensor import bus_errors
+from cellwatt_drivers.can_sensor.adapter import virtual_adapter
+from cellwatt_drivers.can_sensor.sensor_map import Decoding, load_decodings
+
+MULTICAST_GROUP = "239.74.163.2"
+_QUANTITY = {
+    "current": "current", "voltage_1": "voltage", "voltage_2": "voltage", "voltage_3": "voltage",
+    "temperature": "temperature", "power": "power", "energy": "energy",
+}  # fmt: skip
+
+Send = Callable[[int, bytes], bool]
+
+
+class CanSensorEmulator(Emulator):
+    """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
+
+    The address is ``pty`` (an slcan adapter), ``udp_multicast:GROUP:PORT`` (as python-can writes it, within this
+    host) or ``virtual:NAME`` (within this process). Options: ``cycles`` (stream=ms, comma-separated: results that
+    are sent, and how often; current=20,voltage_1=60,voltage_2=60,voltage_3=60), ``status`` (hex digit of the error
+    flags in byte 1).
+
+    Faults strike frames. ``loss``: not sent, its number is used; ``duplicate``: sent twice; ``garbage``: on ``pty``
+    random bytes before it, on other buses an error frame; ``half_frame``: cut; ``stall``: nothing is sent for a
+    while, then all that was due; ``disconnect``: the bus is off for ``seconds``, told by error frames where the bus
+    has them, and what falls due is lost. ``made`` counts results, ``sent`` those that reached a client or bus whole,
+    ``unheard`` those made while no client had the adapter open, ``disconnected`` those lost in a disconnect.
+    """
+
+    title: ClassVar[str] = "Isabellenhütte IVT-S current sensor (CAN)"
+    faults: ClassVar[tuple[FaultKind, ...]] = ("loss", "duplicate", "garbage", "half_frame", "stall", "disconnect")
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or "pty", epoch=epoch, seed=seed, options=options)
+        _, self._decodings = load_decodings("ivt_s", None)
+        left = dict(self.options)
+        self._cycles = _cycles(left.pop("cycles", "current=20,voltage_1=60,voltage_2=60,voltage_3=60"))
+        if unknown := set(self._cycles) - set(self._decodings):
+            raise ValueError(f"an IVT-S has no {', '.join(sorted(unknown))}; it has: {', '.join(self._decodings)}")
+        self.status = int(left.pop("status", "0"), 16)
+        if left:
+            raise ValueError(f"unknown options: {', '.join(left)}")
+        self._numbers: Counter[str] = Counter()
+        self._counts = Counter(made=0, sent=0, unheard=0, disconnected=0)
+        self._energy = 0.0
+        self._off = 0.0
+        self._blocked = 0.0
+        self._error: Callable[[int], object] = lambda _: None
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See ``Emulator.counts``."""
+        return {**self._counts, **self.injector.counts}
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        with self._bus() as (place, send):
+            ready(place)
+            due = dict.fromkeys(self._cycles, 0.0)
+            start = time.monotonic()
+            async with Ticker(1 / min(self._cycles.values())) as ticker:
+                async for _ in ticker:
+                    now = time.monotonic()
+                    self._break_off(now)
+                    if now < self._blocked:
+                        continue
+                    for name, cycle in self._cycles.items():
+                        while due[name] <= now - start:
+                            due[name] += cycle
+                            self._result(name, now, send)
+
+    def _break_off(self, now: float) -> None:
+        """Begin and end what makes the bus silent."""
+        if stall := self.injector.once("stall"):
+            self._blocked = now + stall.seconds
+        if outage := self.injector.once("disconnect"):
+            self._off = now + outage.seconds
+            self._error(bus_errors.BUS_OFF)
+        elif self._off and now >= self._off:
+            self._off = 0.0
+            self._error(bus_errors.RESTARTED)
+
+    def _result(self, name: str, now: float, send: Send) -> None:
+        decoding = self._decodings[name]
+        data = self._data(name, decoding)
+        self._counts["made"] += 1
+        strikes = self.injector.strikes
+        if self._off:
+            self._counts["disconnected"] += 1
+            return
+        if strikes("loss", now):
+            return
+        if strikes("garbage", now):
+            self._error(bus_errors.BUS_ERROR | bus_errors.PROTOCOL)
+        identifier = decoding.message.frame_id
+        if strikes("half_frame", now):
+            send(identifier, data[:3])
+            return
+        self._counts["sent" if send(identifier, data) else "unheard"] += 1
+        if strikes("duplicate", now):
+            send(identifier, data)
+
+    def _data(self, name: str, decoding: Decoding) -> bytes:
+        prefix = next(iter(decoding.wanted.signals))
+        number = self._numbers[name] % 16
+        self._numbers[name] += 1
+        values: dict[str, Any] = {
+            f"{prefix}_Kind": decoding.message.frame_id - 0x521,
+            f"{prefix}_System_Error": self.status >> 3 & 1,
+            f"{prefix}_Measurement_Error": self.status >> 2 & 1,
+            f"{prefix}_Channel_Error": self.status >> 1 & 1,
+            f"{prefix}_Overcurrent": self.status & 1,
+            f"{prefix}_Counter": number,
+            prefix: self._measured(name) / decoding.factors[0],
+        }
+        return bytes(decoding.message.encode(values, strict=False))
+
+    def _measured(self, name: str) -> float:
+        t = time.time() - self.epoch
+        now = {n: float(v[0]) for n, v in self.signals.at(np.array([t])).items() if n.startswith("bus.")}
+        voltage, current = now.get("bus.voltage", 0.0), now.get("bus.current", 0.0)
+        if name == "energy":
+            self._energy += voltage * current * self._cycles[name]
+        values = {"voltage": voltage, "current": current, "power": voltage * current, "temperature": 31.0}
+        return values.get(_QUANTITY[name], self._energy)
+
+    @contextmanager
+    def _bus(self) -> Iterator[tuple[str, Send]]:
+        kind, _, rest = self.address.partition(":")
+        if kind == "pty":
+            with virtual_adapter() as adapter:
+                self._error = lambda _: adapter.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
+                yield adapter.port, adapter.send
+            return
+        if kind == "udp_multicast":
+            group, _, port = (rest or f"{MULTICAST_GROUP}:43113").rpartition(":")
+            bus = can.Bus(interface=kind, channel=group, port=int(port), hop_limit=0, ignore_config=True)
+            place = f"{group}:{port}"
+        elif kind == "virtual":
+            bus, place = can.Bus(interface=kind, channel=rest, ignore_config=True), rest
+        else:
+            raise ValueError(
+                f"an IVT-S is emulated at pty, udp_multicast:GROUP:PORT or virtual:NAME, not {self.address}"
+            )
+        with bus:
+            self._error = lambda identifier: bus.send(_error_frame(identifier))
+            yield place, lambda identifier, data: _send(bus, identifier, data)
+
+
+def _send(bus: can.BusABC, identifier: int, data: bytes) -> bool:
+    bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+    return True
+
+
+def _error_frame(classes: int) -> can.Message:
+    return can.Message(arbitration_id=classes, data=bytes(8), is_error_frame=True, is_extended_id=True)
+
+
+def _cycles(text: str) -> dict[str, float]:
+    """Cycles in s by stream."""
+    pairs = (pair.partition("=") for pair in text.split(","))
+    return {name: float(milliseconds) * 1e-3 for name, _, milliseconds in pairs}

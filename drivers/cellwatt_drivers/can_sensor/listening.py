@@ -1,0 +1,186 @@
+"""Frames from a CAN bus through python-can, in blocks, without blocking the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections import deque
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from cellwatt.errors import ConnectError
+
+if TYPE_CHECKING:
+    from can import BusABC, Message
+
+Interface = Literal["socketcan", "slcan", "udp_multicast", "virtual"]
+
+BLOCK = 0.005
+"""s that frames wait for others, to be handed on together."""
+MOST_WAITING = 20_000
+"""Frames that wait for the driver; the oldest are dropped beyond it."""
+_MOST_AT_ONCE = 512
+_PATIENCE = 0.1
+"""s that a thread waits for a frame before it looks whether it shall end."""
+
+
+@dataclass(frozen=True, slots=True)
+class BusPlace:
+    """A bus and what python-can wants to know to open it."""
+
+    interface: Interface
+    channel: str
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.interface} {self.channel}"
+
+
+class Listening:
+    """An open bus. ``dropped`` counts frames given up because nobody took them; ``latest`` is when the newest came
+    (s, of the loop's clock).
+    """
+
+    def __init__(self, place: BusPlace, bus: BusABC) -> None:
+        self.place = place
+        self.dropped = 0
+        self.latest = 0.0
+        self._bus = bus
+        self._frames: deque[Message] = deque()
+        self._failure: Exception | None = None
+        self._news = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+
+    @property
+    def malformed(self) -> int:
+        """Lines of a serial adapter that were no frames."""
+        return int(getattr(self._bus, "malformed", 0))
+
+    async def frames(self, seconds: float) -> list[Message]:
+        """Frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
+        try:
+            async with asyncio.timeout(seconds):
+                await self._news.wait()
+        except TimeoutError:
+            return []
+        await asyncio.sleep(BLOCK)
+        self._news.clear()
+        found = list(self._frames)
+        self._frames.clear()
+        if not found and self._failure is not None:
+            raise ConnectError(f"{self.place}: {self._failure}") from self._failure
+        if self._failure is not None:
+            self._news.set()
+        return found
+
+    def drain(self) -> None:
+        """Take what the bus holds; called by the loop when its descriptor can be read."""
+        try:
+            for _ in range(_MOST_AT_ONCE):
+                message = self._bus.recv(0)
+                if message is None:
+                    return
+                self.take(message)
+        except Exception as error:  # python-can, pyserial and the system each have their own
+            self._loop.remove_reader(self._bus.fileno())
+            self.fail(error)
+
+    def take(self, message: Message) -> None:
+        """A frame came."""
+        if len(self._frames) >= MOST_WAITING:
+            self._frames.popleft()
+            self.dropped += 1
+        self._frames.append(message)
+        self.latest = self._loop.time()
+        self._news.set()
+
+    def fail(self, error: Exception) -> None:
+        """The bus is gone."""
+        self._failure = error
+        self._news.set()
+
+
+@asynccontextmanager
+async def open_listening(place: BusPlace) -> AsyncIterator[Listening]:
+    """A bus, opened in a thread because some adapters take their time. Raises ``ConnectError``."""
+    opening = asyncio.ensure_future(asyncio.to_thread(_open, place))
+    try:
+        bus = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(_discard)
+        raise
+    listening = Listening(place, bus)
+    try:
+        async with _receiving(listening, bus):
+            yield listening
+    finally:
+        await asyncio.shield(asyncio.to_thread(_close, bus))
+
+
+def _open(place: BusPlace) -> BusABC:
+    import can
+
+    try:
+        if place.interface == "slcan":
+            from cellwatt_drivers.can_sensor.slcan import CountingSlcanBus
+
+            return CountingSlcanBus(place.channel, **place.options)
+        return can.Bus(channel=place.channel, interface=place.interface, ignore_config=True, **place.options)
+    except (can.CanError, OSError, ValueError, NotImplementedError) as error:
+        raise ConnectError(f"{place} cannot be opened: {error}{_advice(place.interface)}") from error
+
+
+def _advice(interface: Interface) -> str:
+    if interface == "socketcan":
+        return "; is it there and up? ip link set can0 up type can bitrate 500000"
+    if interface == "slcan":
+        return "; is it the adapter's port, in a group of this user (dialout), and not in use?"
+    return ""
+
+
+def _discard(opening: asyncio.Future[BusABC]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        _close(opening.result())
+
+
+def _close(bus: BusABC) -> None:
+    try:
+        bus.shutdown()
+    except Exception:  # an adapter that was unplugged cannot be closed in order
+        return
+
+
+@asynccontextmanager
+async def _receiving(listening: Listening, bus: BusABC) -> AsyncIterator[None]:
+    loop = asyncio.get_running_loop()
+    try:
+        descriptor = bus.fileno()
+    except NotImplementedError:
+        descriptor = -1
+    if descriptor >= 0:
+        loop.add_reader(descriptor, listening.drain)
+        try:
+            yield
+        finally:
+            loop.remove_reader(descriptor)
+        return
+    ended = threading.Event()
+    thread = asyncio.ensure_future(asyncio.to_thread(_receive, bus, listening, loop, ended))
+    try:
+        yield
+    finally:
+        ended.set()
+        await asyncio.shield(thread)
+
+
+def _receive(bus: BusABC, listening: Listening, loop: asyncio.AbstractEventLoop, ended: threading.Event) -> None:
+    """Pass frames of a bus without a descriptor to the loop, until told to end."""
+    try:
+        while not ended.is_set():
+            message = bus.recv(_PATIENCE)
+            if message is not None:
+                loop.call_soon_threadsafe(listening.take, message)
+    except Exception as error:  # as in ``drain``
+        loop.call_soon_threadsafe(listening.fail, error)

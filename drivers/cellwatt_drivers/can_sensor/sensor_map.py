@@ -1,0 +1,192 @@
+"""What a sensor's CAN messages mean, as a YAML file beside a DBC file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from cellwatt.channel import UNITS, Channel
+from cellwatt.config.document import read
+from cellwatt.config.places import ordered
+from cellwatt.config.wording import did_you_mean, explain
+from cellwatt.errors import ConfigError
+from cellwatt.quantity import Seconds
+
+if TYPE_CHECKING:
+    from cantools.database.can import Message
+
+SensorName = Literal["ivt_s"]
+SENSORS: tuple[SensorName, ...] = get_args(SensorName)
+"""Packaged maps."""
+
+ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
+StreamName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+Flag = Literal["clipped", "missing", "told"]
+
+_SI: dict[str, tuple[str, float]] = {unit: (unit, 1.0) for unit in UNITS} | {
+    "": ("1", 1.0), "-": ("1", 1.0), "mV": ("V", 1e-3), "kV": ("V", 1e3), "mA": ("A", 1e-3), "kA": ("A", 1e3),
+    "kW": ("W", 1e3), "Wh": ("J", 3.6e3), "kWh": ("J", 3.6e6), "%": ("1", 0.01), "deg": ("rad", math.pi / 180),
+    "°": ("rad", math.pi / 180), "deg/s": ("rad/s", math.pi / 180), "rpm": ("rad/s", math.pi / 30),
+    "1/min": ("rad/s", math.pi / 30), "°C": ("degC", 1.0), "C": ("degC", 1.0), "ms": ("s", 1e-3), "h": ("s", 3.6e3),
+    "kHz": ("Hz", 1e3), "bar": ("Pa", 1e5), "kPa": ("Pa", 1e3), "mm": ("m", 1e-3), "kN": ("N", 1e3),
+}  # fmt: skip
+"""How DBC files write units, and SI units per such a unit."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+class SensorSignal(_Part):
+    """A signal whose unit the DBC file does not give as it should, or a counter."""
+
+    channel: ChannelName
+    """Channel that it feeds."""
+    unit: str | None = None
+    """What it is in, in place of the DBC file's unit."""
+    counter: bool = False
+    """It only counts up: held, not interpolated."""
+
+
+class SensorStream(_Part):
+    """One message and what is taken from it."""
+
+    message: str
+    """Its name in the DBC file."""
+    cycle: Seconds = Field(0.0, ge=0)
+    """It comes this often; 0 s: when something changes, so that none can be missed."""
+    counter: str | None = None
+    """Signal that counts the messages, so that every one that is lost is known."""
+    flags: dict[str, Flag] = Field(default_factory=dict)
+    """Signals that are 1 when something is wrong: the sample is ``clipped``, ``missing``, or it is only ``told``."""
+    signals: dict[str, ChannelName | SensorSignal] = Field(min_length=1)
+    """Channels by signal."""
+    optional: bool = False
+    """Read only where the settings name it."""
+
+
+class SensorMap(_Part):
+    """A make of sensor."""
+
+    maker: str
+    """Who makes it."""
+    model: str
+    """What it is called."""
+    source: str = ""
+    """Where this is from."""
+    dbc: Path
+    """DBC file; a relative path starts at the map's folder."""
+    streams: dict[StreamName, SensorStream] = Field(min_length=1)
+    """By name."""
+
+    @model_validator(mode="after")
+    def _one_each(self) -> SensorMap:
+        names = [s.message for s in self.streams.values()]
+        if len(set(names)) != len(names):
+            raise ValueError("streams: each message feeds one stream")
+        return self
+
+
+@dataclass(frozen=True)
+class Decoding:
+    """A stream's message as the DBC file has it, and how its signals become channels, in their order."""
+
+    name: str
+    wanted: SensorStream
+    message: Message
+    channels: tuple[Channel, ...]
+    factors: tuple[float, ...]
+
+    @property
+    def counts_to(self) -> int | None:
+        """Values that the message's counter has before it begins anew."""
+        return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
+
+    def decode(self, data: bytes) -> Mapping[str, float]:
+        """Signals by name, in the DBC file's units. Raises ``ValueError`` where there are too few bytes."""
+        from cantools.database.errors import DecodeError
+
+        try:
+            found: Any = self.message.decode(data, decode_choices=False)
+        except DecodeError as error:
+            raise ValueError(f"{self.wanted.message}: {error}") from error
+        signals: Mapping[str, float] = found
+        return signals
+
+
+def load_map(path: Path) -> SensorMap:
+    """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
+    document = read(path, {})
+    mistakes = [p for found in document.mistakes.values() for p in found]
+    try:
+        made = SensorMap.model_validate(document.value)
+    except ValidationError as error:
+        mistakes += explain(error, SensorMap, document, (), set(document.mistakes))
+    if mistakes:
+        raise ConfigError(ordered(mistakes))
+    return made.model_copy(update={"dbc": path.parent / made.dbc})
+
+
+def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
+    """A packaged map or one's own, with its DBC file. Raises ``ConfigError``."""
+    if path is not None:
+        made = load_map(path)
+        return made, _decodings(made)
+    with as_file(files(__package__) / "sensors") as folder:
+        made = load_map(folder / f"{sensor}.yaml")
+        return made, _decodings(made)
+
+
+def _decodings(made: SensorMap) -> dict[str, Decoding]:
+    import cantools
+    from cantools.database.errors import Error
+
+    try:
+        database: Any = cantools.database.load_file(made.dbc, database_format="dbc", strict=False)
+    except (OSError, UnicodeDecodeError, Error) as error:
+        raise ConfigError(f"{made.dbc}: cannot be read as a DBC file: {error}") from error
+    messages = {m.name: m for m in database.messages}
+    found = {}
+    for name, wanted in made.streams.items():
+        message = messages.get(wanted.message)
+        if message is None:
+            hint = did_you_mean(wanted.message, messages)
+            raise ConfigError(f"{made.dbc}: no message {wanted.message!r}{hint} (stream {name})")
+        found[name] = _decoding(name, wanted, message)
+    return found
+
+
+def _decoding(name: str, wanted: SensorStream, message: Message) -> Decoding:
+    channels, factors = [], []
+    for signal, target in wanted.signals.items():
+        known = _signal(message, signal)
+        spec = target if isinstance(target, SensorSignal) else SensorSignal(channel=target)
+        unit = spec.unit if spec.unit is not None else known.unit or ""
+        if unit not in _SI:
+            raise ConfigError(
+                f"signal {signal} of {message.name} is in {unit!r}: write 'signals: {{{signal}: {{channel: "
+                f"{spec.channel}, unit: …}}}}' with one of {', '.join(u for u in _SI if u)}"
+            )
+        si, factor = _SI[unit]
+        kind: Literal["counter", "continuous"] = "counter" if spec.counter else "continuous"
+        channels.append(Channel(spec.channel, si, kind, "hold" if si == "J" else None))
+        factors.append(factor)
+    for signal in (*wanted.flags, *([wanted.counter] if wanted.counter else [])):
+        _signal(message, signal)
+    return Decoding(name, wanted, message, tuple(channels), tuple(factors))
+
+
+def _signal(message: Message, name: str) -> Any:
+    for signal in message.signals:
+        if signal.name == name:
+            return signal
+    names = [s.name for s in message.signals]
+    raise ConfigError(
+        f"message {message.name} has no signal {name!r}{did_you_mean(name, names)} (it has: {', '.join(names)})"
+    )

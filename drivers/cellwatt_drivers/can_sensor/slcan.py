@@ -1,0 +1,27 @@
+"""python-can's bus on a serial adapter, which also tells of lines that are no frames."""
+
+from __future__ import annotations
+
+import re
+
+from can.interfaces.slcan import slcanBus
+
+_LINE = re.compile(r"(?:[tTxrRdDbBVNF][0-9A-Fa-f]*|[zZ])?[\r\a]")
+"""A frame, a version, a status, or the bare answer to a command."""
+
+
+class CountingSlcanBus(slcanBus):
+    """Lines that were damaged on the serial port are left out and counted in ``malformed``."""
+
+    malformed = 0
+
+    def _read(self, timeout: float | None) -> str | None:
+        try:
+            line = super()._read(timeout)
+        except UnicodeDecodeError:
+            self._buffer.clear()
+            line = "?"
+        if line is None or _LINE.fullmatch(line):
+            return line
+        self.malformed += 1
+        return None

@@ -1,0 +1,101 @@
+"""Reads a Franka robot's state at 1 kHz through pylibfranka."""
+
+from __future__ import annotations
+
+from contextlib import aclosing
+from importlib.util import find_spec
+from typing import ClassVar
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from cellwatt.channel import Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConfigError, ConnectError
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.franka import library
+from cellwatt_drivers.franka.fields import Group, Selection
+from cellwatt_drivers.franka.intake import Intake
+
+FASTEST = 1000.0
+
+
+class FrankaSettings(SourceSettings):
+    """A Franka Research 3 (or Panda), over the Franka Control Interface."""
+
+    host: str
+    """Address of the robot (its control unit)."""
+    read: tuple[Group, ...] = ("joints", "motors", "external", "state")
+    """What to keep of each state."""
+    rate: Hertz = FASTEST
+    """States a second to keep: 1 kHz or a whole part of it."""
+    timeout: Seconds = Field(2.0, gt=0)
+    """Silence after which the connection is given up and made anew."""
+
+    @field_validator("read")
+    @classmethod
+    def _no_twins(cls, value: tuple[Group, ...]) -> tuple[Group, ...]:
+        if not value or len(set(value)) != len(value):
+            raise ValueError("name at least one group, each once")
+        return value
+
+    @field_validator("rate")
+    @classmethod
+    def _whole_part(cls, rate: float) -> float:
+        every = FASTEST / rate
+        if every < 1 - 1e-9 or abs(every - round(every)) > 1e-6:
+            raise ValueError(f"{rate:g} Hz: write 1 kHz or a whole part of it (500 Hz, 250 Hz, 200 Hz …)")
+        return rate
+
+
+class FrankaDriver(Driver[FrankaSettings]):
+    """One robot's states as one stream on the robot's clock; the library reads in a process of its own."""
+
+    Settings = FrankaSettings
+    title = "Franka robots over FCI (Research 3, Panda), through pylibfranka"
+    emulator = "cellwatt_drivers.franka.emulator:FrankaEmulator"
+    least_delay: ClassVar[tuple[float, float]] = (0.0, 0.002)  # a cycle of the robot, and the way between two processes
+    writes = (
+        "what pylibfranka's constructor sends over TCP 1337: connect (command 0) and getRobotModel (command 11)",
+        "UDP: nothing; no control loop is ever started",
+    )
+
+    def __init__(self, name: str, settings: FrankaSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        if find_spec("pylibfranka") is None:
+            raise ConfigError(
+                f"source {name}: franka needs the package pylibfranka: pip install 'cellwatt[franka]' "
+                "(Linux on x86-64, Python 3.11 or 3.12)"
+            )
+        self._selection = Selection.of(settings.read)
+        self._every = round(FASTEST / settings.rate)
+        stream = Stream("fci", self._selection.channels, settings.rate, "device")
+        self._intake = Intake(outlet, stream, self._every)
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """The one stream, ``fci``."""
+        return (self._intake.stream,)
+
+    async def run(self) -> None:
+        """See ``Driver.run``."""
+        s = self.settings
+        self._intake.opened()
+        greeted = False
+        async with aclosing(library.states(s.host, self._every, self._selection, s.timeout)) as blocks:
+            async for block in blocks:
+                if not greeted:
+                    greeted = True
+                    self.outlet.connected(_IDENTITY)
+                self._intake.take(block[:, 0].astype(np.int64), block[:, 1:])
+
+    async def identify(self) -> Identity:
+        """See ``Driver.identify``: the library does not tell the robot's name, only that its states come."""
+        s = self.settings
+        async with aclosing(library.states(s.host, self._every, self._selection, s.timeout)) as blocks:
+            async for _ in blocks:
+                return _IDENTITY
+        raise ConnectError(f"{s.host}: no state came")
+
+
+_IDENTITY = Identity("Franka Robotics", "FCI robot with 7 joints", notes={"client": "pylibfranka"})

@@ -1,0 +1,254 @@
+"""An emulated Franka robot: the FCI server of its control unit."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import os
+import socket
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import ClassVar
+
+import numpy as np
+
+from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.ticker import Ticker
+from cellwatt_drivers.franka import fci
+
+_RATE = 1000.0
+_AHEAD = 50  # states made at once; a disturbance of the world shows after them
+_PRIORITY = 10
+_LONGEST = 1 << 16  # bytes of a client's message
+
+
+class FrankaEmulator(Emulator):
+    """FCI version 10 for one client at a time, as on a robot: states at 1 kHz from its connection on.
+
+    Listens on 127.0.0.1:1337 unless told otherwise (the library knows no other port, but any address). Answers
+    connect and getRobotModel; every other command is answered with success and counted as ``commanded``, which a
+    monitor never causes. Joint 7 stands still where the signals lack it. Options: ``version`` (10), ``realtime`` (1:
+    real-time priority for this process where it is allowed, so that states leave one by one also on a busy PC; clients
+    keep but the newest of those that come together). Disturbances, beside those of the signals: ``mode=NUMBER`` and
+    ``error=0`` or ``1``.
+
+    Faults on states: ``loss``, ``duplicate``, ``reorder`` (held back until after the next), ``delay`` (sent
+    ``seconds`` late), ``half_frame`` (cut: the library gives up), ``stall`` (nothing leaves for ``seconds``, then all
+    at once), ``disconnect`` (the connection ends, none is taken for ``seconds``), ``clock_jump`` (the robot's time
+    jumps ahead). ``made`` counts states for a client, ``sent`` whole ones that left.
+    """
+
+    title: ClassVar[str] = "Franka robot (FCI)"
+    faults: ClassVar[tuple[FaultKind, ...]] = (
+        "delay",
+        "reorder",
+        "duplicate",
+        "loss",
+        "half_frame",
+        "stall",
+        "disconnect",
+        "clock_jump",
+    )
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or f"127.0.0.1:{fci.PORT}", epoch=epoch, seed=seed, options=options)
+        left = dict(self.options)
+        self._version = int(left.pop("version", str(fci.VERSION)))
+        self._realtime = left.pop("realtime", "0") == "1"
+        if left:
+            raise ValueError(f"unknown options: {', '.join(left)}")
+        self.robot = EmulatedRobot(signals)
+        self.signals = self.robot
+        self._to: tuple[str, int] | None = None
+        self._writer: asyncio.StreamWriter | None = None
+        self._down_until = self._stalled_until = 0.0
+        self._shift = 0
+        self._held: list[bytes] = []
+        self._stalled: list[bytes] = []
+        self._counts = Counter(made=0, sent=0, commanded=0)
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See ``Emulator.counts``."""
+        return {**self._counts, **self.injector.counts}
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        host, _, port = self.address.rpartition(":")
+        server = await asyncio.start_server(self._accept, host, int(port))
+        bound: tuple[str, int] = server.sockets[0].getsockname()[:2]
+        if self._realtime:
+            with suppress(OSError):  # not everybody may
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.setblocking(False)
+            sender.bind((host, 0))
+            ready(f"{bound[0]}:{bound[1]}")
+            try:
+                await self._send_states(sender)
+            finally:
+                server.close()
+                self._hang_up()
+                await asyncio.sleep(0)
+
+    async def _send_states(self, sender: socket.socket) -> None:
+        first = round((time.time() - self.epoch) * _RATE)
+        passed = 0
+        async with Ticker(_RATE) as ticker:
+            async for beat in ticker:
+                for _ in range(beat.merged + 1):
+                    passed += 1
+                    self._cycle(sender, first + passed, passed)
+
+    def _hang_up(self) -> None:
+        self._to = None
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self._writer is not None or time.monotonic() < self._down_until:
+            writer.close()
+            return
+        self._writer = writer
+        try:
+            while True:
+                command, number, size = fci.HEAD.unpack(await reader.readexactly(fci.HEAD.size))
+                payload = await reader.readexactly(min(max(size - fci.HEAD.size, 0), _LONGEST))
+                peer = writer.get_extra_info("peername")[0]
+                writer.write(self._answer(fci.Command(command, number, payload), peer))
+                await writer.drain()
+        except (ConnectionError, asyncio.IncompleteReadError, asyncio.CancelledError, struct.error):
+            pass  # the client left, or does not speak FCI
+        finally:
+            writer.close()
+            if self._writer is writer:
+                self._hang_up()
+
+    def _answer(self, said: fci.Command, peer: str) -> bytes:
+        if said.command == fci.CONNECT:
+            version, port = fci.decode_connect(said.payload)
+            if version != self._version:
+                return fci.connect_reply(said.number, fci.INCOMPATIBLE)
+            self._to = (peer, port)
+            return fci.connect_reply(said.number, fci.SUCCESS)
+        if said.command == fci.GET_ROBOT_MODEL:
+            return fci.reply(said.command, said.number, fci.SUCCESS, fci.model())
+        self._counts["commanded"] += 1
+        return fci.reply(said.command, said.number, fci.SUCCESS)
+
+    def _cycle(self, sender: socket.socket, index: int, passed: int) -> None:
+        now = time.monotonic()
+        if jump := self.injector.once("clock_jump"):
+            self._shift += round(jump.seconds * 1e3)
+        if outage := self.injector.once("disconnect"):
+            self._down_until = now + outage.seconds
+            self._hang_up()
+        if stall := self.injector.once("stall"):
+            self._stalled_until = now + stall.seconds
+        if self._to is None:
+            return
+        self._counts["made"] += 1
+        self._dispatch(sender, self.robot.state(index, passed + self._shift), now)
+
+    def _dispatch(self, sender: socket.socket, state: bytes, now: float) -> None:
+        strikes = self.injector.strikes
+        if strikes("loss", now):
+            return
+        if strikes("half_frame", now):
+            self._put(sender, state[: 1 + self.injector.below(len(state) - 2)], now, 0)
+            return
+        if strikes("reorder", now):
+            self._held.append(state)
+            return
+        if late := strikes("delay", now):
+            asyncio.get_running_loop().call_later(late.seconds, self._put, sender, state, now, 1)
+            return
+        self._put(sender, state, now, 1)
+        if strikes("duplicate", now):
+            self._put(sender, state, now, 0)
+        held, self._held = self._held, []
+        for older in held:
+            self._put(sender, older, now, 1)
+
+    def _put(self, sender: socket.socket, state: bytes, now: float, whole: int) -> None:
+        self._counts["sent"] += whole
+        if now < self._stalled_until:
+            self._stalled.append(state)
+            return
+        waiting, self._stalled = self._stalled, []
+        for each in (*waiting, state):
+            if self._to is None:
+                return
+            try:
+                sender.sendto(each, self._to)
+            except OSError:  # the client is gone, or does not keep up
+                self._counts["unheard"] += 1
+
+
+class EmulatedRobot:
+    """Signals as the states of a robot; what the signals lack is 0."""
+
+    def __init__(self, signals: Signals) -> None:
+        self.at = signals.at
+        self._signals = signals
+        self._mode, self._error = 2, 0
+        self._first = -1
+        self._states = np.zeros(_AHEAD, fci.STATE)
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """See the emulator."""
+        if "mode" in change or "error" in change:
+            self._mode = int(change.get("mode", self._mode))
+            self._error = int(change.get("error", self._error))
+        else:
+            self._signals.disturb(change)
+        self._first = -1
+
+    def state(self, index: int, time: int) -> bytes:
+        """The datagram ``index`` ms after the epoch, at the robot's ``time``, ms since its start."""
+        first = index - index % _AHEAD
+        if first != self._first:
+            self._first = first
+            self._fill(first)
+        row = self._states[index - first : index - first + 1]
+        row["message_id"] = time
+        return row.tobytes()
+
+    def _fill(self, first: int) -> None:
+        values = self._signals.at(np.arange(first, first + _AHEAD, dtype=np.float64) / _RATE)
+        states = self._states
+        for joint in range(7):
+            for field, quantity in _JOINTS.items():
+                name = f"joint_{joint + 1}.{quantity}"
+                if name in values:
+                    states[field][:, joint] = values[name]
+        for field in ("O_T_EE", "O_T_EE_d", "O_T_EE_c"):
+            states[field] = _UPRIGHT
+            for place, axis in enumerate("xyz"):
+                states[field][:, 12 + place] = values.get(f"tool.{axis}", 0.0)
+        for field in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"):
+            states[field] = np.eye(4).ravel()
+        states["m_ee"] = 0.73
+        states["control_command_success_rate"] = 1.0
+        states["robot_mode"] = self._mode
+        states["errors"][:, 0] = self._error
+
+
+_JOINTS = {
+    "q": "position", "q_d": "position", "dq": "velocity", "dq_d": "velocity", "tau_J": "torque",
+    "dtau_J": "torque_rate", "theta": "position", "dtheta": "velocity", "tau_ext_hat_filtered": "external_torque",
+}  # fmt: skip
+_UPRIGHT = np.array([[1, 0, 0, 0], [0, math.cos(math.pi), 0, 0], [0, 0, math.cos(math.pi), 0], [0, 0, 0, 1]]).ravel()

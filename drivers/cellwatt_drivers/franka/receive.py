@@ -1,0 +1,67 @@
+"""pylibfranka in a process of its own: ``python -m cellwatt_drivers.franka.receive HOST EVERY ATTRIBUTE …``.
+
+Its reads block and hold the GIL, so it cannot live in the daemon. Writes each state whose time in ms is a whole
+multiple of EVERY to standard output as float64: that time, then the attributes' values. Ends with a line on standard
+error when the library fails.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+_SHORTEST = 0.004
+"""s between two writes: the daemon is woken for a handful of states, not for each."""
+_PRIORITY = 10
+
+
+def main(host: str, every: int, attributes: Sequence[str]) -> None:
+    """Pass on the robot's states until the connection is gone."""
+    import pylibfranka
+
+    pipe = os.dup(1)
+    os.dup2(2, 1)  # the library prints to standard output
+    robot = pylibfranka.Robot(host, pylibfranka.RealtimeConfig.kIgnore)
+    # The library keeps but the newest state: whoever is not there within a millisecond loses one.
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+    waiting = b""
+    written = 0.0
+    while True:
+        state = robot.read_once()
+        stamp = round(state.time.to_sec() * 1e3)
+        if stamp % every:
+            continue
+        waiting += _pack(stamp, state, attributes)
+        now = time.monotonic()
+        if now - written >= _SHORTEST:
+            written = now
+            while waiting:
+                waiting = waiting[os.write(pipe, waiting) :]
+
+
+def _pack(stamp: int, state: Any, attributes: Sequence[str]) -> bytes:
+    row = [float(stamp)]
+    for name in attributes:
+        value = getattr(state, name)
+        if isinstance(value, list):
+            row += value
+        elif name == "robot_mode":
+            row.append(int(value))
+        else:
+            row.append(float(bool(value)) if name == "current_errors" else value)
+    return struct.pack(f"<{len(row)}d", *row)
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1], int(sys.argv[2]), sys.argv[3:])
+    except BrokenPipeError:
+        sys.exit(0)
+    except Exception as error:  # the library's own exceptions have no common class but this
+        sys.exit(f"{type(error).__name__}: {' '.join(str(error).split())}")

@@ -1,0 +1,228 @@
+"""Polls a Kinova arm over Modbus TCP, or over Kortex."""
+
+from __future__ import annotations
+
+import time
+from contextlib import AbstractAsyncContextManager
+from importlib import import_module
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt.ticker import Beat, Ticker
+from cellwatt_drivers.kinova import kortex, registers
+from cellwatt_drivers.kinova.kortex import KortexLink, open_kortex
+from cellwatt_drivers.kinova.link import Answer, LateError, Link, open_link
+from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
+
+_NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNELS)}
+
+
+class KinovaSettings(SourceSettings):
+    """A Gen3 (6 or 7 joints) or Gen3 lite."""
+
+    host: str = "192.168.1.10"
+    """Address of the arm."""
+    protocol: Literal["modbus", "kortex"] = "modbus"
+    """``modbus`` needs nothing of the vendor's; ``kortex`` needs its Python library."""
+    port: int | None = Field(None, ge=1, le=65535)
+    """TCP port; without it 502 (Modbus) or 10000 (Kortex)."""
+    unit: int = Field(1, ge=0, le=255)
+    """Modbus unit to ask."""
+    user: str = "admin"
+    """User of the Kortex session."""
+    password: str = Field("admin", repr=False)
+    """Its password, best as ``${KINOVA_PASSWORD}``."""
+    axes: int = Field(7, ge=6, le=7)
+    """Joints of the arm."""
+    read: tuple[Block, ...] = ("arm", "joints")
+    """What to read: ``arm`` (supply, temperatures, state), ``joints``, ``tool``; two requests in all."""
+    rate: Hertz = 40.0
+    """Polls a second."""
+    timeout: Seconds = Field(0.5, gt=0)
+    """Wait this long for an answer, then open the connection anew."""
+
+    @field_validator("read")
+    @classmethod
+    def _no_twins(cls, value: tuple[Block, ...]) -> tuple[Block, ...]:
+        if not value or len(set(value)) != len(value):
+            raise ValueError("name at least one of arm, joints, tool, each once")
+        if "tool" in value and "joints" not in value:
+            raise ValueError("'tool' comes in one request with the joints: add 'joints' to read")
+        return value
+
+    @field_validator("rate")
+    @classmethod
+    def _within_reach(cls, rate: float) -> float:
+        if rate > 500:
+            raise ValueError(f"{rate:g} Hz is out of reach of polls: at most 500 Hz")
+        return rate
+
+
+class KinovaDriver(Driver[KinovaSettings]):
+    """One arm. A slot falls due ``rate`` times a second; in it each block is read with one request."""
+
+    Settings = KinovaSettings
+    title = "Kinova Gen3 and Gen3 lite over Modbus TCP or Kortex"
+    emulator = "cellwatt_drivers.kinova.emulator:KinovaEmulator"
+    writes = (
+        "Modbus: read requests only (function 4): input registers 0 to 13, and 34 to 103 or 139",
+        "Kortex: CreateSession, KeepAlive, BaseCyclic.RefreshFeedback, CloseSession",
+    )
+
+    def __init__(self, name: str, settings: KinovaSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        _require(name, settings.protocol)
+        self._reads = _reads(settings)
+        self._period = round(1e9 / settings.rate)
+        self._deadline = 0
+        self._idle = 0
+        self._turns = Turns()
+        self._last: dict[str, list[int]] = {}
+        self._before: Float | None = None
+        self._delivered = 0
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """``arm`` and ``motion``, as far as they are read."""
+        return tuple(read.stream for read in self._reads)
+
+    async def identify(self) -> Identity:
+        """Modbus has no name of the arm: whether its registers can be read. Raises ``SourceError``."""
+        async with self._open() as link:
+            return await self._greet(link)
+
+    async def run(self) -> None:
+        """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
+        while True:
+            delivered = self._delivered
+            try:
+                await self._converse()
+            except (ConnectError, ProtocolError) as error:
+                if self._delivered == delivered:
+                    raise
+                self.outlet.account.count("reconnects")
+                self.outlet.event("reopened", f"{self.name}: {error}; the connection is opened anew")
+
+    def _open(self) -> AbstractAsyncContextManager[Link | KortexLink]:
+        s = self.settings
+        if s.protocol == "kortex":
+            return open_kortex(s.host, s.port or kortex.PORT, s.user, s.password, s.timeout, self.outlet.now)
+        return open_link(s.host, s.port or registers.PORT, s.unit, s.timeout, self.outlet.now)
+
+    async def _greet(self, link: Link | KortexLink) -> Identity:
+        for read in self._reads:
+            await link.read(read.first, read.count)
+        return Identity(
+            "Kinova", f"Gen3, {self.settings.axes} joints as set", notes={"protocol": self.settings.protocol}
+        )
+
+    async def _converse(self) -> None:
+        """One connection, from the greeting on."""
+        async with self._open() as link:
+            self.outlet.connected(await self._greet(link))
+            self._turns = Turns()
+            resumed = self._deadline != 0
+            async with Ticker(self.settings.rate) as ticker:
+                async for beat in ticker:
+                    self._account_lost(beat, resumed)
+                    resumed, self._deadline = False, beat.deadline
+                    for done, read in enumerate(self._reads):
+                        await self._serve(link, read, len(self._reads) - done)
+                    self._idle = time.monotonic_ns()
+
+    def _account_lost(self, beat: Beat, resumed: bool) -> None:
+        """Miss the slots between the last one and this one, by what held them up."""
+        if resumed:
+            self._miss((round((beat.deadline - self._deadline) / self._period) - 1) * len(self._reads), "disconnected")
+            return
+        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
+        slow = min(max(slow, 0), beat.merged)
+        self._miss(slow * len(self._reads), "slow answers")
+        self._miss((beat.merged - slow) * len(self._reads), "merged tick")
+        if beat.merged > slow:
+            self.outlet.account.count("merged ticks", beat.merged - slow)
+
+    def _miss(self, polls: int, reason: str) -> None:
+        if polls > 0:
+            self.outlet.account.expect(polls)
+            self.outlet.account.miss(polls, reason)
+
+    async def _serve(self, link: Link | KortexLink, read: Read, left: int) -> None:
+        """One request; where it fails, the ``left`` ones of this slot are missed."""
+        try:
+            answer = await link.read(read.first, read.count)
+        except LateError:
+            self._miss(left, "timeout")
+            raise
+        except ConnectError:
+            self._miss(left, "connection lost")
+            raise
+        except ProtocolError:
+            self._miss(left, "malformed")
+            raise
+        except DeviceError:
+            self._miss(left, "device error")
+            raise
+        self._emit(read, answer)
+
+    def _emit(self, read: Read, answer: Answer) -> None:
+        name = read.stream.name
+        if answer.registers == self._last.get(name):
+            self.outlet.account.count(f"{name} repeats")
+        self._last[name] = answer.registers
+        if name == "arm":
+            values = registers.arm_values(answer.registers)
+            self._report(values)
+        else:
+            axes = self.settings.axes
+            values = registers.motion_values(answer.registers, axes)
+            values[:axes] = self._turns.unwrap(values[:axes])
+        self._delivered += 1
+        self.outlet.account.expect()
+        self.outlet.emit(Reading(read.stream, values.reshape(1, -1), answer.arrival, asked=answer.asked))
+
+    def _report(self, values: Float) -> None:
+        """Tell of a state, and of faults and warnings, that are others than before."""
+        before, self._before = self._before, values
+        if before is None:
+            return
+        for name, kind in (("robot.fault_flags", "fault"), ("robot.warning_flags", "warning")):
+            old, new = (int(row[_NUMBER[name]]) for row in (before, values))
+            if old != new:
+                self.outlet.event(kind, f"{self.name}: {kind} flags 0x{old:08x} → 0x{new:08x}", before=old, after=new)
+        old_state, new_state = (_state(row) for row in (before, values))
+        if old_state != new_state:
+            self.outlet.event("state", f"{self.name}: {old_state} → {new_state}", before=old_state, after=new_state)
+
+
+def _require(source: str, protocol: str) -> None:
+    """Load the protocol's library; raises ``ConfigError`` where it is missing."""
+    try:
+        import_module({"modbus": "pymodbus.client", "kortex": "kortex_api.RouterClient"}[protocol])
+    except ImportError as error:
+        how = {
+            "modbus": "the package pymodbus: pip install 'cellwatt[modbus]'",
+            "kortex": "Kinova's own library kortex_api: install its wheel from Kinova, or use protocol modbus",
+        }
+        raise ConfigError(f"source {source}: protocol {protocol} needs {how[protocol]}") from error
+
+
+def _state(values: Float) -> str:
+    number = values[_NUMBER["robot.state"]]
+    return "unknown" if np.isnan(number) else registers.STATES.get(int(number), str(int(number)))
+
+
+def _reads(settings: KinovaSettings) -> tuple[Read, ...]:
+    found = []
+    if "arm" in settings.read:
+        found.append(registers.arm(settings.rate))
+    if "joints" in settings.read:
+        found.append(registers.joints(settings.rate, settings.axes, "tool" in settings.read))
+    return tuple(found)

@@ -1,0 +1,211 @@
+"""The Modbus TCP server of an emulated Kinova arm."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import struct
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.signals import Float
+from cellwatt_drivers.kinova import registers
+from cellwatt_drivers.kinova.registers import ARM, JOINTS_AND_TOOL, MOST_JOINTS, encode
+
+_HEAD = struct.Struct(">HHHBB")  # transaction, protocol, length of what follows, unit, function
+_READ_INPUT = 4
+_UNKNOWN_FUNCTION, _NO_REGISTERS, _WRONG_NUMBER = 1, 2, 3
+_MOST = 125
+_CYCLE = 0.001  # s; an answer holds what the arm knew at its last cycle
+_BLOCK = 100  # cycles computed at once
+_DEG = math.degrees(1.0)
+_TOOL = registers.joints(1.0, MOST_JOINTS, True).stream.channels[5 * MOST_JOINTS :]
+
+
+class KinovaEmulator(Emulator):
+    """A Gen3 with 7 joints: registers 0 to 13 and 34 to 139 as its published map says; any other read is an error.
+
+    Listens on 127.0.0.1:5020 unless told otherwise. Options: ``wrap`` (1: positions are 0 … 360 degrees, as real arms
+    give them; 0: as in the signals). Disturbances, beside those of the signals: ``state=NUMBER``,
+    ``fault_flags=NUMBER`` and ``warning_flags=NUMBER``. Supply is what ``bus.current`` and ``bus.voltage`` say.
+
+    Faults on answers: ``loss`` (not sent), ``half_frame`` (cut, then silence), ``delay`` (late by ``seconds``),
+    ``garbage`` (random bytes ahead of it). At the next request, ``stall`` leaves the asker waiting for ``seconds``;
+    ``disconnect`` closes the port for ``seconds``. ``made`` counts answers, ``sent`` whole ones, ``refused`` requests
+    that are answered with an error; ``written`` any request but reads of input registers, which a monitor never sends.
+    """
+
+    title: ClassVar[str] = "Kinova Gen3 (Modbus TCP)"
+    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or "127.0.0.1:5020", epoch=epoch, seed=seed, options=options)
+        left = dict(self.options)
+        wrap = left.pop("wrap", "1") == "1"
+        if left:
+            raise ValueError(f"unknown options: {', '.join(left)}")
+        self.arm = EmulatedArm(signals, wrap)
+        self.signals = self.arm
+        self.asked: Counter[tuple[int, int]] = Counter()
+        self._counts = Counter(made=0, sent=0, refused=0, written=0)
+        self._outages: asyncio.Queue[Fault] = asyncio.Queue()
+        self._talking: set[asyncio.Task[None]] = set()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See ``Emulator.counts``."""
+        return {**self._counts, **self.injector.counts}
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        host, _, port = self.address.rpartition(":")
+        server = await asyncio.start_server(self._accept, host, int(port))
+        bound: tuple[str, int] = server.sockets[0].getsockname()[:2]
+        ready(f"{bound[0]}:{bound[1]}")
+        try:
+            while True:
+                outage = await self._outages.get()
+                server.close()
+                await self._hang_up()
+                await asyncio.sleep(outage.seconds)
+                server = await asyncio.start_server(self._accept, *bound)
+        finally:
+            server.close()
+            await self._hang_up()
+
+    async def _hang_up(self) -> None:
+        for task in self._talking:
+            task.cancel()
+        await asyncio.gather(*self._talking, return_exceptions=True)
+        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._talking.add(task)
+        try:
+            while True:
+                await self._exchange(reader, writer)
+        except (ConnectionError, asyncio.IncompleteReadError, asyncio.CancelledError):
+            pass  # the client is gone, or hung up on: nobody awaits this task
+        finally:
+            self._talking.discard(task)
+            writer.close()
+
+    async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        number, protocol, length, unit, function = _HEAD.unpack(await reader.readexactly(_HEAD.size))
+        body = await reader.readexactly(max(length - 2, 0))
+        if protocol != 0:
+            raise ConnectionError("not Modbus")
+        if outage := self.injector.once("disconnect"):
+            self._outages.put_nowait(outage)
+            await asyncio.sleep(outage.seconds)  # ended from outside before that
+            return
+        if stall := self.injector.once("stall"):
+            await asyncio.sleep(stall.seconds)
+        answer = self._answer(function, body)
+        await self._send(writer, _HEAD.pack(number, 0, 1 + len(answer), unit, answer[0]) + answer[1:])
+
+    def _answer(self, function: int, body: bytes) -> bytes:
+        if function != _READ_INPUT or len(body) != 4:
+            self._counts["written"] += function != _READ_INPUT
+            return self._refuse(function, _UNKNOWN_FUNCTION)
+        first, count = struct.unpack(">HH", body)
+        self.asked[first, count] += 1
+        if not 1 <= count <= _MOST:
+            return self._refuse(function, _WRONG_NUMBER)
+        for start, length in (ARM, JOINTS_AND_TOOL):
+            if start <= first and first + count <= start + length:
+                block = self.arm.block(start, time.time() - self.epoch)[first - start : first - start + count]
+                return struct.pack(f">BB{count}H", function, 2 * count, *block)
+        return self._refuse(function, _NO_REGISTERS)
+
+    def _refuse(self, function: int, code: int) -> bytes:
+        self._counts["refused"] += 1
+        return bytes([function | 0x80, code])
+
+    async def _send(self, writer: asyncio.StreamWriter, frame: bytes) -> None:
+        self._counts["made"] += 1
+        now = time.monotonic()
+        strikes = self.injector.strikes
+        if strikes("loss", now):
+            return
+        if strikes("half_frame", now):
+            writer.write(frame[: 1 + self.injector.below(len(frame) - 2)])
+            return
+        if late := strikes("delay", now):
+            await asyncio.sleep(late.seconds)
+        if strikes("garbage", now):
+            writer.write(self.injector.random_bytes(1, 32))
+        writer.write(frame)
+        await writer.drain()
+        self._counts["sent"] += 1
+
+
+class EmulatedArm:
+    """Signals as the registers of an arm; what the signals lack is 0."""
+
+    def __init__(self, signals: Signals, wrap: bool) -> None:
+        self.at = signals.at
+        self._signals = signals
+        self._wrap = wrap
+        self._state, self._fault, self._warning = 7, 0, 0
+        self._first = -1
+        self._values: Mapping[str, Float] = {}
+        self._row = 0
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """See the emulator."""
+        known = {"state", "fault_flags", "warning_flags"}
+        if known.isdisjoint(change):
+            self._signals.disturb(change)
+            return
+        self._state = int(change.get("state", self._state))
+        self._fault = int(change.get("fault_flags", self._fault))
+        self._warning = int(change.get("warning_flags", self._warning))
+
+    def block(self, first: int, t: float) -> list[int]:
+        """Registers of the block that begins at ``first``, at t s."""
+        self._go_to(t)
+        return self._arm() if first == ARM[0] else self._motion()
+
+    def _go_to(self, t: float) -> None:
+        cycle = math.floor(t / _CYCLE)
+        first = cycle - cycle % _BLOCK
+        if first != self._first:
+            self._first = first
+            self._values = self._signals.at(np.arange(first, first + _BLOCK, dtype=np.float64) * _CYCLE)
+        self._row = cycle - first
+
+    def _get(self, name: str) -> float:
+        return float(self._values[name][self._row]) if name in self._values else 0.0
+
+    def _arm(self) -> list[int]:
+        words = [1 << self._state, 0]
+        for flags in (self._fault, self._warning):
+            words += [flags & 0xFFFF, flags >> 16]
+        return words + encode([self._get("bus.current"), self._get("bus.voltage"), 45.0, 38.0])
+
+    def _motion(self) -> list[int]:
+        names = range(1, MOST_JOINTS + 1)
+        position = [self._get(f"joint_{i}.position") * _DEG for i in names]
+        values = [x % 360.0 for x in position] if self._wrap else position
+        values += [self._get(f"joint_{i}.velocity") * _DEG for i in names]
+        for quantity in ("torque", "current", "temperature"):
+            values += [self._get(f"joint_{i}.{quantity}") for i in names]
+        values += [self._get(channel.name) * (_DEG if channel.unit.startswith("rad") else 1.0) for channel in _TOOL]
+        return encode(values)

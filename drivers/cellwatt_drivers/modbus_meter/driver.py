@@ -1,0 +1,316 @@
+"""Polls an energy meter over Modbus."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from contextlib import AbstractAsyncContextManager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from cellwatt.batch import Reading
+from cellwatt.channel import Quality, Stream
+from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
+from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt.ticker import Beat, Ticker
+from cellwatt_drivers.modbus_meter.bus import (
+    ILLEGAL_ADDRESS,
+    ILLEGAL_VALUE,
+    Bus,
+    Framing,
+    NoAnswerError,
+    Parity,
+    RefusedError,
+    SerialPlace,
+    TcpPlace,
+    open_bus,
+)
+from cellwatt_drivers.modbus_meter.counter import RisingCounter
+from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.registers import Block, plan
+
+PORT = 502
+
+
+class ModbusMeterSettings(SourceSettings):
+    """An energy meter on Modbus TCP (``host``) or on a serial line (``line``, Modbus RTU)."""
+
+    device_parts: ClassVar[tuple[str, ...]] = ("unit",)
+
+    meter: MeterName | None = None
+    """Make of the meter: one of the packaged maps."""
+    map: Path | None = None
+    """File with a map of one's own instead of ``meter``."""
+    host: str | None = None
+    """Address of the meter, or of the gateway before it."""
+    port: int = Field(PORT, ge=1, le=65535)
+    """TCP port."""
+    framing: Framing = "tcp"
+    """``rtu`` where ``host`` is a serial device server that passes bytes on as they are."""
+    line: str | None = None
+    """Serial port instead of ``host``, e.g. ``/dev/serial/by-id/usb-…``; several sources may share one."""
+    baud: int = Field(9600, ge=300, le=1_000_000)
+    """Speed of the serial line, as set at the meter."""
+    parity: Parity = "even"
+    """Parity of the serial line, as set at the meter."""
+    stop_bits: Literal[1, 2] = 1
+    """Stop bits of the serial line."""
+    unit: int = Field(1, ge=0, le=255)
+    """Number of the meter on its line (also called address, slave or station)."""
+    read: tuple[str, ...] | None = None
+    """Channels to read; left out: all of the map. Fewer are faster."""
+    rate: Hertz = 1.0
+    """Polls a second."""
+    timeout: Seconds = Field(1.0, gt=0)
+    """Wait this long for an answer."""
+    retries: int = Field(1, ge=0, le=10)
+    """Ask again at most this often within one poll."""
+    silence: Seconds = Field(5.0, gt=0)
+    """No good answer for this long: the source is down and is opened again."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> ModbusMeterSettings:
+        if (self.host is None) == (self.line is None):
+            raise ValueError("write either 'host' or 'line'")
+        if (self.meter is None) == (self.map is None):
+            raise ValueError("write either 'meter' (a packaged map) or 'map' (a file)")
+        if self.line is not None and not self.line.startswith("/"):
+            raise ValueError("'line' is the path of a serial port, like '/dev/serial/by-id/usb-…' or '/dev/ttyUSB0'")
+        if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
+            raise ValueError("'read' names at least one channel, each once")
+        return self
+
+
+class ModbusMeterDriver(Driver[ModbusMeterSettings]):
+    """One meter. Every poll due is delivered, or missed with its reason.
+
+    Registers that the meter refuses to read together are asked for apart from then on; a value that it does not
+    have at all is told once and stays NaN.
+    """
+
+    Settings = ModbusMeterSettings
+    title = "Energy meters over Modbus TCP and RTU (Eastron, Carlo Gavazzi, Schneider, Siemens, Shelly, own maps)"
+    emulator = "cellwatt_drivers.modbus_meter.emulator:ModbusMeterEmulator"
+    writes = (
+        "read requests only: function 4 (read input registers) or 3 (read holding registers), as the map says, for "
+        "the registers of the map and those between them",
+    )
+
+    def __init__(self, name: str, settings: ModbusMeterSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        if find_spec("pymodbus") is None:
+            raise ConfigError(
+                f"source {name}: driver modbus_meter needs the package pymodbus: pip install 'cellwatt[modbus]'"
+            )
+        self._map = _map(settings)
+        self._names = _chosen(self._map, settings.read)
+        values = [self._map.values[n] for n in self._names]
+        self._blocks = plan(self._map.slots(self._names), self._map.longest_read, self._map.gap, self._map.word_order)
+        self._factor = np.array([v.factor for v in values])
+        self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
+        self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
+        self._counters = {c: RisingCounter(self._map.wrap(n)) for c, n in enumerate(self._names) if values[c].counts}
+        channels = tuple(v.channel(n) for n, v in zip(self._names, values, strict=True))
+        self._stream = Stream("measured", channels, settings.rate, "host")
+        self._period = round(1e9 / settings.rate)
+        self._deadline = 0
+        self._idle = 0
+        self._heard = 0
+        self._told = ""
+        self._overloaded: frozenset[str] = frozenset()
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One: ``measured``."""
+        return (self._stream,)
+
+    async def identify(self) -> Identity:
+        """The map's meter, once its registers were read. Raises ``SourceError``."""
+        async with self._open() as bus:
+            return await self._greet(bus)
+
+    async def run(self) -> None:
+        """See ``Driver.run``."""
+        async with self._open() as bus:
+            self.outlet.connected(await self._greet(bus))
+            self._heard = time.monotonic_ns()
+            resumed = self._deadline != 0
+            async with Ticker(self.settings.rate) as ticker:
+                async for tick in ticker:
+                    self._account_lost(tick, resumed)
+                    resumed, self._deadline = False, tick.deadline
+                    await self._serve(bus)
+                    self._idle = time.monotonic_ns()
+
+    def _open(self) -> AbstractAsyncContextManager[Bus]:
+        s = self.settings
+        if s.host is not None:
+            return open_bus(TcpPlace(s.host, s.port, s.framing), s.timeout)
+        assert s.line is not None
+        return open_bus(SerialPlace(s.line, s.baud, s.parity, s.stop_bits), s.timeout)
+
+    async def _greet(self, bus: Bus) -> Identity:
+        async with bus.turn:
+            raw = await self._collect(bus)
+        for name, number in zip(self._names, raw, strict=True):
+            value = self._map.values[name]
+            found = number * value.scale
+            if value.between is None or not found or math.isnan(found):
+                continue
+            low, high = value.between
+            if not low <= found <= high:
+                raise WrongDeviceError(
+                    f"unit {self.settings.unit} at {bus.place} is not a {self._map.model}: {name} reads {found:.4g} "
+                    f"{value.unit}, expected {low:g} to {high:g}; check meter, map and word order"
+                )
+        notes = {"map": self._map.source, "requests a poll": str(len(self._blocks))}
+        return Identity(self._map.maker, self._map.model, notes=notes)
+
+    def _account_lost(self, tick: Beat, resumed: bool) -> None:
+        """Miss the polls between the last one and this one, by what held them up."""
+        if resumed:
+            self._miss(round((tick.deadline - self._deadline) / self._period) - 1, "disconnected")
+            return
+        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
+        slow = min(max(slow, 0), tick.merged)
+        self._miss(slow, "slow answers")
+        self._miss(tick.merged - slow, "merged tick")
+        if tick.merged > slow:
+            self.outlet.account.count("merged ticks", tick.merged - slow)
+
+    def _miss(self, polls: int, reason: str) -> None:
+        if polls > 0:
+            self.outlet.account.expect(polls)
+            self.outlet.account.miss(polls, reason)
+
+    async def _serve(self, bus: Bus) -> None:
+        try:
+            async with bus.turn:
+                asked = self.outlet.now()
+                raw = await self._collect(bus)
+                arrival = self.outlet.now()
+        except NoAnswerError as error:
+            self._miss(1, "timeout")
+            self._endure(error)
+        except RefusedError as error:
+            self._miss(1, "device error")
+            self._tell("device_error", str(error))
+            self._endure(error)
+        except ProtocolError as error:
+            self._miss(1, "malformed")
+            self._endure(error)
+        except ConnectError:
+            self._miss(1, "connection lost")
+            raise
+        else:
+            self._told = ""
+            self._heard = time.monotonic_ns()
+            self.outlet.account.expect()
+            self.outlet.emit(self._reading(raw, asked, arrival))
+
+    def _endure(self, error: SourceError) -> None:
+        """Go on after a failed poll, unless there has been no good one for long."""
+        silence = (time.monotonic_ns() - self._heard) * 1e-9
+        if silence > self.settings.silence:
+            kind = DeviceError if isinstance(error, RefusedError) else ConnectError
+            raise kind(f"no good answer for {silence:.1f} s; the last: {error}") from error
+
+    def _tell(self, kind: str, text: str) -> None:
+        if text != self._told:
+            self._told = text
+            self.outlet.event(kind, f"{self.name}: {text}")
+
+    async def _collect(self, bus: Bus) -> NDArray[np.float64]:
+        """All values as they stand in the registers; NaN for what the meter does not have."""
+        row = np.full(len(self._names), np.nan)
+        left, kept = deque(self._blocks), []
+        while left:
+            block = left.popleft()
+            try:
+                numbers = await self._ask(bus, block)
+            except RefusedError as error:
+                if error.code not in {ILLEGAL_ADDRESS, ILLEGAL_VALUE}:
+                    raise
+                left.extendleft(reversed(self._apart(block, error)))
+                continue
+            kept.append(block)
+            row[list(block.columns)] = numbers
+        if not kept:
+            raise WrongDeviceError(
+                f"unit {self.settings.unit} at {bus.place} has none of the registers of a {self._map.model}: "
+                "check meter, map and unit"
+            )
+        self._blocks = tuple(kept)
+        return row
+
+    def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:
+        """What to ask instead of a block that is refused."""
+        self.outlet.account.count("refused reads")
+        parts = block.split()
+        if not parts:
+            name = self._names[block.columns[0]]
+            self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
+        return parts
+
+    async def _ask(self, bus: Bus, block: Block) -> tuple[float, ...]:
+        for attempt in range(self.settings.retries + 1):
+            try:
+                words = await bus.read(self._map.function, block.address, block.count, self.settings.unit)
+                return block.decode(words)
+            except NoAnswerError:
+                self.outlet.account.count("timeouts")
+                if attempt == self.settings.retries:
+                    raise
+                self.outlet.account.count("retries")
+            except ProtocolError:
+                self.outlet.account.count("malformed")
+                raise
+        raise AssertionError("a range of at least one attempt came to its end")
+
+    def _reading(self, raw: NDArray[np.float64], asked: int, arrival: int) -> Reading:
+        for column, mark in self._missing:
+            if raw[column] == mark:
+                raw[column] = np.nan
+        over = np.abs(raw) > self._largest
+        row = np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor
+        for column, counter in self._counters.items():
+            row[column], fall = counter.take(float(row[column]))
+            if fall:
+                name = self._names[column]
+                text = "began anew at its end" if fall == "wrapped" else "was set back; what is given goes on rising"
+                self.outlet.event(f"counter_{fall}", f"{self.name}: {name} {text}", channel=name)
+        quality = Quality.MISSING if np.isnan(row).all() else Quality.GOOD
+        if over.any():
+            quality = Quality.CLIPPED
+            self.outlet.account.count("overloads")
+        self._note_overload(frozenset(n for n, o in zip(self._names, over, strict=True) if o))
+        flags = np.array([quality], dtype=np.uint8)
+        return Reading(self._stream, row.reshape(1, -1), arrival, asked=asked, quality=flags)
+
+    def _note_overload(self, names: frozenset[str]) -> None:
+        if new := names - self._overloaded:
+            told = ", ".join(sorted(new))
+            self.outlet.event("overload", f"{self.name}: {told} beyond what the meter can measure", channels=told)
+        self._overloaded = names
+
+
+def _map(settings: ModbusMeterSettings) -> MeterMap:
+    if settings.map is not None:
+        return load_map(settings.map)
+    assert settings.meter is not None
+    return packaged_map(settings.meter)
+
+
+def _chosen(meter: MeterMap, read: tuple[str, ...] | None) -> tuple[str, ...]:
+    """The channels to read. Raises ``ConfigError`` where the map lacks one."""
+    names = tuple(meter.values) if read is None else read
+    if unknown := [n for n in names if n not in meter.values]:
+        raise ConfigError(f"read: a {meter.model} gives no {', '.join(unknown)}; it gives: {', '.join(meter.values)}")
+    return names

@@ -1,0 +1,87 @@
+"""The meter behind the emulator: what it measures, and its registers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from cellwatt.emulation import Signals
+from cellwatt_drivers.modbus_meter.meter_map import MeterMap
+from cellwatt_drivers.modbus_meter.registers import Block, Slot
+
+FREQUENCY = 50.0
+_SHARES = (0.5, 0.3, 0.2)
+"""Of the current and power that each phase carries."""
+
+
+class EmulatedMeter:
+    """A meter of one make on the mains of ``supply.power``, ``.voltage`` and ``.current``.
+
+    ``energy`` is what its import counter says, J; it counts from the first time the meter is looked at.
+    """
+
+    def __init__(self, signals: Signals, made: MeterMap, energy: float = 0.0) -> None:
+        self.map = made
+        self.energy = energy
+        self._signals = signals
+        self._seen: float | None = None
+        self._slots = made.slots(tuple(made.values))
+        self._names = tuple(made.values)
+        self._factors = [v.factor for v in made.values.values()]
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        """Where its values stand."""
+        return tuple(self._slots)
+
+    def cuts(self, address: int, count: int) -> bool:
+        """Whether a read would begin or end within a value, or beside all values."""
+        edges = {s.address for s in self._slots}, {s.end for s in self._slots}
+        return address not in edges[0] or address + count not in edges[1]
+
+    def gaps(self, address: int, count: int) -> bool:
+        """Whether a read holds registers without a value."""
+        held = sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count)
+        return held < count
+
+    def write(self, t: float, address: int, count: int, registers: list[int], start: int) -> None:
+        """Bring the registers ``address`` … up to t s; ``registers`` begin at ``start``."""
+        values = self._measured(t)
+        for slot in self._slots:
+            if address < slot.end and slot.address < address + count:
+                number = self._number(slot, values[self._names[slot.column]])
+                Block((slot,), self.map.word_order).encode((number,), registers, start)
+
+    def _number(self, slot: Slot, value: float) -> float:
+        number = value / self._factors[slot.column]
+        return number if slot.kind.startswith("float") else round(number)
+
+    def _measured(self, t: float) -> Mapping[str, float]:
+        now = {name: float(v[0]) for name, v in self._signals.at(np.array([t])).items() if name.startswith("supply.")}
+        voltage, current, power = (now.get(f"supply.{q}", 0.0) for q in ("voltage", "current", "power"))
+        self.energy += power * max(0.0, t - (t if self._seen is None else self._seen))
+        self._seen = t
+        found = _electric("supply", voltage, current, power) | {
+            "supply.frequency": FREQUENCY,
+            "supply.energy_imported": self.energy,
+        }
+        for phase, share in enumerate(_SHARES, start=1):
+            found |= _electric(f"phase_{phase}", voltage, share * current, share * power)
+            found[f"phase_{phase}.energy_imported"] = share * self.energy
+        return {name: found.get(name, 0.0) for name in self._names}
+
+
+def _electric(where: str, voltage: float, current: float, power: float) -> dict[str, float]:
+    apparent = voltage * current
+    reactive = math.sqrt(max(apparent**2 - power**2, 0.0))
+    return {
+        f"{where}.voltage": voltage,
+        f"{where}.current": current,
+        f"{where}.power": power,
+        f"{where}.apparent_power": apparent,
+        f"{where}.reactive_power": reactive,
+        f"{where}.power_factor": power / apparent if apparent else 0.0,
+        f"{where}.phase": math.atan2(reactive, power),
+    }

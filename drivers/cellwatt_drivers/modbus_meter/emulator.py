@@ -1,0 +1,187 @@
+"""Energy meters on a Modbus server: pymodbus's own, with a meter's registers and faults."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import ClassVar
+
+from pymodbus import FramerType
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
+from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.virtual_line import virtual_line
+
+_FUNCTIONS = {"holding": 3, "input": 4}
+
+
+class ModbusMeterEmulator(Emulator):
+    """Meters of one make on one TCP port, or on a serial line (``pty``).
+
+    Listens on 127.0.0.1:5020 unless told otherwise; a pseudo-terminal knows no parity. Options: ``meter`` (a packaged
+    map, ``eastron_sdm630``) or ``map`` (a file), ``unit`` (numbers on the line, comma-separated, 1; others are not
+    answered), ``framing`` (``rtu``: RTU frames over TCP), ``energy`` (kWh that the import counter begins with),
+    ``strict`` (``yes``: registers between values and cut values are refused).
+
+    Faults strike answers. ``loss``: not sent; ``half_frame``: cut; ``garbage``: random bytes instead; ``delay``:
+    late by ``seconds``; ``stall``: one answer waits for ``seconds``; ``disconnect``: the port is closed for
+    ``seconds``. ``made`` counts requests for registers, ``sent`` whole answers, ``refused`` exceptions.
+    """
+
+    title: ClassVar[str] = "Modbus energy meter"
+    faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
+
+    def __init__(
+        self,
+        signals: Signals,
+        address: str,
+        *,
+        epoch: float | None = None,
+        seed: int = 0,
+        options: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(signals, address or "127.0.0.1:5020", epoch=epoch, seed=seed, options=options)
+        left = dict(self.options)
+        made = _map(left)
+        energy = float(left.pop("energy", "0")) * 3.6e6
+        self.meters = {int(n): EmulatedMeter(signals, made, energy) for n in left.pop("unit", "1").split(",")}
+        self._framer = {"tcp": FramerType.SOCKET, "rtu": FramerType.RTU}[left.pop("framing", "tcp")]
+        self._strict = left.pop("strict", "no") == "yes"
+        if left:
+            raise ValueError(f"unknown options: {', '.join(left)}")
+        if self.address == "pty":
+            self._framer = FramerType.RTU
+        self._map = made
+        self._counts = Counter(made=0, sent=0, refused=0)
+        self._outages: asyncio.Queue[Fault] = asyncio.Queue()
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See ``Emulator.counts``."""
+        return {**self._counts, **self.injector.counts}
+
+    def inject(self, fault: Fault) -> None:
+        """See ``Emulator.inject``."""
+        super().inject(fault)
+        if fault.kind == "disconnect" and (outage := self.injector.once("disconnect")):
+            self._outages.put_nowait(outage)
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+        with ExitStack() as stack:
+            if self.address == "pty":
+                near, far = stack.enter_context(virtual_line())
+            else:
+                near, far = self.address, ""
+            told = False
+            while True:
+                server = self._server(near)
+                try:
+                    await server.serve_forever(background=True)
+                    if not told:
+                        near = near if far else _bound(server)
+                        ready(far or near)
+                        told = True
+                    outage = await self._outages.get()
+                finally:
+                    await server.shutdown()  # type: ignore[no-untyped-call]
+                await asyncio.sleep(outage.seconds)
+
+    def _server(self, place: str) -> ModbusTcpServer | ModbusSerialServer:
+        devices = [self._device(unit, meter) for unit, meter in self.meters.items()]
+        if place.startswith("/"):
+            return ModbusSerialServer(devices, framer=self._framer, port=place, trace_packet=self._struck)
+        host, _, port = place.rpartition(":")
+        return ModbusTcpServer(devices, framer=self._framer, address=(host, int(port)), trace_packet=self._struck)
+
+    def _device(self, unit: int, meter: EmulatedMeter) -> SimDevice:
+        first = min(s.address for s in meter.slots)
+        last = max(s.end for s in meter.slots)
+        data = [SimData(first, count=last - first, values=0, datatype=DataType.REGISTERS)]
+
+        async def answer(
+            function: int, start: int, address: int, count: int, registers: list[int], written: object
+        ) -> ExcCodes | None:
+            return await self._answer(meter, function, start, address, count, registers, written)
+
+        return SimDevice(unit, simdata=data, action=answer)
+
+    async def _answer(
+        self,
+        meter: EmulatedMeter,
+        function: int,
+        start: int,
+        address: int,
+        count: int,
+        registers: list[int],
+        written: object,
+    ) -> ExcCodes | None:
+        self._counts["made"] += 1
+        late = self.injector.strikes("delay", time.monotonic()) or self.injector.once("stall")
+        if late:
+            await asyncio.sleep(late.seconds)
+        refusal = self._refusal(meter, function, address, count, written)
+        if refusal is None:
+            meter.write(time.time() - self.epoch, address, count, registers, start)
+        return refusal
+
+    def _refusal(
+        self, meter: EmulatedMeter, function: int, address: int, count: int, written: object
+    ) -> ExcCodes | None:
+        if written is not None or function != _FUNCTIONS[self._map.function]:
+            return ExcCodes.ILLEGAL_FUNCTION
+        if count > self._map.longest_read:
+            return ExcCodes.ILLEGAL_VALUE
+        if self._strict and (meter.cuts(address, count) or meter.gaps(address, count)):
+            return ExcCodes.ILLEGAL_ADDRESS
+        return None
+
+    def _struck(self, sending: bool, data: bytes) -> bytes:
+        """What of an answer reaches the wire."""
+        if not sending:
+            return data
+        unit, function = (data[6], data[7]) if self._framer is FramerType.SOCKET else (data[0], data[1])
+        if unit not in self.meters:
+            return b""
+        now, strikes = time.monotonic(), self.injector.strikes
+        if strikes("loss", now):
+            return b""
+        if strikes("half_frame", now):
+            return data[: 1 + self.injector.below(len(data) - 1)]
+        if strikes("garbage", now):
+            return self.injector.random_bytes(1, 32)
+        self._counts["refused" if function & 0x80 else "sent"] += 1
+        return data
+
+
+def _map(options: dict[str, str]) -> MeterMap:
+    file, name = options.pop("map", ""), options.pop("meter", "eastron_sdm630")
+    if file:
+        try:
+            return load_map(Path(file))
+        except ConfigError as error:
+            raise ValueError(str(error)) from error
+    known = {m: m for m in METERS}
+    if name not in known:
+        raise ValueError(f"meter {name!r} is not one of {', '.join(METERS)}")
+    return packaged_map(known[name])
+
+
+def _bound(server: ModbusTcpServer | ModbusSerialServer) -> str:
+    """Where a server listens, once it does."""
+    listening = server.transport
+    assert isinstance(listening, asyncio.Server)
+    host, port = listening.sockets[0].getsockname()[:2]
+    return f"{host}:{port}"

@@ -1,0 +1,159 @@
+"""A meter's registers as a YAML file."""
+
+from __future__ import annotations
+
+import math
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Annotated, Literal, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from cellwatt.channel import Channel
+from cellwatt.config.document import read
+from cellwatt.config.places import ordered
+from cellwatt.config.wording import explain
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.modbus_meter.registers import LONGEST, RegisterType, Slot, WordOrder, width
+
+MeterName = Literal[
+    "eastron_sdm630",
+    "gavazzi_em340",
+    "schneider_iem3000",
+    "schneider_pm5000",
+    "shelly_pro_3em",
+    "siemens_pac3200",
+]
+METERS: tuple[MeterName, ...] = get_args(MeterName)
+"""Packaged maps."""
+
+ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
+MeterUnit = Literal[
+    "V", "kV", "A", "mA", "kA", "W", "kW", "MW", "VA", "kVA", "var", "kvar", "J", "Wh", "kWh", "MWh", "Hz", "1", "%",
+    "deg", "rad", "degC", "s", "h",
+]  # fmt: skip
+
+
+def _written(unit: object) -> object:
+    """A bare 1 is a number in YAML, and the unit of a ratio here."""
+    return "1" if type(unit) is int and unit == 1 else unit
+
+
+_SI: dict[MeterUnit, tuple[str, float]] = {
+    "V": ("V", 1.0), "kV": ("V", 1e3), "A": ("A", 1.0), "mA": ("A", 1e-3), "kA": ("A", 1e3),
+    "W": ("W", 1.0), "kW": ("W", 1e3), "MW": ("W", 1e6), "VA": ("VA", 1.0), "kVA": ("VA", 1e3),
+    "var": ("var", 1.0), "kvar": ("var", 1e3), "J": ("J", 1.0), "Wh": ("J", 3.6e3), "kWh": ("J", 3.6e6),
+    "MWh": ("J", 3.6e9), "Hz": ("Hz", 1.0), "1": ("1", 1.0), "%": ("1", 0.01), "deg": ("rad", math.pi / 180),
+    "rad": ("rad", 1.0), "degC": ("degC", 1.0), "s": ("s", 1.0), "h": ("s", 3.6e3),
+}  # fmt: skip
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+class MeterValue(_Part):
+    """One value of a meter."""
+
+    address: int = Field(ge=0, le=65535)
+    """Address of its first register on the wire, from 0; manuals that count from 1 or 40001 say one more."""
+    unit: Annotated[MeterUnit, BeforeValidator(_written)]
+    """What the number is in, after ``scale``."""
+    type: RegisterType | None = None
+    """How it is written; left out: the map's ``type``."""
+    scale: float = Field(1.0, allow_inf_nan=False)
+    """The number in the registers times this is in ``unit``."""
+    counter: bool | None = None
+    """Counts up: what falls is a wrap or a reset. Left out: yes for an energy."""
+    wraps_at: float | None = Field(None, gt=0, allow_inf_nan=False)
+    """A counter begins anew at this, in ``unit``; left out: where an unsigned type ends."""
+    missing: tuple[int, ...] = ()
+    """Numbers in the registers that stand for no value."""
+    largest: float | None = None
+    """A number in the registers beyond this (up or down) stands for an overload."""
+    between: tuple[float, float] | None = None
+    """In ``unit``: outside of it, and not 0, the first answer shows that this is another meter or word order."""
+
+    @property
+    def factor(self) -> float:
+        """SI units per unit of the number in the registers."""
+        return self.scale * _SI[self.unit][1]
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is a counter."""
+        return self.unit in {"J", "Wh", "kWh", "MWh"} if self.counter is None else self.counter
+
+    def channel(self, name: str) -> Channel:
+        """The channel it feeds; what is an energy but no counter is held, not interpolated."""
+        unit = _SI[self.unit][0]
+        return Channel(name, unit, "counter" if self.counts else "continuous", "hold" if unit == "J" else None)
+
+
+class MeterMap(_Part):
+    """A make of meter: how its registers are read, and what stands in them."""
+
+    maker: str
+    """Who makes it."""
+    model: str
+    """What it is called."""
+    source: str = ""
+    """Where the addresses are from, and what of them is not sure."""
+    function: Literal["input", "holding"]
+    """Read by function code 4 (``input``) or 3 (``holding``)."""
+    type: RegisterType
+    """How most values are written."""
+    word_order: WordOrder = "big"
+    """Which word of a value comes first: the high one (``big``) or the low one (``little``)."""
+    longest_read: int = Field(LONGEST, ge=4, le=LONGEST)
+    """Registers that it gives in one answer."""
+    gap: int = Field(0, ge=0, le=LONGEST)
+    """Registers between two values that may be read with them, to save a request."""
+    values: dict[ChannelName, MeterValue] = Field(min_length=1)
+    """By channel."""
+
+    @model_validator(mode="after")
+    def _apart(self) -> MeterMap:
+        end, before = -1, ""
+        for name, value in sorted(self.values.items(), key=lambda item: item[1].address):
+            if value.address < end:
+                raise ValueError(f"values: {name} at {value.address} begins within {before}")
+            end, before = value.address + width(value.type or self.type), name
+        if end > 65536:
+            raise ValueError(f"values: {before} ends beyond register 65535")
+        return self
+
+    def slots(self, names: tuple[str, ...]) -> list[Slot]:
+        """The named values' places; columns are in the order of ``names``."""
+        found = []
+        for column, name in enumerate(names):
+            value = self.values[name]
+            found.append(Slot(value.address, value.type or self.type, column))
+        return found
+
+    def wrap(self, name: str) -> float | None:
+        """Where a counter begins anew, in SI units, as far as that is known."""
+        value = self.values[name]
+        if value.wraps_at is not None:
+            return value.wraps_at * _SI[value.unit][1]
+        kind = value.type or self.type
+        return 2.0 ** (16 * width(kind)) * value.factor if kind.startswith("uint") else None
+
+
+def load_map(path: Path) -> MeterMap:
+    """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
+    document = read(path, {})
+    mistakes = [p for found in document.mistakes.values() for p in found]
+    try:
+        made = MeterMap.model_validate(document.value)
+    except ValidationError as error:
+        mistakes += explain(error, MeterMap, document, (), set(document.mistakes))
+    if mistakes:
+        raise ConfigError(ordered(mistakes))
+    return made
+
+
+def packaged_map(name: MeterName) -> MeterMap:
+    """One of ``METERS``."""
+    with as_file(files(__package__) / "meters" / f"{name}.yaml") as path:
+        return load_map(path)

@@ -1,0 +1,102 @@
+"""Where values stand among a meter's registers, and which of them one request reads. Pure functions."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from cellwatt.errors import ProtocolError
+
+RegisterType = Literal["int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"]
+WordOrder = Literal["big", "little"]
+
+LONGEST = 125
+"""Registers that one request may ask for (Modbus Application Protocol V1.1b3, 6.3 and 6.4)."""
+
+_FORMAT: dict[RegisterType, str] = {
+    "int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f",
+    "float64": "d",
+}  # fmt: skip
+
+
+def width(kind: RegisterType) -> int:
+    """Registers that a value takes."""
+    return struct.calcsize(_FORMAT[kind]) // 2
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """One value: the ``address`` of its first register, as on the wire, and the ``column`` it fills."""
+
+    address: int
+    kind: RegisterType
+    column: int
+
+    @property
+    def end(self) -> int:
+        """Address behind its last register."""
+        return self.address + width(self.kind)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Slots that one request reads; ``order`` is that of the words within a value."""
+
+    slots: tuple[Slot, ...]
+    order: WordOrder
+    address: int = field(init=False)
+    count: int = field(init=False)
+    columns: tuple[int, ...] = field(init=False)
+    _words: tuple[int, ...] = field(init=False, repr=False)
+    _packed: struct.Struct = field(init=False, repr=False)
+    _values: struct.Struct = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        start = self.slots[0].address
+        words: list[int] = []
+        for slot in self.slots:
+            own = range(slot.address - start, slot.end - start)
+            words += own if self.order == "big" else reversed(own)
+        made = {
+            "address": start,
+            "count": max(s.end for s in self.slots) - start,
+            "columns": tuple(s.column for s in self.slots),
+            "_words": tuple(words),
+            "_packed": struct.Struct(f">{len(words)}H"),
+            "_values": struct.Struct(">" + "".join(_FORMAT[s.kind] for s in self.slots)),
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
+
+    def decode(self, registers: Sequence[int]) -> tuple[float, ...]:
+        """The slots' numbers, as the meter writes them. Raises ``ProtocolError`` where there are not ``count``."""
+        if len(registers) != self.count:
+            raise ProtocolError(f"{len(registers)} registers from {self.address}; expected {self.count}")
+        return self._values.unpack(self._packed.pack(*[registers[i] for i in self._words]))
+
+    def encode(self, numbers: Sequence[float], registers: list[int], start: int) -> None:
+        """Write the slots' numbers into ``registers``, whose first has the address ``start``."""
+        words = self._packed.unpack(self._values.pack(*numbers))
+        for i, word in zip(self._words, words, strict=True):
+            registers[self.address - start + i] = word
+
+    def split(self) -> tuple[Block, ...]:
+        """Smaller blocks: without registers between values, or else value by value; none from a single value."""
+        if len(self.slots) == 1:
+            return ()
+        whole = plan(self.slots, LONGEST, 0, self.order)
+        return whole if len(whole) > 1 else tuple(Block((slot,), self.order) for slot in self.slots)
+
+
+def plan(slots: Iterable[Slot], longest: int, gap: int, order: WordOrder) -> tuple[Block, ...]:
+    """Fewest requests of at most ``longest`` registers that read all slots, over at most ``gap`` registers between."""
+    blocks: list[list[Slot]] = []
+    for slot in sorted(slots, key=lambda s: s.address):
+        last = blocks[-1] if blocks else []
+        if last and slot.address - last[-1].end <= gap and slot.end - last[0].address <= longest:
+            last.append(slot)
+        else:
+            blocks.append([slot])
+    return tuple(Block(tuple(b), order) for b in blocks)

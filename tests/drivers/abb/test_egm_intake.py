@@ -1,0 +1,101 @@
+"""Packets in any order: what is handed over, what is counted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellwatt.channel import Stream
+from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Stamp
+from cellwatt_drivers.abb.intake import Intake
+from cellwatt_drivers.abb.wire import columns
+
+from ..outlet import CollectingOutlet
+from .rig import Steady
+
+START = 1_700_000_000.0
+
+
+class Rig:
+    def __init__(self):
+        self.outlet = CollectingOutlet()
+        found = columns(("joints",), 6, ())
+        self.intake = Intake(self.outlet, Stream("egm", found.channels, 250.0, "device"), found, lambda: None)
+        self.robot = EmulatedRobot(Steady(), 7, 6, 0.004)
+
+    def packet(self, number, at=None, clocked=True, start=START):
+        return self.robot.packet(0, Stamp(number, start + 0.004 * (number if at is None else at), clocked))
+
+    def take(self, *numbers, **how):
+        self.intake.take([self.packet(n, **how) for n in numbers])
+
+    @property
+    def count(self):
+        account = self.outlet.account
+        assert account.residue == 0
+        return account.expected, account.received, dict(account.missed), dict(account.counters)
+
+
+def test_one_after_the_other():
+    rig = Rig()
+    rig.take(1, 2, 3)
+    rig.take(4)
+    assert rig.count == (4, 4, {}, {})
+    np.testing.assert_array_equal(np.diff(rig.outlet.device_time), 4_000_000)
+    assert rig.outlet.device_time[0] == 1_700_000_000_004_000_000
+
+
+def test_gaps_duplicates_and_late_ones():
+    rig = Rig()
+    rig.take(1, 2, 5, 5, 4, 6)
+    assert rig.count == (6, 4, {"gap": 2}, {"duplicates": 1, "late packets": 1})
+    assert rig.outlet.resets == []
+
+
+def test_a_gap_over_a_lost_connection_is_an_outage():
+    rig = Rig()
+    rig.take(1, 2)
+    rig.intake.opened()
+    rig.take(10, 12)
+    assert rig.count == (12, 4, {"outage": 7, "gap": 1}, {})
+
+
+def test_numbering_begins_anew_with_a_new_session():
+    rig = Rig()
+    rig.take(500, 501)
+    rig.take(1, at=502)
+    rig.take(2, at=503)
+    assert rig.count == (4, 4, {}, {"sessions": 1})
+    assert rig.outlet.resets == []
+
+
+def test_a_controller_that_restarts_has_another_clock():
+    rig = Rig()
+    rig.take(5000, 5001)
+    rig.take(1, 2, start=START - 1e6)
+    assert rig.count == (4, 4, {}, {"sessions": 1})
+    assert rig.outlet.resets == ["the controller's time went back"]
+
+
+def test_a_clock_that_is_set_is_noticed_and_a_gap_is_not_taken_for_it():
+    rig = Rig()
+    rig.take(1, 2)
+    rig.take(1000)
+    assert rig.outlet.resets == []
+    rig.take(1001, at=2001)
+    assert rig.outlet.resets == ["the controller's time jumped"]
+
+
+def test_without_a_clock_the_header_counts_and_wraps():
+    rig = Rig()
+    wrap = 2**32 / 1000
+    rig.take(1, 2, 3, clocked=False, start=wrap - 0.010)
+    assert rig.count == (3, 3, {}, {})
+    np.testing.assert_array_equal(np.diff(rig.outlet.device_time), 4_000_000)
+    rig.take(4)
+    assert rig.outlet.resets == ["the controller's clock came or went"]
+
+
+def test_garbage_is_counted():
+    rig = Rig()
+    rig.intake.take([b"\x07garbage", rig.packet(1), rig.packet(2)[:20]])
+    assert rig.count == (1, 1, {}, {"malformed": 2})

@@ -1,0 +1,103 @@
+"""An emulated IVT-S and a driver on one loop."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.errors import SourceError
+from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
+from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
+
+from ..outlet import CollectingOutlet
+
+FAST = {"cycles": "current=10,voltage_1=20"}
+READ = {"read": ["current", "voltage_1"], "rates": {"current": "100 Hz", "voltage_1": "50 Hz"}}
+_numbers = itertools.count()
+
+
+@dataclass
+class Steady:
+    """48 V, -2.5 A."""
+
+    def at(self, t):
+        return {"bus.voltage": np.full(len(t), 48.0), "bus.current": np.full(len(t), -2.5)}
+
+    def disturb(self, change):
+        raise ValueError("nothing to disturb")
+
+
+def virtual() -> str:
+    """The address of a bus that no other test uses."""
+    return f"virtual:test_{next(_numbers)}"
+
+
+@asynccontextmanager
+async def emulated(address: str | None = None, **options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
+    """An emulator and its address; that of the port on ``pty``."""
+    where = address or virtual()
+    emulator = CanSensorEmulator(Steady(), where, seed=5, options=FAST | options)
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    serving = asyncio.create_task(emulator.serve(ready.set_result))
+    try:
+        place = await ready
+        yield emulator, place if where == "pty" else where
+    finally:
+        serving.cancel()
+        with suppress(asyncio.CancelledError):
+            await serving
+
+
+def settings(place: str, **changes: object) -> CanSensorSettings:
+    kind, _, rest = place.partition(":")
+    if place.startswith("/"):
+        base: dict[str, object] = {"interface": "slcan", "channel": place}
+    elif kind == "udp_multicast":
+        group, _, port = rest.rpartition(":")
+        base = {"interface": kind, "channel": group, "port": int(port)}
+    else:
+        base = {"interface": kind, "channel": rest}
+    if "map" not in changes:
+        base |= {"sensor": "ivt_s", **READ}
+    return CanSensorSettings.model_validate(base | changes)
+
+
+@dataclass
+class Run:
+    driver: CanSensorDriver
+    outlet: CollectingOutlet
+    failures: list[SourceError]
+
+    def stream(self, name: str) -> np.ndarray:
+        """All samples of a stream."""
+        return np.concatenate([r.values for r in self.outlet.readings if r.stream.name == name])
+
+
+@asynccontextmanager
+async def running(wanted: CanSensorSettings) -> AsyncIterator[Run]:
+    """A driver that is run again when it fails, until the end of the context; the account must be even then."""
+    outlet = CollectingOutlet()
+    run = Run(CanSensorDriver("battery", wanted, outlet), outlet, [])
+
+    async def supervise() -> None:
+        while True:
+            try:
+                await run.driver.run()
+            except SourceError as error:
+                run.failures.append(error)
+                outlet.event("failed", str(error))
+            await asyncio.sleep(0.01)
+
+    task = asyncio.create_task(supervise())
+    try:
+        yield run
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+    assert outlet.account.residue == 0

@@ -1,0 +1,44 @@
+"""The emulator, without our driver: clients that we did not write."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import time
+
+import can
+import cantools
+import pytest
+
+from cellwatt_drivers.can_sensor.sensor_map import load_decodings
+
+from .rig import emulated
+
+
+def listen(kind: str, channel: str, count: int, **options: object) -> list[can.Message]:
+    with can.Bus(interface=kind, channel=channel, ignore_config=True, **options) as bus:
+        found, end = [], time.monotonic() + 20
+        while len(found) < count and time.monotonic() < end:
+            frame = bus.recv(0.2)
+            if frame is not None and not frame.is_error_frame:
+                found.append(frame)
+        return found
+
+
+@pytest.mark.parametrize("kind", ["virtual", "slcan"])
+async def test_python_can_hears_it_and_cantools_reads_it(kind):
+    async with emulated("pty" if kind == "slcan" else None) as (_, place):
+        channel = place if kind == "slcan" else place.partition(":")[2]
+        options = {"sleep_after_open": 0} if kind == "slcan" else {}
+        frames = await asyncio.to_thread(listen, kind, channel, 40, **options)
+    made, _ = load_decodings("ivt_s", None)
+    database = cantools.database.load_file(made.dbc)
+    currents = [database.decode_message(f.arbitration_id, f.data) for f in frames if f.arbitration_id == 0x521]
+    assert {round(c["I"], 3) for c in currents} == {-2.5}
+    numbers = [c["I_Counter"] for c in currents]
+    assert all((b - a) % 16 == 1 for a, b in itertools.pairwise(numbers))
+    voltages = [f for f in frames if f.arbitration_id == 0x522]
+    # 48 000 mV, high byte first; byte 0 says which result, byte 1 counts.
+    assert {bytes(f.data[2:]).hex() for f in voltages} == {"0000bb80"}
+    assert {f.data[0] for f in voltages} == {1}
+    assert {f.dlc for f in frames} == {6}

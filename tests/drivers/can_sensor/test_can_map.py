@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import cantools
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.can_sensor.sensor_map import SENSORS, load_decodings, load_map
+
+DBC = """VERSION ""
+BU_: DRIVE
+BO_ 256 Drive_Status: 8 DRIVE
+ SG_ Speed : 0|16@1- (1,0) [0|0] "rpm" Vector__XXX
+ SG_ Energy : 16|32@1+ (1,0) [0|0] "Wh" Vector__XXX
+ SG_ Odd : 48|8@1+ (1,0) [0|0] "furlong" Vector__XXX
+ SG_ Number : 56|8@1+ (1,0) [0|0] "" Vector__XXX
+"""
+GOOD = """
+maker: Acme
+model: Drive
+dbc: drive.dbc
+streams:
+  status:
+    message: Drive_Status
+    cycle: 10 ms
+    counter: Number
+    signals:
+      Speed: drive.speed
+      Energy: {channel: drive.energy, counter: true}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "drive.dbc").write_text(DBC)
+    (tmp_path / "drive.yaml").write_text(GOOD)
+    return tmp_path
+
+
+def test_the_worked_frame_of_an_ivt_s():
+    _, decodings = load_decodings("ivt_s", None)
+    current = decodings["current"]
+    assert (current.message.frame_id, current.counts_to) == (0x521, 16)
+    found = current.decode(bytes.fromhex("00 45 FF FE 1D C0"))
+    assert found["I"] * current.factors[0] == pytest.approx(-123.456)  # -123 456 mA
+    assert (found["I_Counter"], found["I_Measurement_Error"], found["I_Channel_Error"]) == (5, 1, 0)
+
+
+@pytest.mark.parametrize(
+    ("stream", "identifier", "data", "channel", "unit", "value"),
+    [
+        ("voltage_1", 0x522, "01 00 00 00 BB 80", "bus.voltage", "V", 48.0),
+        ("voltage_2", 0x523, "02 00 FF FF FF FF", "bus.voltage_2", "V", -0.001),
+        ("temperature", 0x525, "04 00 00 00 01 36", "sensor.temperature", "degC", 31.0),
+        ("power", 0x526, "05 00 FF FF FC 18", "bus.power", "W", -1000.0),
+        ("energy", 0x528, "07 00 00 00 00 02", "bus.energy", "J", 7200.0),
+    ],
+)
+def test_results_of_an_ivt_s(stream, identifier, data, channel, unit, value):
+    _, decodings = load_decodings("ivt_s", None)
+    found = decodings[stream]
+    assert found.message.frame_id == identifier
+    assert (found.channels[0].name, found.channels[0].unit) == (channel, unit)
+    signals = found.decode(bytes.fromhex(data))
+    assert signals[next(iter(found.wanted.signals))] * found.factors[0] == pytest.approx(value)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_packaged_dbc_files_are_read_strictly_by_cantools(name):
+    made, _ = load_decodings(name, None)
+    database = cantools.database.load_file(made.dbc, strict=True)
+    assert {s.message for s in made.streams.values()} <= {m.name for m in database.messages}
+
+
+def test_an_own_map_in_si_units(folder):
+    _, decodings = load_decodings(None, folder / "drive.yaml")
+    status = decodings["status"]
+    assert [(c.name, c.unit, c.kind) for c in status.channels] == [
+        ("drive.speed", "rad/s", "continuous"),
+        ("drive.energy", "J", "counter"),
+    ]
+    assert status.factors == pytest.approx((2 * 3.141592653589793 / 60, 3600.0))
+    assert status.counts_to == 256
+    with pytest.raises(ValueError, match="Drive_Status"):
+        status.decode(b"\x00" * 7)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("cycle: 10 ms", "cycle: 10", r"drive\.yaml:8:12: streams\.status\.cycle: .*number with its unit"),
+        ("cycle: 10 ms", "cycel: 10 ms", r"drive\.yaml:8:5: .*did you mean 'cycle'"),
+        ("maker: Acme\n", "", r"drive\.yaml:.*'maker' is missing"),
+        ("dbc: drive.dbc", "dbc: driv.dbc", r"driv\.dbc: cannot be read as a DBC file"),
+        ("Drive_Status", "Drive_Statu", "no message 'Drive_Statu'; did you mean 'Drive_Status'"),
+        ("Speed:", "Sped:", "no signal 'Sped'; did you mean 'Speed'"),
+        ("counter: Number", "counter: Numbr", "no signal 'Numbr'"),
+        ("Speed: drive.speed", "Odd: drive.odd", "signal Odd of Drive_Status is in 'furlong': write"),
+        ("Speed: drive.speed", "Speed: Speed", r"drive\.yaml:11:"),
+    ],
+)
+def test_mistakes_say_where_and_what(folder, old, new, why):
+    assert old in GOOD
+    (folder / "drive.yaml").write_text(GOOD.replace(old, new))
+    with pytest.raises(ConfigError, match=why):
+        load_decodings(None, folder / "drive.yaml")
+
+
+def test_a_dbc_file_that_is_none(folder):
+    (folder / "drive.dbc").write_text("BO_ nonsense")
+    with pytest.raises(ConfigError, match="cannot be read as a DBC file"):
+        load_decodings(None, folder / "drive.yaml")
+
+
+def test_one_message_feeds_one_stream(folder):
+    again = "  again:\n    message: Drive_Status\n    signals: {Speed: drive.speed_2}\n"
+    (folder / "drive.yaml").write_text(GOOD + again)
+    with pytest.raises(ConfigError, match="each message feeds one stream"):
+        load_map(folder / "drive.yaml")

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+from importlib.machinery import PathFinder
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings, driver
+
+from ..outlet import CollectingOutlet
+
+GOOD = {"sensor": "ivt_s"}
+
+
+def make(**changes):
+    return CanSensorDriver("battery", CanSensorSettings.model_validate(GOOD | changes), CollectingOutlet())
+
+
+def test_by_default_what_the_sensor_sends_at_delivery_is_read():
+    assert [(s.name, s.clock) for s in make().streams] == [
+        ("current", "device"), ("voltage_1", "device"), ("voltage_2", "device"), ("voltage_3", "device"),
+    ]  # fmt: skip
+    assert [s.rate for s in make().streams] == pytest.approx([50.0, 1 / 0.06, 1 / 0.06, 1 / 0.06])
+
+
+def test_streams_and_rates_are_chosen():
+    found = make(read=["energy", "current"], rates={"current": "1 kHz"}).streams
+    assert [(s.name, round(s.rate, 1)) for s in found] == [("energy", 33.3), ("current", 1000.0)]
+    assert (found[0].channels[0].unit, found[0].channels[0].method) == ("J", "hold")
+    with pytest.raises(ConfigError, match=r"read: the map of IVT-S has no stream amps; it has: current"):
+        make(read=["amps"])
+    with pytest.raises(ConfigError, match=r"rates: the map of IVT-S has no stream amps"):
+        make(rates={"amps": "1 Hz"})
+
+
+@pytest.mark.parametrize(
+    ("found", "why"),
+    [
+        ({}, "either 'sensor'"),
+        (GOOD | {"map": "x.yaml"}, "either 'sensor'"),
+        (GOOD | {"sensor": "ivt"}, "'ivt_s'"),
+        (GOOD | {"interface": "pcan"}, "'socketcan'"),
+        (GOOD | {"bitrate": 500000}, "are for slcan"),
+        (GOOD | {"listen_only": True}, "are for slcan"),
+        (GOOD | {"interface": "slcan"}, "path of a serial port"),
+        (GOOD | {"interface": "slcan", "channel": "/dev/ttyACM0", "bitrate": 123}, "expected one of 10000"),
+        (GOOD | {"read": []}, "at least one stream"),
+        (GOOD | {"read": ["current", "current"]}, "each once"),
+        (GOOD | {"silence": "2"}, "number with its unit"),
+        (GOOD | {"rates": {"current": 100}}, "number with its unit"),
+        (GOOD | {"baud": 1}, "Extra inputs"),
+    ],
+)
+def test_wrong_settings_say_what_is_wrong(found, why):
+    with pytest.raises(ValidationError, match=why):
+        CanSensorSettings.model_validate(found)
+
+
+@pytest.mark.parametrize("package", ["can", "cantools", "msgpack"])
+def test_a_missing_extra_is_named(monkeypatch, package):
+    def nothing(name: str) -> object:
+        return None if name == package else PathFinder.find_spec(name)
+
+    monkeypatch.setattr(driver, "find_spec", nothing)
+    with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[can\]'"):
+        make(interface="udp_multicast", channel="239.74.163.2")

@@ -1,0 +1,191 @@
+"""The driver, pylibfranka's own client within it, and the emulator."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.channel import UNITS
+from cellwatt.emulation import Fault
+from cellwatt.errors import ConfigError, ConnectError, DeviceError, WrongDeviceError
+from cellwatt_drivers.franka import driver as module
+from cellwatt_drivers.franka.driver import FrankaSettings
+from cellwatt_drivers.franka.fields import GROUPS
+
+from ..outlet import CollectingOutlet
+from .rig import ANGLES, driver, emulated, running
+
+try:
+    import pylibfranka  # noqa: F401
+
+    LIBRARY = True
+except ImportError:
+    LIBRARY = False
+
+# The rate of torque needs a unit that the daemon's own list must have.
+READABLE = [g for g in GROUPS if g != "torque_rate" or "Nm/s" in UNITS]
+library = pytest.mark.skipif(not LIBRARY, reason="pylibfranka is not installed")
+
+READ = """
+import sys, pylibfranka
+robot = pylibfranka.Robot(sys.argv[1], pylibfranka.RealtimeConfig.kIgnore)
+states = [robot.read_once() for _ in range(50)]
+print(list(states[-1].q), list(states[-1].tau_J), states[-1].O_T_EE[12], states[-1].robot_mode.name,
+      all(b.time.to_sec() > a.time.to_sec() for a, b in zip(states, states[1:])),
+      bool(states[-1].current_errors), sep=";")
+"""
+
+
+@library
+async def test_the_librarys_own_client_reads_the_emulator():
+    async with emulated("127.0.41.1") as emulator:
+        child = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", READ, "127.0.41.1", stdout=asyncio.subprocess.PIPE
+        )
+        out, _ = await asyncio.wait_for(child.communicate(), 30)
+        assert child.returncode == 0
+        assert emulator.counts["commanded"] == 0
+    q, torque, x, mode, rising, errors = out.decode().strip().split(";")
+    assert q == str(list(ANGLES))
+    assert torque == str([-3.25 * i for i in range(1, 8)])
+    assert (float(x), mode, rising, errors) == (0.5, "Move", "True", "False")
+
+
+@library
+async def test_every_channel_comes_from_its_place():
+    async with emulated("127.0.41.2") as emulator, running("127.0.41.2", read=READABLE) as (outlet, _):
+        await outlet.until(lambda o: o.account.received > 500)
+        assert emulator.counts["commanded"] == 0
+    stream = outlet.readings[0].stream
+    found = dict(zip(stream.names, outlet.values[-1], strict=True))
+    assert [found[f"joint_{i}.position"] for i in range(1, 8)] == list(ANGLES)
+    assert [found[f"joint_{i}.motor_position"] for i in range(1, 8)] == list(ANGLES)
+    assert found["joint_4.velocity"] == 0.5
+    assert found["joint_4.torque"] == -13.0
+    assert [found[f"tool.{a}"] for a in "xyz"] == [0.5, 0.0, 0.25]
+    assert (found["robot.mode"], found["robot.error"], found["robot.command_success_rate"]) == (2, 0, 1)
+    assert found.get("joint_4.torque_rate", 2.5) == 2.5
+    assert found["tool.mass"] == pytest.approx(0.73)
+    assert (np.diff(outlet.device_time) >= 1_000_000).all()
+    assert outlet.resets == []
+
+
+@library
+async def test_a_part_of_the_rate():
+    async with emulated("127.0.41.3"), running("127.0.41.3", rate="100 Hz") as (outlet, _):
+        await outlet.until(lambda o: o.account.received > 50)
+    assert (outlet.device_time % 10_000_000 == 0).all()
+
+
+@library
+async def test_what_is_lost_is_counted():
+    async with emulated("127.0.41.4") as emulator, running("127.0.41.4") as (outlet, _):
+        await outlet.until(lambda o: o.account.received > 100)
+        for kind in ("loss", "duplicate", "reorder"):
+            emulator.inject(Fault(kind, probability=0.05))
+        await outlet.until(lambda o: emulator.counts["made"] > 1000)
+        for kind in ("loss", "duplicate", "reorder"):
+            emulator.inject(Fault(kind, probability=0))
+        seen = outlet.account.received
+        await outlet.until(lambda o: o.account.received > seen + 100)
+        counts, account = emulator.counts, outlet.account
+    # The library keeps but the newest of what has come: a busy machine loses more than the emulator did.
+    assert account.missed["gap"] >= counts["loss"] + counts["reorder"] > 20
+    assert (np.diff(outlet.device_time) > 0).all()
+
+
+@library
+async def test_a_jump_of_the_robots_time_is_another_time_base():
+    async with emulated("127.0.41.5") as emulator, running("127.0.41.5") as (outlet, _):
+        await outlet.until(lambda o: o.account.received > 100)
+        emulator.inject(Fault("clock_jump", seconds=3600.0))
+        await outlet.until(lambda o: len(o.resets) == 1)
+    assert outlet.account.missed["gap"] < 3000
+
+
+@library
+async def test_the_mode_is_told():
+    async with emulated("127.0.41.6") as emulator, running("127.0.41.6") as (outlet, _):
+        await outlet.until(lambda o: o.account.received > 100)
+        emulator.signals.disturb({"mode": 5, "error": 1})
+        await outlet.until(lambda o: "mode" in o.kinds())
+        await outlet.until(lambda o: o.readings[-1].values[-1, -2] == 1.0)
+    assert outlet.events[0][1] == "robot mode: move → user stopped"
+
+
+@library
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [(Fault("loss"), ConnectError), (Fault("disconnect", seconds=5.0), (ConnectError, DeviceError))],
+)
+async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start(fault, error):
+    address = f"127.0.41.{10 + len(fault.kind)}"
+    async with emulated(address) as emulator:
+        outlet = CollectingOutlet()
+        arm = driver(address, outlet)
+        first = asyncio.create_task(arm.run())
+        await outlet.until(lambda o: o.account.received > 100)
+        emulator.inject(fault)
+        with pytest.raises(error, match=address):
+            await asyncio.wait_for(first, 15)
+        emulator.inject(Fault("loss", probability=0))
+        emulator._down_until = 0.0
+        seen = outlet.account.received
+        second = asyncio.create_task(arm.run())
+        await outlet.until(lambda o: o.account.received > seen)
+        second.cancel()
+        await asyncio.gather(second, return_exceptions=True)
+    assert outlet.account.missed["outage"] > 500
+    assert outlet.account.residue == 0
+    assert len(outlet.identities) == 2
+
+
+@library
+async def test_another_version_is_another_device():
+    async with emulated("127.0.41.30", version="9"):
+        with pytest.raises(WrongDeviceError, match="pylibfranka that fits"):
+            await driver("127.0.41.30", CollectingOutlet()).identify()
+
+
+@library
+async def test_who_is_there():
+    async with emulated("127.0.41.31"):
+        assert (await driver("127.0.41.31", CollectingOutlet()).identify()).maker == "Franka Robotics"
+    with pytest.raises(ConnectError, match="no other client"):
+        await driver("127.0.41.31", CollectingOutlet()).identify()
+
+
+def test_a_missing_library_is_named(monkeypatch):
+    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[franka\]'"):
+        driver("192.0.2.1", CollectingOutlet())
+
+
+@library
+def test_streams_follow_the_settings():
+    (stream,) = driver("192.0.2.1", CollectingOutlet(), read=["targets", "state"], rate="250 Hz").streams
+    assert (stream.name, stream.rate, stream.clock) == ("fci", 250.0, "device")
+    assert stream.names[0] == "joint_1.target_position"
+    assert stream.names[-3:] == ("robot.mode", "robot.error", "robot.command_success_rate")
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"read": []}, "at least one group"),
+        ({"read": ["joints", "joints"]}, "each once"),
+        ({"read": ["temperature"]}, "joints"),
+        ({"rate": "300 Hz"}, "whole part"),
+        ({"rate": "2 kHz"}, "1 kHz or a whole part"),
+        ({"rate": 1000}, "number with its unit"),
+        ({"timeout": "0 s"}, "greater than 0"),
+        ({"port": 1337}, "Extra inputs"),
+    ],
+)
+def test_wrong_settings_say_what_is_wrong(changes, why):
+    with pytest.raises(ValidationError, match=why):
+        FrankaSettings.model_validate({"host": "192.0.2.1"} | changes)

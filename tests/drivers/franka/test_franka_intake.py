@@ -1,0 +1,81 @@
+"""States in any order: what is handed over, what is counted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellwatt.channel import Stream
+from cellwatt_drivers.franka.fields import Selection
+from cellwatt_drivers.franka.intake import Intake
+
+from ..outlet import CollectingOutlet
+
+
+class Rig:
+    def __init__(self, every: int = 1):
+        self.outlet = CollectingOutlet()
+        self.time = 1_700_000_000_000_000_000
+        self.outlet.now = lambda: self.time
+        channels = Selection.of(("state",)).channels
+        self.intake = Intake(self.outlet, Stream("fci", channels, 1000.0 / every, "device"), every)
+
+    def take(self, *stamps: int, mode: float = 2.0):
+        values = np.tile([mode, 0.0, 1.0], (len(stamps), 1))
+        self.intake.take(np.array(stamps), values)
+
+    @property
+    def count(self):
+        account = self.outlet.account
+        assert account.residue == 0
+        return account.expected, account.received, dict(account.missed)
+
+
+def test_milliseconds_that_are_not_there_are_missed():
+    rig = Rig()
+    rig.take(100, 101, 103)
+    rig.take(107)
+    assert rig.count == (8, 4, {"gap": 4})
+    np.testing.assert_array_equal(rig.outlet.device_time[:3], [100_000_000, 101_000_000, 103_000_000])
+
+
+def test_at_a_part_of_the_rate_only_those_kept_are_due():
+    rig = Rig(every=4)
+    rig.take(100, 104, 112)
+    assert rig.count == (4, 3, {"gap": 1})
+
+
+def test_a_new_connection_in_the_same_time_is_an_outage():
+    rig = Rig()
+    rig.take(100)
+    rig.intake.opened()
+    rig.time += 2_000_000_000
+    rig.take(2100)
+    assert rig.count == (2001, 2, {"outage": 1999})
+    assert rig.outlet.resets == []
+
+
+def test_a_robot_that_started_again_has_another_time():
+    rig = Rig()
+    rig.take(100_000)
+    rig.take(50, 51)
+    assert rig.count == (3, 3, {})
+    assert rig.outlet.resets == ["the robot's time began anew"]
+    rig.take(3_600_051)
+    assert len(rig.outlet.resets) == 2
+    assert rig.count == (4, 4, {})
+
+
+def test_a_time_base_that_changes_within_a_block():
+    rig = Rig()
+    rig.take(100, 101, 3_600_102, 3_600_103, 5, 6)
+    assert rig.count == (6, 6, {})
+    assert len(rig.outlet.resets) == 2
+    assert [len(r.values) for r in rig.outlet.readings] == [2, 2, 2]
+
+
+def test_modes_that_change_are_reported():
+    rig = Rig()
+    rig.take(1, 2)
+    rig.take(3, mode=4.0)
+    rig.take(4, mode=1.0)
+    assert [text for _, text, _ in rig.outlet.events] == ["robot mode: move → reflex", "robot mode: reflex → idle"]

@@ -1,0 +1,82 @@
+"""A driver and an emulated arm on one loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+import numpy as np
+
+from cellwatt.emulation import Fault
+from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
+from cellwatt_drivers.kinova.emulator import KinovaEmulator
+
+from ..outlet import CollectingOutlet
+
+ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -3.0)
+STILL = (
+    {f"joint_{i}.position": q for i, q in enumerate(ANGLES, 1)}
+    | {f"joint_{i}.velocity": 0.1 * i for i in range(1, 8)}
+    | {f"joint_{i}.torque": -3.25 * i for i in range(1, 8)}
+    | {f"joint_{i}.current": 0.5 * i for i in range(1, 8)}
+    | {f"joint_{i}.temperature": 30.0 + i for i in range(1, 8)}
+    | {"bus.voltage": 24.0, "bus.current": 1.25, "tool.x": 0.5, "tool.rz": 1.5, "tool.torque_z": -0.75}
+)
+
+
+class Steady:
+    """Signals that stand still."""
+
+    def at(self, t):
+        return {name: np.full(len(t), value) for name, value in STILL.items()}
+
+    def disturb(self, change):
+        raise ValueError("nothing to disturb")
+
+
+@asynccontextmanager
+async def emulated(signals=None, **options: str) -> AsyncIterator[tuple[KinovaEmulator, int]]:
+    """An emulator and its port."""
+    emulator = KinovaEmulator(signals or Steady(), "127.0.0.1:0", seed=1, options=options)
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    serving = asyncio.create_task(emulator.serve(ready.set_result))
+    try:
+        yield emulator, int((await ready).rpartition(":")[2])
+    finally:
+        serving.cancel()
+        with suppress(asyncio.CancelledError):
+            await serving
+
+
+def driver(port: int, outlet: CollectingOutlet, **changes: object) -> KinovaDriver:
+    settings = {"host": "127.0.0.1", "port": port, "timeout": "2 s"} | changes
+    return KinovaDriver("arm", KinovaSettings.model_validate(settings), outlet)
+
+
+@asynccontextmanager
+async def running(port: int, **changes: object) -> AsyncIterator[tuple[CollectingOutlet, asyncio.Task[None]]]:
+    """A driver running until the end of the context; fails when it failed."""
+    outlet = CollectingOutlet()
+    task = asyncio.create_task(driver(port, outlet, **changes).run())
+    try:
+        yield outlet, task
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+    assert outlet.account.residue == 0
+
+
+def of(outlet: CollectingOutlet, stream: str) -> list:
+    return [r for r in outlet.readings if r.stream.name == stream]
+
+
+async def strike(emulator: KinovaEmulator, fault: Fault) -> None:
+    """Let a fault hit one answer."""
+    before = emulator.injector.counts[fault.kind]
+    emulator.inject(fault)
+    async with asyncio.timeout(20):
+        while emulator.injector.counts[fault.kind] == before:  # noqa: ASYNC110 (an injector has no event to wait for)
+            await asyncio.sleep(0.005)
+    emulator.inject(Fault(fault.kind, probability=0))

@@ -1,0 +1,89 @@
+"""The emulator read by pymodbus itself, and the driver against pymodbus' own server."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import pytest
+
+from cellwatt_drivers.kinova import registers
+from cellwatt_drivers.kinova.emulator import KinovaEmulator
+
+from ..outlet import CollectingOutlet
+from .rig import ANGLES, Steady, driver, emulated, of, running
+
+pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed")
+
+
+async def test_pymodbus_reads_the_emulator():
+    from pymodbus.client import AsyncModbusTcpClient
+
+    async with emulated() as (emulator, port):
+        client = AsyncModbusTcpClient("127.0.0.1", port=port)
+        assert await client.connect()
+        try:
+            supply = await client.read_input_registers(6, count=4)
+            decoded = client.convert_from_registers(supply.registers, client.DATATYPE.FLOAT32, word_order="little")
+            assert decoded == [1.25, 24.0]
+            gap = await client.read_input_registers(13, count=2)
+            assert gap.exception_code == 2
+            coil = await client.write_coil(0, True)
+            assert coil.exception_code == 1
+            held = await client.read_holding_registers(0, count=1)
+            assert held.exception_code == 1
+        finally:
+            client.close()
+    assert emulator.counts["written"] == 2
+
+
+async def test_the_worked_frames():
+    async with emulated() as (_, port):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(bytes.fromhex("0001 0000 0006 01 04 0006 0002"))
+        assert await reader.readexactly(13) == bytes.fromhex("0001 0000 0007 01 04 04 0000 3fa0")
+        writer.write(bytes.fromhex("0002 0000 0006 01 04 0008 0002"))
+        assert await reader.readexactly(13) == bytes.fromhex("0002 0000 0007 01 04 04 0000 41c0")
+        writer.close()
+        await writer.wait_closed()
+
+
+async def test_the_driver_reads_a_server_of_pymodbus():
+    from pymodbus.server import ModbusTcpServer
+    from pymodbus.simulator import DataType, SimData, SimDevice
+
+    arm = [1 << 7, 0, 0, 0, 0, 0, *registers.encode([1.25, 24.0, 45.0, 38.0])]
+    motion = registers.encode([float(i) for i in range(53)])
+    device = SimDevice(
+        1,
+        simdata=(
+            [SimData(0, datatype=DataType.BITS, values=[0])],
+            [SimData(0, datatype=DataType.BITS, values=[0])],
+            [SimData(0, datatype=DataType.REGISTERS, values=[0])],
+            [
+                SimData(0, datatype=DataType.REGISTERS, values=arm),
+                SimData(34, datatype=DataType.REGISTERS, values=motion),
+            ],
+        ),
+    )
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    server = ModbusTcpServer(device, address=("127.0.0.1", port))
+    serving = asyncio.create_task(server.serve_forever())
+    try:
+        while not server.is_active():  # noqa: ASYNC110 (it has no event to wait for)
+            await asyncio.sleep(0)
+        async with running(port, read=["arm", "joints", "tool"]) as (outlet, _):
+            await outlet.until(lambda o: len(of(o, "motion")) > 3)
+    finally:
+        await server.shutdown()
+        await asyncio.gather(serving, return_exceptions=True)
+    assert of(outlet, "arm")[0].values[0, :3].tolist() == [24.0, 1.25, 30.0]
+    assert of(outlet, "motion")[0].values[0, 14:21].tolist() == [14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
+
+
+def test_wrong_options():
+    with pytest.raises(ValueError, match="unknown options: wrp"):
+        KinovaEmulator(Steady(), "", options={"wrp": "1"})
+    assert driver(1, CollectingOutlet()).settings.axes == len(ANGLES)

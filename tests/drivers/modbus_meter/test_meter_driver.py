@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+import asyncio
+import socket
+
+import numpy as np
+import pytest
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from cellwatt.channel import Quality
+from cellwatt.errors import ConnectError, WrongDeviceError
+from cellwatt_drivers.modbus_meter import ModbusMeterDriver
+from cellwatt_drivers.modbus_meter.meter_map import METERS
+
+from ..outlet import CollectingOutlet
+from .rig import emulated, running, settings
+
+TRUTH = {
+    "phase_1.voltage": 230.0,
+    "phase_1.current": 1.25,
+    "phase_3.power": 100.0,
+    "supply.power": 500.0,
+    "supply.frequency": 50.0,
+    "supply.apparent_power": 575.0,
+    "supply.power_factor": 500 / 575,
+}
+
+
+def row(run) -> dict[str, float]:
+    return dict(zip(run.driver.streams[0].names, run.outlet.readings[-1].values[0], strict=True))
+
+
+@pytest.mark.parametrize("meter", METERS)
+@pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
+async def test_every_meter_in_si_units(meter, address):
+    async with emulated(address, meter=meter) as (_, place), running(settings(place, meter=meter)) as run:
+        await run.outlet.until(lambda o: len(o.readings) >= 2)
+    found = row(run)
+    for name, value in TRUTH.items():
+        if name in found:
+            assert found[name] == pytest.approx(value, abs=max(1e-3 * value, 1e-3)), name
+    assert not run.failures
+    assert all(r.asked <= r.arrival for r in run.outlet.readings)
+    assert all(r.quality.tolist() == [Quality.GOOD] for r in run.outlet.readings)
+
+
+async def test_an_rtu_exchange_byte_by_byte():
+    """The worked exchange of an SDM630: U1 = 230.10 V; through a serial device server."""
+    heard = asyncio.Queue()
+    left = asyncio.Event()
+
+    async def meter(reader, writer):
+        while len(request := await reader.read(8)) == 8:
+            heard.put_nowait(request)
+            writer.write(bytes.fromhex("01 04 04 43 66 19 9A 85 E4"))
+        writer.close()
+        await writer.wait_closed()
+        left.set()
+
+    server = await asyncio.start_server(meter, "127.0.0.1", 0)
+    host, port = server.sockets[0].getsockname()
+    wanted = settings(f"{host}:{port}", framing="rtu", read=["phase_1.voltage"])
+    async with running(wanted) as run:
+        await run.outlet.until(lambda o: len(o.readings) >= 2)
+    await asyncio.wait_for(left.wait(), 20)
+    assert heard.get_nowait() == bytes.fromhex("01 04 00 00 00 02 71 CB")
+    assert run.outlet.values[:, 0] == pytest.approx([230.10] * len(run.outlet.readings), abs=1e-4)
+    server.close()
+
+
+async def test_against_a_server_that_we_did_not_write():
+    """pymodbus's own server with plain data of an iEM3150."""
+    holding = [
+        SimData(0x0BF3, values=[2.5], datatype=DataType.FLOAT32),
+        SimData(0x0C83, values=[123_456_789], datatype=DataType.INT64),
+    ]
+    server = ModbusTcpServer(SimDevice(0, simdata=holding), address=("127.0.0.1", 0))
+    await server.serve_forever(background=True)
+    port = server.transport.sockets[0].getsockname()[1]
+    wanted = settings(
+        f"127.0.0.1:{port}", meter="schneider_iem3000", read=["supply.energy_imported", "supply.power"], unit=7
+    )
+    try:
+        async with running(wanted) as run:
+            await run.outlet.until(lambda o: len(o.readings) >= 2)
+    finally:
+        await server.shutdown()
+    assert run.outlet.values[0] == pytest.approx([123_456_789 * 3600.0, 2500.0])
+
+
+async def test_neighbours_come_in_one_request():
+    async with emulated() as (emulator, place), running(settings(place)) as run:
+        await run.outlet.until(lambda o: len(o.readings) >= 4)
+    # 26 values in two requests a poll, also for the greeting.
+    assert emulator.counts["sent"] <= 2 * (len(run.outlet.readings) + 2)
+    assert run.outlet.identities[0].notes["requests a poll"] == "2"
+
+
+async def test_blocks_that_are_refused_are_read_apart():
+    async with emulated(strict="yes") as (emulator, place), running(settings(place)) as run:
+        await run.outlet.until(lambda o: len(o.readings) >= 3)
+        refused = emulator.counts["refused"]
+        seen = len(run.outlet.readings)
+        await run.outlet.until(lambda o: len(o.readings) >= seen + 3)
+        assert emulator.counts["refused"] == refused, "asked once, then known"
+    assert refused == run.outlet.account.counters["refused reads"] >= 1
+    assert row(run)["supply.power"] == pytest.approx(500.0)
+    assert not np.isnan(run.outlet.values).any()
+
+
+async def test_a_value_that_the_meter_lacks_is_told_once_and_stays_nan():
+    data = [SimData(0x34, values=[500.0], datatype=DataType.FLOAT32)]
+    server = ModbusTcpServer(SimDevice(0, simdata=data), address=("127.0.0.1", 0))
+    await server.serve_forever(background=True)
+    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    try:
+        async with running(settings(place, read=["supply.power", "supply.phase"])) as run:
+            await run.outlet.until(lambda o: len(o.readings) >= 3)
+        assert next(text for kind, text, _ in run.outlet.events if kind == "value_refused").startswith(
+            "meter: supply.phase is left out"
+        )
+        assert run.outlet.kinds().count("value_refused") == 1
+        assert all(np.isnan(run.outlet.values[:, 1]))
+        assert run.outlet.values[:, 0] == pytest.approx([500.0] * len(run.outlet.readings))
+        other = ModbusMeterDriver("m", settings(place, read=["phase_1.voltage"]), CollectingOutlet())
+        with pytest.raises(WrongDeviceError, match="none of the registers of a SDM630"):
+            await other.run()
+    finally:
+        await server.shutdown()
+
+
+async def test_another_word_order_is_the_wrong_meter():
+    words = [0] * 76
+    words[0x46:0x48] = [0x0000, 0x4248]  # 50.0, its words exchanged
+    data = [SimData(0, values=words, datatype=DataType.REGISTERS)]
+    server = ModbusTcpServer(SimDevice(0, simdata=data), address=("127.0.0.1", 0))
+    await server.serve_forever(background=True)
+    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    try:
+        driver = ModbusMeterDriver("m", settings(place), CollectingOutlet())
+        with pytest.raises(WrongDeviceError, match=r"not a SDM630: supply\.frequency reads .* expected 10 to 500"):
+            await driver.identify()
+    finally:
+        await server.shutdown()
+
+
+async def test_meters_on_one_serial_line_take_turns():
+    async with emulated("pty", unit="1,2,3") as (emulator, line):
+        outlets = [CollectingOutlet() for _ in range(3)]
+        drivers = [
+            ModbusMeterDriver(f"m{u}", settings(line, unit=u, rate="10 Hz"), o) for u, o in enumerate(outlets, start=1)
+        ]
+        for number, meter in emulator.meters.items():
+            meter.energy = number * 3.6e6
+        tasks = [asyncio.create_task(d.run()) for d in drivers]
+        for outlet in outlets:
+            await outlet.until(lambda o: len(o.readings) >= 3)
+        tasks[0].cancel()  # one leaves, the line stays open for the others
+        seen = len(outlets[2].readings)
+        await outlets[2].until(lambda o: len(o.readings) >= seen + 3)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    column = drivers[0].streams[0].names.index("supply.energy_imported")
+    for number, outlet in enumerate(outlets, start=1):
+        assert outlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
+
+
+async def test_counters_that_wrap_and_are_reset(tmp_path):
+    file = tmp_path / "wrapping.yaml"
+    file.write_text(
+        "maker: Acme\nmodel: A1\nfunction: input\ntype: uint16\nvalues:\n"
+        "  supply.energy_imported: {address: 0, unit: Wh, wraps_at: 10000}\n"
+    )
+    joule = 3600.0
+    async with emulated(map=str(file)) as (emulator, place), running(settings(place, map=str(file))) as run:
+        meter = emulator.meters[1]
+        for level in (9990, 4, 700, 300):
+            meter.energy = level * joule
+            seen = len(run.outlet.readings)
+            await run.outlet.until(lambda o, seen=seen: len(o.readings) >= seen + 3)
+    found = run.outlet.values[:, 0] / joule
+    assert np.all(np.diff(found) >= 0)
+    assert found[-1] - found[found >= 9989].min() == pytest.approx(10_700 - 9990, abs=2)
+    assert run.outlet.kinds().count("counter_wrapped") == 1
+    assert run.outlet.kinds().count("counter_reset") == 1
+
+
+async def test_overload_and_no_value(tmp_path):
+    file = tmp_path / "limits.yaml"
+    file.write_text(
+        "maker: Acme\nmodel: A1\nfunction: holding\ntype: int32\nword_order: little\nvalues:\n"
+        "  phase_1.voltage: {address: 0, unit: V, scale: 0.1, largest: 0x7FFEFFFF}\n"
+        "  phase_1.current: {address: 2, unit: A, missing: [-2147483648]}\n"
+    )
+    words = [0x0000, 0x7FFF, 0x0000, 0x8000]
+    server = ModbusTcpServer(
+        SimDevice(0, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)]), address=("127.0.0.1", 0)
+    )
+    await server.serve_forever(background=True)
+    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    try:
+        async with running(settings(place, map=str(file))) as run:
+            await run.outlet.until(lambda o: len(o.readings) >= 3)
+    finally:
+        await server.shutdown()
+    assert np.isnan(run.outlet.values).all()
+    assert run.outlet.readings[0].quality.tolist() == [Quality.CLIPPED]
+    assert run.outlet.account.counters["overloads"] == len(run.outlet.readings)
+    assert run.outlet.kinds().count("overload") == 1
+
+
+async def test_nobody_there_is_said():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        place = f"127.0.0.1:{free.getsockname()[1]}"
+        driver = ModbusMeterDriver("m", settings(place), CollectingOutlet())
+        with pytest.raises(ConnectError, match="check the address and the cable, that Modbus TCP is switched on"):
+            await driver.run()
+    driver = ModbusMeterDriver("m", settings("/dev/nonexistent"), CollectingOutlet())
+    with pytest.raises(ConnectError, match="/dev/nonexistent: no such port"):
+        await driver.run()
+
+
+async def test_cancellation_releases_the_line():
+    async with emulated("pty") as (_, line):
+        for _ in range(2):
+            async with running(settings(line)) as run:
+                await run.outlet.until(lambda o: len(o.readings) >= 1)
+            assert not run.failures
+
+
+async def test_a_cancellation_that_meets_an_answer_is_obeyed():
+    async with emulated() as (_, place):
+        for turn in range(10):
+            drivers = [ModbusMeterDriver(f"m{u}", settings(place, rate="200 Hz"), CollectingOutlet()) for u in range(8)]
+            tasks = [asyncio.create_task(d.run()) for d in drivers]
+            await asyncio.gather(*(d.outlet.until(lambda o, turn=turn: len(o.readings) > turn) for d in drivers))
+            for task in tasks:
+                task.cancel()
+            done, left = await asyncio.wait(tasks, timeout=5)
+            assert not left
+            assert all(t.cancelled() for t in done)

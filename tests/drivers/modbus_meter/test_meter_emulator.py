@@ -1,0 +1,86 @@
+"""The emulator, without our driver: clients that we did not write."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from pymodbus import FramerType
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusIOException
+
+from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
+
+from .rig import Steady, emulated
+
+FLOAT32 = AsyncModbusTcpClient.DATATYPE.FLOAT32
+INT32 = AsyncModbusTcpClient.DATATYPE.INT32
+
+
+async def client_of(place: str, **kinds):
+    if place.startswith("/"):
+        client = AsyncModbusSerialClient(place, baudrate=9600, timeout=0.3, retries=0)
+    else:
+        host, _, port = place.rpartition(":")
+        client = AsyncModbusTcpClient(host, port=int(port), timeout=0.3, retries=0, **kinds)
+    assert await client.connect()
+    return client
+
+
+@pytest.mark.parametrize(("address", "framing"), [("127.0.0.1:0", "tcp"), ("127.0.0.1:0", "rtu"), ("pty", "rtu")])
+async def test_pymodbus_reads_volts_and_watts(address, framing):
+    async with emulated(address, framing=framing) as (emulator, place):
+        kinds = {"framer": FramerType.RTU} if framing == "rtu" and address != "pty" else {}
+        client = await client_of(place, **kinds)
+        volts = await client.read_input_registers(0, count=6, device_id=1)
+        watts = await client.read_input_registers(0x34, count=2, device_id=1)
+        client.close()
+        assert client.convert_from_registers(volts.registers, FLOAT32) == [230.0] * 3
+        assert client.convert_from_registers(watts.registers, FLOAT32) == 500.0
+        assert emulator.counts["sent"] == 2
+
+
+async def test_low_word_first_where_the_meter_does_so():
+    async with emulated(meter="gavazzi_em340") as (_, place):
+        client = await client_of(place)
+        answer = await client.read_input_registers(0, count=2, device_id=1)
+        client.close()
+    assert answer.registers == [0x08FC, 0x0000]  # 230.0 V; 230.1 V would be 08FD 0000
+    assert client.convert_from_registers(answer.registers, INT32, word_order="little") == 2300
+
+
+async def test_what_a_meter_refuses():
+    async with emulated(strict="yes") as (_, place):
+        client = await client_of(place)
+        for ask, code in (
+            (client.read_holding_registers(0, count=2, device_id=1), 1),
+            (client.read_input_registers(0, count=61, device_id=1), 3),
+            (client.read_input_registers(1, count=2, device_id=1), 2),
+            (client.read_input_registers(0x22, count=20, device_id=1), 2),
+            (client.read_input_registers(0x2000, count=2, device_id=1), 2),
+        ):
+            answer = await ask
+            assert answer.isError()
+            assert answer.exception_code == code
+        with pytest.raises(ModbusIOException):  # another unit is not there: silence
+            await client.read_input_registers(0, count=2, device_id=9)
+        client.close()
+
+
+async def test_nothing_can_be_written():
+    async with emulated(meter="siemens_pac3200") as (_, place):
+        client = await client_of(place)
+        answer = await client.write_registers(65, list(struct.unpack(">2H", struct.pack(">f", 1.0))), device_id=1)
+        assert answer.isError()
+        watts = await client.read_holding_registers(65, count=2, device_id=1)
+        client.close()
+        assert client.convert_from_registers(watts.registers, FLOAT32) == 500.0
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [({"meter": "nobody"}, "not one of eastron_sdm630"), ({"speed": "1"}, "unknown options"), ({"map": "/x"}, "/x")],
+)
+def test_wrong_options_are_refused(options, why):
+    with pytest.raises(ValueError, match=why):
+        ModbusMeterEmulator(Steady(), "", options=options)

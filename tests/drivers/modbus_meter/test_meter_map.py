@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from importlib.resources import files
+
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.modbus_meter.meter_map import METERS, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.registers import plan
+
+GOOD = """
+maker: Acme
+model: A1
+function: input
+type: float32
+values:
+  supply.power: {address: 0x10, unit: kW}
+  supply.power_factor: {address: 0x12, unit: 1}
+  supply.energy: {address: 0x14, type: uint32, unit: Wh, scale: 10}
+"""
+
+
+def test_every_packaged_map_has_a_name_and_reads_power_and_energy():
+    folder = files("cellwatt_drivers.modbus_meter") / "meters"
+    assert sorted(f.name.removesuffix(".yaml") for f in folder.iterdir()) == sorted(METERS)
+    for name in METERS:
+        made = packaged_map(name)
+        assert {"supply.power", "supply.energy_imported", "phase_3.voltage", "phase_1.current"} <= set(made.values)
+        assert made.source
+        assert any(v.between for v in made.values.values()), "what tells a wrong word order"
+
+
+# Addresses from the fact sheets, not from the maps.
+@pytest.mark.parametrize(
+    ("meter", "channel", "address", "kind", "unit", "function", "order"),
+    [
+        ("eastron_sdm630", "phase_2.voltage", 0x02, "float32", 1.0, "input", "big"),
+        ("eastron_sdm630", "supply.power", 0x34, "float32", 1.0, "input", "big"),
+        ("eastron_sdm630", "supply.energy_exported", 0x4A, "float32", 3.6e6, "input", "big"),
+        ("gavazzi_em340", "phase_1.current", 0x0C, "int32", 0.001, "input", "little"),
+        ("gavazzi_em340", "supply.power", 0x28, "int32", 0.1, "input", "little"),
+        ("gavazzi_em340", "supply.frequency", 0x33, "int16", 0.1, "input", "little"),
+        ("gavazzi_em340", "supply.energy_imported", 0x34, "int32", 3.6e5, "input", "little"),
+        ("schneider_iem3000", "supply.power", 0x0BF3, "float32", 1e3, "holding", "big"),
+        ("schneider_iem3000", "supply.energy_imported", 0x0C83, "int64", 3.6e3, "holding", "big"),
+        ("schneider_pm5000", "phase_3.current", 3003, "float32", 1.0, "holding", "big"),
+        ("siemens_pac3200", "supply.power", 65, "float32", 1.0, "holding", "big"),
+        ("siemens_pac3200", "supply.energy_imported", 801, "float64", 3.6e3, "holding", "big"),
+        ("shelly_pro_3em", "phase_3.power", 1064, "float32", 1.0, "input", "little"),
+        ("shelly_pro_3em", "supply.energy_exported", 1164, "float32", 3.6e3, "input", "little"),
+    ],
+)
+def test_what_the_manuals_say(meter, channel, address, kind, unit, function, order):
+    made = packaged_map(meter)
+    value = made.values[channel]
+    assert (value.address, value.type or made.type, made.function, made.word_order) == (address, kind, function, order)
+    assert value.factor == pytest.approx(unit)
+
+
+def test_the_sdm630_needs_two_requests():
+    made = packaged_map("eastron_sdm630")
+    blocks = plan(made.slots(tuple(made.values)), made.longest_read, made.gap, made.word_order)
+    assert [(b.address, b.count) for b in blocks] == [(0, 36), (0x34, 24)]
+
+
+def test_an_own_map(tmp_path):
+    file = tmp_path / "a1.yaml"
+    file.write_text(GOOD)
+    made = load_map(file)
+    assert made.values["supply.power"].channel("supply.power").unit == "W"
+    assert made.values["supply.power_factor"].unit == "1"
+    assert made.wrap("supply.energy") == pytest.approx(2**32 * 10 * 3600.0)
+    assert made.values["supply.energy"].channel("supply.energy").kind == "counter"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "why"),
+    [
+        ("unit: kW", "unit: horse", "7:39", "found 'horse', expected 'V'"),
+        ("address: 0x12", "address: -1", "8:34", "at least 0"),
+        ("address: 0x12", "adress: 18", "8:25", "did you mean 'address'"),
+        ("function: input", "function: coil", "4:11", "'input' or 'holding'"),
+        ("type: float32", "", "1:1|2:1", "'type' is missing"),
+        ("address: 0x12", "address: 0x11", "", "begins within supply.power"),
+        ("0x14, type: uint32", "65535, type: uint32", "", "beyond register 65535"),
+        ("supply.energy:", "Energy:", "9:3", "Energy"),
+        ("scale: 10", "scale: .inf", "9:65", "finite"),
+    ],
+)
+def test_mistakes_are_told_with_their_place(tmp_path, old, new, place, why):
+    file = tmp_path / "a1.yaml"
+    assert old in GOOD
+    file.write_text(GOOD.replace(old, new))
+    with pytest.raises(ConfigError, match=why) as caught:
+        load_map(file)
+    places = [p.place.removeprefix(f"{file}:") for p in caught.value.problems]
+    assert not place or set(places) & set(place.split("|")), (places, str(caught.value))
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
+        load_map(tmp_path / "nowhere.yaml")

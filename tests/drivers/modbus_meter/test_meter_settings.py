@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+from importlib.machinery import PathFinder
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings, driver
+
+from ..outlet import CollectingOutlet
+
+GOOD = {"host": "192.0.2.1", "meter": "siemens_pac3200"}
+
+
+def make(**changes):
+    return ModbusMeterDriver("m", ModbusMeterSettings.model_validate(GOOD | changes), CollectingOutlet())
+
+
+def test_the_stream_follows_the_map():
+    (stream,) = make().streams
+    assert (stream.name, stream.rate, stream.clock) == ("measured", 1.0, "host")
+    units = {c.name: (c.unit, c.kind, c.method) for c in stream.channels}
+    assert units["phase_1.voltage"] == ("V", "continuous", "linear")
+    assert units["supply.power"] == ("W", "continuous", "average")
+    assert units["supply.energy_imported"] == ("J", "counter", "hold")
+
+
+def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
+    (stream,) = make(read=["supply.power", "phase_1.voltage"], rate="10 Hz").streams
+    assert stream.names == ("supply.power", "phase_1.voltage")
+    with pytest.raises(ConfigError, match=r"read: a PAC3200 gives no supply\.torque; it gives: phase_1\.voltage"):
+        make(read=["supply.torque"])
+
+
+@pytest.mark.parametrize(
+    ("found", "why"),
+    [
+        ({"meter": "siemens_pac3200"}, "either 'host' or 'line'"),
+        (GOOD | {"line": "/dev/ttyUSB0"}, "either 'host' or 'line'"),
+        ({"host": "192.0.2.1"}, "either 'meter'"),
+        (GOOD | {"map": "x.yaml"}, "either 'meter'"),
+        (GOOD | {"meter": "siemens"}, "eastron_sdm630"),
+        ({"line": "COM3", "meter": "siemens_pac3200"}, "path of a serial port"),
+        (GOOD | {"unit": 256}, "less than or equal to 255"),
+        (GOOD | {"parity": "mark"}, "'none', 'even' or 'odd'"),
+        (GOOD | {"stop_bits": 3}, "1 or 2"),
+        (GOOD | {"framing": "ascii"}, "'tcp' or 'rtu'"),
+        (GOOD | {"rate": "5"}, "number with its unit"),
+        (GOOD | {"timeout": "0 s"}, "greater than 0"),
+        (GOOD | {"read": []}, "at least one channel"),
+        (GOOD | {"read": ["supply.power", "supply.power"]}, "each once"),
+        (GOOD | {"registers": 3}, "Extra inputs"),
+    ],
+)
+def test_wrong_settings_say_what_is_wrong(found, why):
+    with pytest.raises(ValidationError, match=why):
+        ModbusMeterSettings.model_validate(found)
+
+
+def test_a_missing_extra_is_named(monkeypatch):
+    def nothing(name: str) -> object:
+        return None if name == "pymodbus" else PathFinder.find_spec(name)
+
+    monkeypatch.setattr(driver, "find_spec", nothing)
+    with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[modbus\]'"):
+        make()

@@ -1,0 +1,77 @@
+"""Every driver keeps the contract: a driver of this repository is one more line here."""
+
+from __future__ import annotations
+
+import re
+import socket
+
+from cellwatt.testing import DriverConformance, Rig
+from cellwatt_drivers.abb import AbbDriver
+from cellwatt_drivers.can_sensor import CanSensorDriver
+from cellwatt_drivers.franka import FrankaDriver
+from cellwatt_drivers.kinova import KinovaDriver
+from cellwatt_drivers.modbus_meter import ModbusMeterDriver
+from cellwatt_drivers.power_board import PowerBoardDriver
+from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
+from cellwatt_drivers.ur import UrDriver
+from cellwatt_drivers.yaskawa import YaskawaDriver
+
+RTDE = re.compile(
+    rb"(?:\x00\x05V\x00\x02|\x00\x03v|..O.{8}[a-zA-Z0-9_,]+|\x00\x03S|\x00\x03P)*",
+    re.DOTALL,
+)
+HSES_READS = re.compile(rb"YERC\x20\x00\x00\x00\x03\x01\x00.{5}9{8}.{5}\x01\x00\x00", re.DOTALL)
+SCPI = re.compile(
+    rb"(?:(?:\*IDN\?|SYST:ERR\?|CHAN1:MEAS:FUNC\?|CHAN1:MEAS:DATA\?|CHAN1:MEAS:FORM ASC|CHAN1:MEAS:FUNC [A-Z,]+)\n)*"
+)
+MODBUS_READS = re.compile(rb"(?:..\x00\x00\x00\x06.[\x03\x04].{4})*", re.DOTALL)
+SLCAN = re.compile(rb"(?:(?:C|S\d|O|L)\r)*")
+GETS = re.compile(rb"(?:GET /(?:rw|logout)[^\r\n]* HTTP/1\.1\r\n(?:[^\r\n]+\r\n)*\r\n)*")
+RATED = [200.0, 200.0, 100.0, 2.0, 2.0, 2.0]
+ARM = {"pulses_per_degree": [1000.0] * 6, "rated_torque": RATED, "status_rate": "10 Hz", "silence": "500 ms"}
+PULSES = {"pulses_per_degree": ",".join(["1000"] * 6), "rated_torque": ",".join(map(str, RATED)), "answer_ms": "0"}
+LINK = {"link": "{folder}/port"}
+METER = {"meter": "eastron_sdm630", "rate": "20 Hz", "timeout": "200 ms", "silence": "1 s"}
+
+
+def free_udp_port() -> int:
+    """One that nobody has now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+EGM = free_udp_port()
+ABB = {"egm_port": EGM, "bind": "127.0.0.1", "tls": False, "web_rate": "5 Hz", "timeout": "500 ms"}
+
+
+def host_only(address: str) -> dict[str, object]:
+    """The library of that robot knows one port only."""
+    return {"host": address.rpartition(":")[0]}
+
+
+def slcan(address: str) -> dict[str, object]:
+    """An adapter on a serial port."""
+    return {"interface": "slcan", "channel": address}
+
+
+class TestConformance(DriverConformance):
+    rigs = (
+        Rig(UrDriver, {"timeout": "500 ms"}, may_send=RTDE.fullmatch, warm_up=150),
+        Rig(YaskawaDriver, ARM, "udp", HSES_READS.fullmatch, options=PULSES, accuracy=0.1),
+        Rig(PowerBoardDriver, {"silence": "500 ms"}, "pty", address="pty", options=LINK),
+        Rig(ScpiAnalyzerDriver, {"rate": "50 Hz", "timeout": "300 ms"}, may_send=SCPI.fullmatch),
+        Rig(ModbusMeterDriver, METER, may_send=MODBUS_READS.fullmatch),
+        Rig(KinovaDriver, {"timeout": "200 ms"}, may_send=MODBUS_READS.fullmatch),
+        Rig(
+            CanSensorDriver,
+            {"sensor": "ivt_s", "silence": "500 ms"},
+            "pty",
+            SLCAN.fullmatch,
+            address="pty",
+            place=slcan,
+        ),
+        Rig(FrankaDriver, {"timeout": "500 ms"}, None, address="127.0.0.7:1337", place=host_only, warm_up=100),
+        Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
+    )
