@@ -67,7 +67,7 @@ def test_navigation_and_links_name_files_that_are_pages():
             yield from pages(child)
 
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    linked = set(re.findall(r"\]\(([a-z_/]+\.md)\)", index))
+    linked = set(re.findall(r"\]\(([a-z_/-]+\.md)\)", index))
     assert linked | {"index.md"} == set(pages(navigation))
 
 

@@ -1,0 +1,57 @@
+"""What goes wrong is counted and told, and the driver goes on."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from cellwatt.emulation import Fault
+from cellwatt.emulation.faults import ONE_SHOT, FaultKind
+from cellwatt.testing.checks.stamps import times_are_right
+from cellwatt.testing.device import EmulatedDevice
+from cellwatt.testing.rig import NotConformingError, Rig
+from cellwatt.testing.running import Running, running
+
+SEEN: frozenset[FaultKind] = frozenset({"loss", "garbage", "half_frame", "disconnect"})
+"""Faults that cannot pass without a trace: a sample or a byte was spoilt."""
+
+
+async def survives(rig: Rig, folder: Path, *, kind: FaultKind) -> None:
+    """Samples flow again after the fault, the account is even, time still runs forward, and nothing is swallowed."""
+    fault = rig.fault(kind)
+    async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
+        await source.samples(rig.warm_up, "after the start")
+        before = _traces(source)
+        await device.inject(fault)
+        await _strikes(device, source, fault)
+        if kind not in ONE_SHOT:
+            await device.inject(replace(fault, probability=0.0))
+        await source.samples(10, f"after {kind}")
+        if kind in SEEN:
+            await source.until(
+                lambda: _traces(source) != before,
+                f"{kind} leaving a trace (account.miss, account.drop, account.count, outlet.event or a SourceError)",
+            )
+    times_are_right(source.outlet)
+
+
+async def _strikes(device: EmulatedDevice, source: Running, fault: Fault) -> None:
+    """Wait until the fault has happened."""
+    end = asyncio.get_running_loop().time() + source.rig.patience
+    while (await device.counts()).get(fault.kind, 0) < 1:
+        source.verdict()
+        if asyncio.get_running_loop().time() > end:
+            raise NotConformingError(f"the emulator never injected {fault.kind}: counts {dict(await device.counts())}")
+        await asyncio.sleep(0.01)
+
+
+def _traces(source: Running) -> dict[str, Any]:
+    account = source.outlet.account
+    return {
+        "missed": dict(account.missed),
+        "dropped": dict(account.dropped),
+        "counters": dict(account.counters),
+        "failures": len(source.failures),
+    }

@@ -1,0 +1,41 @@
+"""A driver only reads: what it sends is held against what it may send."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cellwatt.testing.device import EmulatedDevice
+from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.rig import Rig, require
+from cellwatt.testing.running import running
+from cellwatt.testing.tap import tapped
+
+_SHOWN = 200
+
+
+async def only_reads(rig: Rig, folder: Path) -> None:
+    """Identify, run, ride out a fault, stop: every byte on the way is read along and must be allowed.
+
+    Where the transport cannot be read along, only what the class declares is checked.
+    """
+    require(
+        bool(rig.driver.writes) == (rig.may_send is not None) or rig.transport is None,
+        f"{rig.driver.__name__}.writes is {rig.driver.writes!r}, but the rig's may_send is "
+        f"{'missing' if rig.may_send is None else 'there'}: declare both, or none where nothing is sent",
+    )
+    if rig.transport is None:
+        return
+    async with EmulatedDevice(rig, folder) as device, tapped(device.address, rig.transport) as (address, sent):
+        await rig.make(address, CollectingOutlet()).identify()
+        async with running(rig, address) as source:
+            await source.samples(10, "through the suite's tap")
+            if "stall" in rig.emulator.faults:
+                await device.inject(rig.fault("stall"))
+                await source.samples(10, "after a stall")
+    for data in sent:
+        if data:
+            require(
+                rig.may_send is not None and rig.may_send(bytes(data)),
+                f"sent to the device, and not allowed by may_send: {bytes(data[:_SHOWN])!r}",
+            )
+    require(rig.may_send is None or any(sent), f"nothing was sent, though writes declares {rig.driver.writes!r}")

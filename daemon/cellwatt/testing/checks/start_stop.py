@@ -1,0 +1,97 @@
+"""A driver starts, says who answers, delivers, stops, and does so again."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from cellwatt.driver import Driver, Identity
+from cellwatt.testing.device import EmulatedDevice
+from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.rig import NotConformingError, Rig, require
+from cellwatt.testing.running import ended, running
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*(\.[a-z0-9_]+)*")
+_SAMPLES = 10
+
+
+async def starts_and_stops(rig: Rig, folder: Path) -> None:
+    """Also holds what the class says of itself, its streams, and that nothing stays open or running at the end."""
+    describes_itself(rig.driver)
+    async with EmulatedDevice(rig, folder) as device:
+        declares_streams(rig.make(device.address, CollectingOutlet()))
+        await _identifies(rig, device.address)
+        await _session(rig, device.address)  # what a library opens once for good is open from here on
+        files, tasks = _open_files(), len(asyncio.all_tasks())
+        for _ in range(2):
+            await _session(rig, device.address)
+        await _lets_go(files, tasks, rig.patience)
+
+
+def describes_itself(driver: type[Driver[Any]]) -> None:
+    """What ``cellwatt drivers NAME`` shows is there."""
+    require(getattr(driver, "title", ""), f"{driver.__name__}.title: one line about the device is missing")
+    writes = getattr(driver, "writes", None)
+    require(
+        isinstance(writes, tuple) and all(isinstance(w, str) and w for w in writes),
+        f"{driver.__name__}.writes: found {writes!r}, expected a tuple of texts, one for each kind of bytes that may "
+        "be sent to the device; () where nothing is",
+    )
+
+
+def declares_streams(driver: Driver[Any]) -> None:
+    """Streams are known without the device, with distinct and well-formed names."""
+    streams = driver.streams
+    require(streams, "streams is empty: it must be known from the settings alone")
+    names = [s.name for s in streams]
+    require(len(set(names)) == len(names), f"two streams have the same name: {', '.join(names)}")
+    channels = [c.name for s in streams for c in s.channels]
+    for name in [*names, *channels]:
+        require(_NAME.fullmatch(name), f"{name!r}: expected small letters, digits, '_' and dots, like supply.power")
+    twice = sorted({c for c in channels if channels.count(c) > 1})
+    require(not twice, f"channels given more than once: {', '.join(twice)}")
+    for stream in streams:
+        require(stream.channels, f"stream {stream.name} has no channels")
+
+
+async def _identifies(rig: Rig, address: str) -> None:
+    driver = rig.make(address, CollectingOutlet())
+    try:
+        async with asyncio.timeout(rig.patience):
+            identity = await driver.identify()
+    except Exception as error:
+        raise NotConformingError(f"identify() failed: {type(error).__name__}: {error}") from error
+    require(isinstance(identity, Identity) and identity.model, f"identify() gave {identity!r}: name the model")
+
+
+async def _session(rig: Rig, address: str) -> None:
+    async with running(rig, address) as source:
+        for again in (False, True):
+            await source.samples(_SAMPLES, "after the start" + " of the same driver again" * again)
+            if not again:
+                await ended(source.task, rig.patience)
+                source.start()
+        require(source.outlet.identities, "outlet.connected(identity) was never called")
+        outlet = source.outlet
+    before = outlet.samples
+    await asyncio.sleep(0.05)
+    require(outlet.samples == before, "readings came after run() had been cancelled")
+
+
+def _open_files() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - an iterator over it would hold one itself
+
+
+async def _lets_go(files: int, tasks: int, patience: float) -> None:
+    """Sockets close at later turns of two loops: wait for that."""
+    loop = asyncio.get_running_loop()
+    end = loop.time() + patience / 4
+    while (_open_files() > files or len(asyncio.all_tasks()) > tasks) and loop.time() < end:  # noqa: ASYNC110
+        await asyncio.sleep(0.02)
+    left = [t.get_coro() for t in asyncio.all_tasks() if t is not asyncio.current_task()]
+    require(len(left) < tasks, f"tasks go on after run() was cancelled: {left}")
+    more = _open_files() - files
+    require(more <= 0, f"{more} files or sockets stay open after run() was cancelled")

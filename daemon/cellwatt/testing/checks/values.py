@@ -1,0 +1,53 @@
+"""Values arrive in the units that their channels declare."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.emulation import ArmSignals
+from cellwatt.emulation.signals import Float
+from cellwatt.testing.device import EmulatedDevice
+from cellwatt.testing.rig import Rig, require
+from cellwatt.testing.running import running
+
+_SMALL = 0.05
+"""Values nearer to 0 than this are coarse on many devices: they may be off by ``accuracy`` of it."""
+
+
+class StandingSignals:
+    """A world in which nothing changes: the emulated arm, stopped in the middle of a move."""
+
+    def __init__(self) -> None:
+        moment = ArmSignals(noise=0.0).at(np.array([0.4]))
+        self.values = {name: float(values[0]) for name, values in moment.items()}
+
+    def at(self, t: Float) -> Mapping[str, Float]:
+        """See ``Signals.at``."""
+        return {name: np.full(len(t), value) for name, value in self.values.items()}
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """Nothing ever changes."""
+        raise ValueError(f"a standing world cannot be disturbed ({', '.join(change)})")
+
+
+async def values_are_in_their_units(rig: Rig, folder: Path) -> None:
+    """A channel that has the name of something in the emulator's world has its value."""
+    world = StandingSignals()
+    async with EmulatedDevice(rig, folder, world) as device, running(rig, device.address) as source:
+        await source.samples(10, "after the start")
+    for stream in source.driver.streams:
+        for channel in stream.channels:
+            truth = world.values.get(channel.name)
+            found = source.outlet.channel(channel.name)
+            found = found[np.isfinite(found)]
+            if truth is None or not len(found):
+                continue
+            value = float(np.median(found))
+            require(
+                abs(value - truth) <= rig.accuracy * max(abs(truth), _SMALL),
+                f"{channel.name}: {value:g} {channel.unit} came where the device has {truth:g} {channel.unit}: "
+                "is it converted to SI units?",
+            )

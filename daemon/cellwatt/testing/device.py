@@ -1,0 +1,132 @@
+"""A driver's emulator on a loop and thread of its own, so that a driver that blocks is seen, not waited for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals
+from cellwatt.testing.rig import NotConformingError, Rig
+
+T = TypeVar("T")
+
+_TURN = 2.0
+"""s for one turn of the emulator's loop."""
+_LAST_TURNS = 3
+"""Turns of the emulator's loop in which connections taken just before its end come to know of it."""
+
+
+class EmulatedDevice:
+    """The device at the other end; use as an async context manager, it is switched on inside.
+
+    ``signals`` is what it measures (default: the emulated arm). ``folder`` is for what its options want to store.
+    """
+
+    def __init__(self, rig: Rig, folder: Path, signals: Signals | None = None) -> None:
+        self._rig = rig
+        self._folder = folder
+        self._signals = ArmSignals() if signals is None else signals
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._serving: asyncio.Task[None] | None = None
+        self._emulator: Emulator | None = None
+        self._failure: NotConformingError | None = None
+        self.address = ""
+        """Where it listens, also while it is off."""
+
+    async def __aenter__(self) -> EmulatedDevice:
+        await self.switch_on()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.switch_off()
+
+    async def switch_on(self) -> None:
+        """Start it, again at the same address. Raises ``NotConformingError`` where the emulator does not start."""
+        ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        at = self._rig.address if self.address.startswith("/") else self.address or self._rig.address
+        options = self._rig.emulator_options(self._folder)
+        self._emulator = self._rig.emulator(self._signals, at, seed=1, options=options)
+        self._thread = threading.Thread(target=self._run, args=(self._emulator, ready), name="emulator", daemon=True)
+        self._thread.start()
+        try:
+            async with asyncio.timeout(self._rig.patience):
+                address = await ready
+        except TimeoutError:
+            raise NotConformingError(f"{self._emulator.title}: never called ready(address)") from None
+        self.address = self._kept(address) if address.startswith("/") else address
+
+    async def switch_off(self) -> None:
+        """Stop it; its connections end, its port is free."""
+        thread, self._thread = self._thread, None
+        if thread is None or self._loop is None or self._serving is None:
+            return
+        if thread.is_alive():
+            # A turn of its loop first: asyncio forgets a connection that is taken just as its server closes.
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_TURN):
+                    await self._ask(lambda _: None)
+            with contextlib.suppress(RuntimeError):  # it has ended by itself meanwhile
+                self._loop.call_soon_threadsafe(self._serving.cancel)
+        await asyncio.to_thread(thread.join, self._rig.patience)
+        if thread.is_alive():
+            raise NotConformingError("the emulator's serve() does not end when it is cancelled")
+        if self._failure is not None:
+            raise self._failure
+
+    async def inject(self, fault: Fault) -> None:
+        """Begin a fault."""
+        await self._ask(lambda emulator: emulator.inject(fault))
+
+    async def counts(self) -> Mapping[str, int]:
+        """What it truly sent and injected since it was switched on."""
+        return await self._ask(lambda emulator: dict(emulator.counts))
+
+    def _kept(self, port: str) -> str:
+        """A path that stays the same when the serial port comes back under another one."""
+        link = self._folder / "device"
+        link.unlink(missing_ok=True)
+        link.symlink_to(port)
+        return str(link)
+
+    async def _ask(self, question: Callable[[Emulator], T]) -> T:
+        async def answer() -> T:
+            assert self._emulator is not None
+            return question(self._emulator)
+
+        assert self._loop is not None
+        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(answer(), self._loop))
+
+    def _run(self, emulator: Emulator, ready: asyncio.Future[str]) -> None:
+        home = ready.get_loop()
+
+        def tell(answer: str | NotConformingError) -> None:
+            with contextlib.suppress(RuntimeError):  # nobody waits any more
+                home.call_soon_threadsafe(_settle, ready, answer)
+
+        async def serve() -> None:
+            self._loop = asyncio.get_running_loop()
+            self._serving = asyncio.ensure_future(emulator.serve(tell))
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._serving
+            for _ in range(_LAST_TURNS):
+                await asyncio.sleep(0)
+
+        try:
+            asyncio.run(serve())
+        except Exception as error:
+            self._failure = NotConformingError(f"{emulator.title}: serve() failed: {type(error).__name__}: {error}")
+            tell(self._failure)
+
+
+def _settle(ready: asyncio.Future[str], answer: str | NotConformingError) -> None:
+    if ready.done():
+        return
+    if isinstance(answer, str):
+        ready.set_result(answer)
+    else:
+        ready.set_exception(answer)

@@ -1,0 +1,104 @@
+"""What the suite must know of a driver to set it up against its emulator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+from cellwatt.driver import Driver, Outlet
+from cellwatt.emulation import Emulator, Fault
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.registry import available
+
+Transport = Literal["tcp", "udp", "pty"]
+
+USUAL_FAULTS: dict[FaultKind, Fault] = {
+    "delay": Fault("delay", probability=0.3, seconds=0.3),
+    "stall": Fault("stall", seconds=1.0),
+    "disconnect": Fault("disconnect", seconds=0.3),
+    "clock_jump": Fault("clock_jump", seconds=5.0),
+}
+"""How faults are injected that have more to them than a probability."""
+
+
+class NotConformingError(AssertionError):
+    """A driver breaks the contract; says which part of it, what was seen and what is expected."""
+
+
+def require(condition: object, message: str) -> None:
+    """Raise ``NotConformingError`` unless the condition holds."""
+    if not condition:
+        raise NotConformingError(message)
+
+
+def place_of(address: str) -> dict[str, Any]:
+    """The usual settings for an emulator's address: ``host`` and ``port``, or a device path as ``port``."""
+    if address.startswith("/"):
+        return {"port": address}
+    host, _, port = address.rpartition(":")
+    return {"host": host, "port": int(port)}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A driver and how to try it.
+
+    ``settings`` as in a settings file (``{"rate": "20 Hz"}``); where the device is comes from ``place``, which
+    turns the emulator's address into settings. ``address`` and ``options`` are the emulator's (``{folder}`` in an
+    option stands for a folder of the test). ``transport`` is what the emulator listens on, so that the suite can
+    read along; ``None`` where it cannot (a CAN bus, several connections). ``may_send`` says whether bytes that the
+    driver wrote are allowed: those of a whole TCP connection, of one UDP datagram, of a serial port while open;
+    left out, nothing may be sent at all. ``warm_up``: samples before faults begin; ``faults``: other than the
+    usual ones; ``accuracy``: how far a value may be from the emulator's, as a share of it; ``patience``: s until
+    something that must happen must have happened.
+    """
+
+    driver: type[Driver[Any]]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    transport: Transport | None = "tcp"
+    may_send: Callable[[bytes], object] | None = None
+    address: str = "127.0.0.1:0"
+    options: Mapping[str, str] = field(default_factory=dict)
+    place: Callable[[str], Mapping[str, Any]] = place_of
+    faults: Mapping[FaultKind, Fault] = field(default_factory=dict)
+    warm_up: int = 10
+    accuracy: float = 0.02
+    patience: float = 20.0
+
+    @property
+    def name(self) -> str:
+        """What a settings file calls the driver. Raises ``NotConformingError`` where it is not registered."""
+        value = f"{self.driver.__module__}:{self.driver.__name__}"
+        for name, point in available("cellwatt.drivers").items():
+            if point.value.rpartition(":")[2] == self.driver.__name__ and point.load() is self.driver:
+                return name
+        raise NotConformingError(
+            f"{self.driver.__name__} is not registered: write NAME = {value!r} under "
+            '[project.entry-points."cellwatt.drivers"] in pyproject.toml and install the package (pip install -e .)'
+        )
+
+    @property
+    def emulator(self) -> type[Emulator]:
+        """The class of the driver's emulator."""
+        module, _, name = self.driver.emulator.partition(":")
+        found: type[Emulator] = getattr(import_module(module), name)
+        return found
+
+    def emulator_options(self, folder: Path) -> dict[str, str]:
+        """The emulator's options, with ``{folder}`` filled in."""
+        return {key: value.replace("{folder}", str(folder)) for key, value in self.options.items()}
+
+    def fault(self, kind: FaultKind) -> Fault:
+        """How a fault of this kind is injected."""
+        return self.faults.get(kind) or USUAL_FAULTS.get(kind) or Fault(kind, probability=0.3)
+
+    def written(self, address: str) -> dict[str, Any]:
+        """The settings for a device at ``address`` as a settings file holds them."""
+        return {**self.settings, **self.place(address)}
+
+    def make(self, address: str, outlet: Outlet) -> Driver[Any]:
+        """A driver of the device at ``address``."""
+        return self.driver("device", self.driver.Settings.model_validate(self.written(address)), outlet)

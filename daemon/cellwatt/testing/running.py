@@ -1,0 +1,118 @@
+"""A driver run as the daemon runs it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from cellwatt.driver import Driver
+from cellwatt.errors import SourceError
+from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.rig import NotConformingError, Rig, require
+
+_PAUSE = 0.05
+"""s between a failure and the next run."""
+
+
+@dataclass
+class Running:
+    """A driver, what it gave, and the ``SourceError`` of each run that failed."""
+
+    rig: Rig
+    driver: Driver[Any]
+    outlet: CollectingOutlet
+    failures: list[SourceError] = field(default_factory=list)
+    task: asyncio.Task[None] = field(init=False)
+
+    def start(self) -> None:
+        """Run the driver."""
+        self.task = asyncio.create_task(self.supervise())
+
+    async def until(self, condition: Callable[[], object], what: str) -> None:
+        """Wait for what must happen. Raises ``NotConformingError`` where it does not, or the driver broke."""
+        try:
+            await self.outlet.until(lambda: condition() or self._broken(), self.rig.patience)
+        except TimeoutError:
+            raise NotConformingError(
+                f"{what}: not within {self.rig.patience:g} s; {self.outlet.samples} samples, "
+                f"account {self.outlet.account.snapshot()}, failures {[str(f) for f in self.failures[-3:]]}"
+            ) from None
+        if self._broken():
+            self.verdict()
+
+    async def samples(self, more: int, when: str) -> None:
+        """Wait for so many more samples."""
+        goal = self.outlet.samples + more
+        await self.until(lambda: self.outlet.samples >= goal, f"{more} samples {when}")
+
+    def verdict(self) -> None:
+        """Raise ``NotConformingError`` where ``run`` ended in a way that it may not, or the account is not even."""
+        task = self.task
+        if task.done() and not task.cancelled():
+            error = task.exception()
+            if error is None:
+                raise NotConformingError("run() returned: it must go on until it is cancelled, or raise SourceError")
+            raise NotConformingError(
+                f"run() raised {type(error).__name__}: {error}; map what a library or the system raises to a "
+                "SourceError (ConnectError, ProtocolError, DeviceError, WrongDeviceError)"
+            ) from error
+        uneven = [r for r in self.outlet.residues if r]
+        seen = f"after {len(uneven)} of {len(self.outlet.residues)} readings it was {uneven[:3]}, " if uneven else ""
+        require(
+            not uneven and self.outlet.account.residue == 0,
+            f"expected = received + missed + dropped does not hold whenever the loop turns: {seen}now "
+            f"{self.outlet.account.snapshot()}; call account.expect() for each sample due, at the moment at which it "
+            "is emitted, or missed (account.miss) because it never came",
+        )
+        require(
+            not self.outlet.early,
+            f"{self.outlet.early} readings came before outlet.connected(identity): call it first in each run()",
+        )
+
+    def _broken(self) -> bool:
+        return self.task.done()
+
+    async def supervise(self) -> None:
+        """Run, and again after each ``SourceError``."""
+        while True:
+            self.outlet.begin()
+            try:
+                await self.driver.run()
+            except SourceError as error:
+                self.failures.append(error)
+                await asyncio.sleep(_PAUSE)
+            else:
+                return
+
+
+async def ended(task: asyncio.Task[Any], patience: float) -> None:
+    """Cancel a task and wait for its end. Raises ``NotConformingError`` where it does not end as cancelled."""
+    task.cancel()
+    _, pending = await asyncio.wait([task], timeout=patience)
+    if pending:
+        raise NotConformingError(f"run() was cancelled and still goes on after {patience:g} s")
+    if not task.cancelled():
+        error = task.exception()
+        how = "returned" if error is None else f"raised {type(error).__name__}: {error}"
+        raise NotConformingError(f"run() was cancelled and {how}: let asyncio.CancelledError pass")
+
+
+@asynccontextmanager
+async def running(rig: Rig, address: str) -> AsyncIterator[Running]:
+    """A driver that is run again when it fails, until the end of the context; then it is judged."""
+    outlet = CollectingOutlet()
+    found = Running(rig, rig.make(address, outlet), outlet)
+    found.start()
+    try:
+        yield found
+    except BaseException:
+        found.task.cancel()
+        await asyncio.wait([found.task], timeout=rig.patience)
+        raise
+    if not found.task.done():
+        await ended(found.task, rig.patience)
+        await asyncio.sleep(0)
+    found.verdict()

@@ -1,0 +1,150 @@
+"""Reads the meter: connect, ask at a steady rate, stamp, hand over."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+import numpy as np
+from pydantic import Field
+
+from cellwatt import (
+    Channel,
+    ConnectError,
+    Driver,
+    Identity,
+    Outlet,
+    ProtocolError,
+    Reading,
+    SourceSettings,
+    Stream,
+    WrongDeviceError,
+)
+from cellwatt.errors import why
+from cellwatt.quantity import Hertz, Seconds
+from cellwatt.testing.skeleton import wire
+from cellwatt.ticker import Ticker
+
+CHANNELS = (Channel("supply.voltage", "V"), Channel("supply.current", "A"), Channel("supply.power", "W"))
+
+
+class SkeletonSettings(SourceSettings):
+    """A meter on the network. This text and those below are its reference page."""
+
+    host: str
+    """Address of the meter."""
+    port: int = Field(wire.PORT, ge=1, le=65535)
+    """TCP port of the meter."""
+    rate: Hertz = 10.0
+    """Samples a second."""
+    timeout: Seconds = Field(1.0, gt=0)
+    """Wait this long for an answer, then connect anew."""
+
+
+class SkeletonDriver(Driver[SkeletonSettings]):
+    """One meter. An answer carries no number, so after one that is late or not understood it connects anew."""
+
+    Settings = SkeletonSettings
+    title = "Skeleton: a meter over TCP"
+    emulator = "cellwatt.testing.skeleton.emulator:SkeletonEmulator"
+    writes = ("ID? on connecting", "READ? at the rate")
+
+    def __init__(self, name: str, settings: SkeletonSettings, outlet: Outlet) -> None:
+        super().__init__(name, settings, outlet)
+        self._stream = Stream("measured", CHANNELS, settings.rate, "host")
+        self._served = 0
+        """Deadline of the poll served last, ns, monotonic."""
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """One: ``measured``."""
+        return (self._stream,)
+
+    async def identify(self) -> Identity:
+        """See ``Driver.identify``."""
+        async with self._connected() as meter:
+            return await self._greet(meter)
+
+    async def run(self) -> None:
+        """See ``Driver.run``. Each poll that falls due is delivered, or missed with its reason."""
+        async with self._connected() as meter:
+            self.outlet.connected(await self._greet(meter))
+            async with Ticker(self.settings.rate) as ticker:
+                async for beat in ticker:
+                    self._count_unserved(beat.deadline, "slow answers" if beat.merged else "disconnected")
+                    await self._poll(meter)
+
+    def _count_unserved(self, deadline: int, reason: str) -> None:
+        """Miss the polls between the last one served and this one."""
+        unserved = round((deadline - self._served) * self.settings.rate / 1e9) - 1 if self._served else 0
+        self._served = deadline
+        if unserved > 0:
+            self._miss(unserved, reason)
+
+    async def _poll(self, meter: Meter) -> None:
+        asked = self.outlet.now()
+        try:
+            sample = wire.parse_sample(await meter.ask(wire.READ))
+        except ConnectError:
+            self._miss(1, "no answer")
+            raise
+        except ProtocolError:
+            self._miss(1, "malformed")
+            raise
+        values = np.array([[sample.voltage, sample.current, sample.power]])
+        self.outlet.account.expect()
+        self.outlet.emit(Reading(self._stream, values, self.outlet.now(), asked=asked))
+
+    def _miss(self, polls: int, reason: str) -> None:
+        self.outlet.account.expect(polls)
+        self.outlet.account.miss(polls, reason)
+
+    async def _greet(self, meter: Meter) -> Identity:
+        try:
+            serial, firmware = wire.parse_identity(await meter.ask(wire.WHO))
+        except ProtocolError as error:
+            raise WrongDeviceError(f"{meter.place} is not the meter: {error}") from error
+        return Identity("", "meter", serial, firmware)
+
+    @asynccontextmanager
+    async def _connected(self) -> AsyncIterator[Meter]:
+        """An open connection. Raises ``ConnectError`` that says what to check."""
+        s = self.settings
+        place = f"{s.host}:{s.port}"
+        try:
+            async with asyncio.timeout(s.timeout):
+                reader, writer = await asyncio.open_connection(s.host, s.port, limit=wire.LONGEST)
+        except TimeoutError as error:
+            raise ConnectError(f"{place} does not answer within {s.timeout:g} s: check address and cable") from error
+        except OSError as error:
+            raise ConnectError(f"{place} cannot be opened: {why(error)}") from error
+        try:
+            yield Meter(place, reader, writer, s.timeout)
+        finally:
+            writer.close()
+            with suppress(OSError):
+                await writer.wait_closed()
+
+
+class Meter:
+    """An open connection to the meter at ``place``; waits ``timeout`` s for an answer."""
+
+    def __init__(self, place: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, timeout: float) -> None:
+        self.place = place
+        self._reader = reader
+        self._writer = writer
+        self._timeout = timeout
+
+    async def ask(self, question: bytes) -> bytes:
+        """The answer to a question. Raises ``ConnectError`` where there is none, ``ProtocolError`` on a flood."""
+        try:
+            self._writer.write(question)
+            async with asyncio.timeout(self._timeout):
+                return await self._reader.readuntil(b"\n")
+        except TimeoutError as error:
+            raise ConnectError(f"{self.place} gave no answer within {self._timeout:g} s") from error
+        except asyncio.LimitOverrunError as error:
+            raise ProtocolError(f"{self.place} sends without an end of line") from error
+        except (OSError, asyncio.IncompleteReadError) as error:
+            raise ConnectError(f"{self.place} closed the connection") from error

@@ -1,0 +1,49 @@
+"""The meter's language: one line of ASCII a question, one a answer. No I/O here, so that it is easy to test.
+
+Write yours down with worked bytes; where a kept library speaks the protocol, use that and remove this file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cellwatt import ProtocolError
+
+PORT = 10000
+WHO = b"ID?\n"
+"""Asks who answers: ``METER,<serial>,<firmware>``."""
+READ = b"READ?\n"
+"""Asks for a sample: ``<volt> <ampere> <milliwatt>``."""
+LONGEST = 256
+"""Bytes of the longest answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One sample in SI units: V, A, W."""
+
+    voltage: float
+    current: float
+    power: float
+
+
+def parse_sample(line: bytes) -> Sample:
+    """A line as a sample. The meter gives mW: raw units stop here. Raises ``ProtocolError``."""
+    try:
+        voltage, current, milliwatt = (float(part) for part in line.decode("ascii").split())
+    except ValueError as error:
+        raise ProtocolError(f"expected three numbers, got {line[:80]!r}") from error
+    return Sample(voltage, current, milliwatt / 1000.0)
+
+
+def format_sample(sample: Sample) -> bytes:
+    """A sample as the meter sends it."""
+    return f"{sample.voltage:.3f} {sample.current:.4f} {sample.power * 1000.0:.0f}\n".encode("ascii")
+
+
+def parse_identity(line: bytes) -> tuple[str, str]:
+    """Serial number and firmware. Raises ``ProtocolError`` where it is no meter that answers."""
+    parts = line.decode("ascii", "replace").strip().split(",")
+    if len(parts) != 3 or parts[0] != "METER":
+        raise ProtocolError(f"expected METER,<serial>,<firmware>, got {line[:80]!r}")
+    return parts[1], parts[2]
