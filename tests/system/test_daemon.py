@@ -35,8 +35,10 @@ async def test_subscriber_gets_what_is_recorded(tmp_path: Path) -> None:
         await audience.until(lambda a: a.received["raw/arm/rtde"] > 2000 and len(a.results["interval"]) > 3)
         assert balanced(audience.source("arm"))
         assert await daemon.stop() == 0
-    recorded = Recording.open(tmp_path / "record").batches("arm", "rtde")
-    got = audience.batches["raw/arm/rtde"]
+        recorded = Recording.open(tmp_path / "record").batches("arm", "rtde")
+        got = audience.batches["raw/arm/rtde"]
+        # What the daemon sent last may still be on its way when the daemon has ended.
+        await audience.until(lambda _: got[0].sequence + sum(map(len, got)) >= len(recorded))
     first = got[0].sequence
     values = np.concatenate([b.values for b in got])
     times = np.concatenate([b.time for b in got])

@@ -156,7 +156,11 @@ class Link:
         if not self._up:
             near.close()
             return
-        far = socket.create_connection(("127.0.0.1", self._target))
+        try:
+            far = socket.create_connection(("127.0.0.1", self._target))
+        except ConnectionRefusedError:  # the far process is starting anew: as a cut
+            near.close()
+            return
         self._pairs |= {near: far, far: near}
 
     def _forward(self, source: socket.socket) -> None:

@@ -49,6 +49,21 @@ def batches(draw):
     return Batch(source, stream, draw(st.integers(0, 2**40)), draw(INT64), values=values, **arrays)
 
 
+def numbered(chunks):
+    """The same with sequence numbers that rise within a file and span less than 2**32, as the recorder's do."""
+    following: dict[str, int] = {}
+
+    def continued(item):
+        if isinstance(item, Tick):
+            return item
+        topic = f"{item.source}/{item.stream.name}"
+        first = following.get(topic, item.sequence)
+        following[topic] = first + len(item)
+        return replace(item, sequence=first)
+
+    return [[continued(item) for item in chunk] for chunk in chunks]
+
+
 @settings(deadline=None, max_examples=150)
 @given(
     chunks=st.lists(
@@ -56,15 +71,7 @@ def batches(draw):
     )
 )
 def test_everything_comes_back_in_order_in_blocks_and_to_the_bit(chunks, tmp_path_factory):
-    # Sequence numbers within a file rise and span less than 2**32, as the recorder's do.
-    given_numbers: dict[str, int] = {}
-    for chunk in chunks:
-        for i, item in enumerate(chunk):
-            if isinstance(item, Batch):
-                topic = f"{item.source}/{item.stream.name}"
-                number = given_numbers.get(topic, item.sequence)
-                chunk[i] = replace(item, sequence=number)
-                given_numbers[topic] = number + len(item)
+    chunks = numbered(chunks)
     folder = tmp_path_factory.mktemp("rec")
     write_chunks(folder, chunks)
     recording = Recording.open(folder)

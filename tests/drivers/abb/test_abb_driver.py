@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import subprocess
 
 import numpy as np
@@ -101,6 +102,17 @@ async def test_a_controller_without_energy_keeps_its_states(monkeypatch):
     assert outlet.account.missed.total() == 0
 
 
+async def is_taken(port: int) -> None:
+    """Return once a UDP port of this machine is listened at."""
+    while True:
+        with socket.socket(type=socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                return
+        await asyncio.sleep(0)
+
+
 async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
     async with emulated() as (emulator, place):
         outlet = CollectingOutlet()
@@ -111,8 +123,9 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
             await asyncio.wait_for(first, 10)
         seen = outlet.account.received
-        emulator.inject(Fault("loss", probability=0))
         second = asyncio.create_task(driver.run())
+        await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too
+        emulator.inject(Fault("loss", probability=0))
         await outlet.until(lambda o: o.account.received > seen)
         second.cancel()
         await asyncio.gather(second, return_exceptions=True)
