@@ -18,6 +18,8 @@ SEVERAL = 3.0
 """nats that all channels but the one that asks most must give for what concerns the whole recording."""
 BARELY = 0.97
 """A shape that would not be resolved were it so much smaller is at the end of what can be."""
+STEADY = 2.5
+"""Standard errors by which the error on blocks left out must fall on average, near the noise."""
 OFF_SCALE = 0.35
 """How far the coefficient of what is simulated to scale may be from 1 at most."""
 
@@ -86,17 +88,23 @@ def tension(solution: Solution) -> float:
 
 
 def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """Whether the last term lowers the error on data left out in a channel that is far from its noise."""
+    """Whether the last term lowers the error on data left out, as the fit weighs its samples and as they are.
+
+    Far from the noise by a share of it; near the noise by whatever it is, but block after block: the mean over blocks
+    of what it saves is compared with its standard error (Diebold and Mariano 1995).
+    """
     chi2 = before.problem.chi2(before.residual)
     block = after.block(after.terms[-1])[0]
     channels = [c for c in range(len(chi2)) if block.channel in (None, c)]
-    asked = thresholds.held_out * (1 - 1 / np.maximum(chi2, 1.0))
-    if float(np.max(chi2[channels])) < thresholds.costly:
-        return True
     root = before.problem.design.root
-    old = rms(root * HeldOut(before.problem, before.factor).residual(before.terms))
-    new = rms(root * HeldOut(after.problem, before.factor).residual(after.terms))
-    return any(new[c] < (1 - asked[c]) * old[c] for c in channels)
+    held = HeldOut(before.problem, before.factor)
+    old, new = held.residual(before.terms), HeldOut(after.problem, before.factor).residual(after.terms)
+    saved = held.by_block(np.square(root * old) - np.square(root * new))
+    steady = np.mean(saved, axis=0) > STEADY * np.std(saved, axis=0, ddof=1) / np.sqrt(len(saved))
+    asked = thresholds.held_out * (1 - 1 / np.maximum(chi2, 1.0))
+    far = rms(root * new) < (1 - asked) * rms(root * old)
+    enough = np.where(chi2 < thresholds.costly, steady, far) & (rms(new) < rms(old))
+    return bool(np.any(enough[channels]))
 
 
 def relieves(before: Solution, after: Solution, thresholds: Thresholds) -> bool:

@@ -24,7 +24,8 @@ class HeldOut:
 
     def __init__(self, problem: Problem, factor: Float) -> None:
         self.problem, self.factor = problem, factor
-        self.fold = folds(problem)
+        self.number = blocks_of(problem)
+        self.fold = self.number % FOLDS
         whole = problem.design
         self._designs = [
             Design(whole.target, np.where(self.fold[:, None] == k, LEFT_OUT, 1.0) / whole.root**2, whole.blocks)
@@ -38,6 +39,12 @@ class HeldOut:
         for k, design in enumerate(self._designs):
             left = self.fold == k
             out[left] = Regression(design, blocks, self.factor).residual[left]
+        return out
+
+    def by_block(self, course: Float) -> Float:
+        """Sums (B, C) over each block of what is given for each row, (N, C)."""
+        out = np.zeros((int(self.number[-1]) + 1, course.shape[1]))
+        np.add.at(out, self.number, course)
         return out
 
 
@@ -79,15 +86,14 @@ def _at(course: Float, joint: int) -> Float:
     return np.asarray(course[:, joint] if course.ndim == 2 else course)
 
 
-def folds(problem: Problem) -> NDArray[np.intp]:
-    """Which fold each fitted row belongs to, (N,): blocks of about ``BLOCK`` s, spread over all runs."""
-    out, block = [], 0
+def blocks_of(problem: Problem) -> NDArray[np.intp]:
+    """Number of the block of each fitted row, (N,): about ``BLOCK`` s each, counted over all runs."""
+    out, first = [], 0
     for states, part in zip(problem.states, problem.target, strict=True):
         rows = len(part[:: problem.thin])
         count = max(1, round((states.time[-1] - states.time[0]) / BLOCK))
-        own = np.minimum(np.arange(rows) * count // max(rows, 1), count - 1)
-        out.append((own + block) % FOLDS)
-        block += count
+        out.append(first + np.minimum(np.arange(rows) * count // max(rows, 1), count - 1))
+        first += count
     return np.concatenate(out)
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.held_out import BLOCK, FOLDS, HeldOut, confirmed, folds, rms
+from cellwatt_plugins.mismatch.held_out import BLOCK, FOLDS, HeldOut, blocks_of, confirmed, rms
 from cellwatt_plugins.mismatch.motion import moved
 from cellwatt_plugins.mismatch.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.states import States
@@ -22,7 +22,7 @@ def problem(tmp_path_factory) -> Problem:
 
 
 def test_each_quarter_of_the_time_is_left_out_once(problem):
-    fold = folds(problem)
+    fold = blocks_of(problem) % FOLDS
     assert len(fold) == len(problem.design.target)
     assert set(fold) == set(range(FOLDS))
     shares = np.bincount(fold) / len(fold)
@@ -32,7 +32,7 @@ def test_each_quarter_of_the_time_is_left_out_once(problem):
 
 def test_blocks_are_seconds_long_so_that_neighbours_tell_nothing(problem):
     lengths = []
-    for part in problem.split(folds(problem)):
+    for part in problem.split(blocks_of(problem)):
         edges = np.flatnonzero(np.diff(part)) + 1
         lengths += list(np.diff([0, *edges, len(part)]) * problem.states[0].step * problem.thin)
     assert min(lengths) > 0.5 * BLOCK
@@ -92,3 +92,12 @@ def test_a_simulated_effect_counts_as_far_as_other_runs_confirm_it(problem):
     assert confirmed(problem, term, np.array([1.0, 0.0]), nothing) == pytest.approx(1.0, abs=0.05)
     other_way = problem.stack([-2 * courses[0][:, :, 0], np.zeros_like(courses[1][:, :, 0])])
     assert confirmed(problem, term, np.array([1.0, 0.0]), other_way) < 0.3
+
+
+def test_sums_by_block_are_over_the_rows_of_each_block(problem):
+    held = HeldOut(problem, np.full(plant.JOINTS, 2.0))
+    course = np.random.default_rng(3).normal(size=problem.design.target.shape)
+    sums = held.by_block(course)
+    numbers = blocks_of(problem)
+    assert len(sums) == numbers.max() + 1 == round(12.0 / BLOCK) + round(17.0 / BLOCK)
+    np.testing.assert_allclose(sums[4], course[numbers == 4].sum(axis=0))

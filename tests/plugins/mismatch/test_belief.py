@@ -1,0 +1,37 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.mismatch.belief import holds
+from cellwatt_plugins.mismatch.effects import BY_NAME
+from cellwatt_plugins.mismatch.motion import moved
+from cellwatt_plugins.mismatch.problem import Problem, Term, torque_problem
+from cellwatt_plugins.mismatch.solution import DEFAULT, Solution
+from cellwatt_plugins.mismatch.states import States
+from tests.plugins.mismatch import plant
+
+OFFSET = Term(BY_NAME["torque_offset"], 0, ())
+RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint in range(3) for n in (11.3, 17.7, 23.4)]
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory) -> Problem:
+    robot, body = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+    shifted = plant.Missing(read=lambda torque: torque + np.array([0.1, 0, 0]))
+    runs = [plant.record(f"run_{i:02d}", i, shifted, 20.0) for i in (1, 2, 3)]
+    states = [States(r.name, i, r.time, moved(r), robot, body) for i, r in enumerate(runs)]
+    return torque_problem(runs, states)
+
+
+def solved(problem: Problem, *terms: Term) -> Solution:
+    fit = problem.fit([problem.block(term) for term in terms], None)
+    return Solution(problem, list(terms), fit, problem.factor(fit.residual))
+
+
+def test_a_small_real_term_holds_near_the_noise(problem):
+    """An offset of less than a third of the noise, in all runs."""
+    assert holds(solved(problem), solved(problem, OFFSET), DEFAULT)
+
+
+@pytest.mark.parametrize("ripple", RIPPLES, ids=lambda t: f"joint {t.joint + 1}, {t.shape[0]} a turn")
+def test_a_ripple_that_is_not_there_does_not(problem, ripple):
+    assert not holds(solved(problem, OFFSET), solved(problem, OFFSET, ripple), DEFAULT)
