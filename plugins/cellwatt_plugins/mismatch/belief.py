@@ -90,8 +90,8 @@ def tension(solution: Solution) -> float:
 def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     """Whether the last term lowers the error on data left out, as the fit weighs its samples and as they are.
 
-    Far from the noise by a share of it; near the noise by whatever it is, but block after block: the mean over blocks
-    of what it saves is compared with its standard error (Diebold and Mariano 1995).
+    By a share of it; near the noise by less, too, where it does so block after block: the mean over blocks of what it
+    saves is compared with its standard error (Diebold and Mariano 1995).
     """
     chi2 = before.problem.chi2(before.residual)
     block = after.block(after.terms[-1])[0]
@@ -101,9 +101,10 @@ def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     old, new = held.residual(before.terms), HeldOut(after.problem, before.factor).residual(after.terms)
     saved = held.by_block(np.square(root * old) - np.square(root * new))
     steady = np.mean(saved, axis=0) > STEADY * np.std(saved, axis=0, ddof=1) / np.sqrt(len(saved))
-    asked = thresholds.held_out * (1 - 1 / np.maximum(chi2, 1.0))
-    far = rms(root * new) < (1 - asked) * rms(root * old)
-    enough = np.where(chi2 < thresholds.costly, steady, far) & (rms(new) < rms(old))
+    near = chi2 < thresholds.costly
+    asked = thresholds.held_out * np.where(near, 2.0, 1 - 1 / np.maximum(chi2, 1.0))
+    much = rms(root * new) < (1 - asked) * rms(root * old)
+    enough = (much | (near & steady)) & (rms(new) < rms(old))
     return bool(np.any(enough[channels]))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.effect import Estimate
+from cellwatt_plugins.mismatch.effects.effect import INHERITED, Estimate
 from cellwatt_plugins.mismatch.findings import Alternative, Finding, Improvement, Parameter, Span, Where
 from cellwatt_plugins.mismatch.fitted import estimates
 from cellwatt_plugins.mismatch.held_out import HeldOut, rms
@@ -33,7 +33,10 @@ def findings_of(solution: Solution, held: HeldOut, gain: float = 0.0) -> list[Fi
 
 def _finding(solution: Solution, held: HeldOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
     robot = solution.problem.states[0].robot
-    parameters = dict(term.effect.parameters(estimate, robot, term.joint))
+    parameters = {
+        name: _scaled(parameter, 0.0 if name == "phase" else term.effect.inherits.get(name, INHERITED))
+        for name, parameter in term.effect.parameters(estimate, robot, term.joint).items()
+    }
     for name in term.effect.scales_with_torque if gain > 0 else ():
         parameters[name] = _scaled(parameters[name], gain)
     described = term.effect.described(robot, term.joint)
@@ -78,9 +81,9 @@ def _mistuned(term: Term, parameters: Mapping[str, Parameter], described: float)
     )
 
 
-def _scaled(parameter: Parameter, gain: float) -> Parameter:
-    """A parameter whose value nobody knows better than the gain of the torques."""
-    return Parameter(parameter.value, float(np.hypot(parameter.std, gain * parameter.value)), parameter.unit)
+def _scaled(parameter: Parameter, share: float) -> Parameter:
+    """A parameter that is uncertain by a share of its value, too."""
+    return Parameter(parameter.value, float(np.hypot(parameter.std, share * parameter.value)), parameter.unit)
 
 
 def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import ClassVar
 
 import numpy as np
 
@@ -25,6 +26,8 @@ class Backlash(Effect):
     """A spring with a dead zone; the link hits its flanks when the load turns over. See ``two_mass``."""
 
     name = "backlash"
+    inherits: ClassVar[Mapping[str, float]] = {"gap": 0.15}
+    """Rebounds in the gap are not followed one by one."""
     costly = True
     family = "two_mass"
     positive = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,8 @@ class BrakePower(Effect):
     """Power from ``lead`` s before motion to ``delay`` s after. Shape: delay, lead."""
 
     name = "brake_power"
+    inherits: ClassVar[Mapping[str, float]] = {"power": 0.04, "delay": 0.06}
+    """When the arm came to rest is known to some samples."""
     place = "supply"
     positive = True
     scheduled = True

@@ -20,6 +20,8 @@ Shape = tuple[float, ...]
 """Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
 UNIT_SPREAD = 0.05
 """How far the coefficient of an effect that is simulated to scale may be from 1."""
+INHERITED = 0.01
+"""Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
 Place = Literal["joint", "robot", "supply"]
 
 
@@ -76,6 +78,8 @@ class Effect(ABC):
     """Not believed where its shape runs to one of its bounds."""
     scales_with_torque: ClassVar[tuple[str, ...]] = ()
     """Parameters that are off by the factor by which all measured torques are off: nothing in the data shows it."""
+    inherits: ClassVar[Mapping[str, float]] = {}
+    """Share of a parameter that is uncertain with the description it is computed with, where that is not INHERITED."""
     plainer: ClassVar[float] = 0.0
     """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
     family: ClassVar[str] = ""

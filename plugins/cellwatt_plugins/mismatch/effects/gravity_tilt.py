@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ class GravityTilt(Effect):
     """Gravity turned by roll and pitch about the base's x and y axes."""
 
     name = "gravity_tilt"
+    inherits: ClassVar[Mapping[str, float]] = {"roll": 0.015, "pitch": 0.015}
+    """The weight that tilts is as uncertain as the links."""
     loads = True
     everywhere = True
     place = "robot"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +25,8 @@ class JointElasticity(Effect):
     """Stiffness and damping between motor and link; see ``two_mass``."""
 
     name = "joint_elasticity"
+    inherits: ClassVar[Mapping[str, float]] = {"stiffness": 0.03, "damping": 0.1}
+    """It swings with the links: stiffness is as uncertain as their inertia."""
     unit_scale = True
     costly = True
     family = "two_mass"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ class LoadDependentFriction(Effect):
     """c · |load torque| · sign(w); the load is what the links need."""
 
     name = "load_dependent_friction"
+    inherits: ClassVar[Mapping[str, float]] = {"coefficient": 0.015}
+    """A share of the load, which is as uncertain as the links."""
     by_load = True
     shapes_friction = True
     positive = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ class PreslidingHysteresis(Effect):
     """F (z - sign(w)), dz/dq = (1 - z sign(w)) / way: Dahl, Solid Friction Damping of Mechanical Vibrations (1976)."""
 
     name = "presliding_hysteresis"
+    inherits: ClassVar[Mapping[str, float]] = {"displacement": 0.05}
+    """The law of the way after a reversal differs from gear to gear."""
     shapes_friction = True
     positive = True
     turns_over = True

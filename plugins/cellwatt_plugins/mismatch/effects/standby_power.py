@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ class StandbyPower(Effect):
     """A constant: absent from the description, or well off there."""
 
     name = "standby_power"
+    inherits: ClassVar[Mapping[str, float]] = {"power": 0.002}
+    """Read at rest, where nothing else is drawn."""
     place = "supply"
     nominal = "standby_power"
     plainer = 6.0

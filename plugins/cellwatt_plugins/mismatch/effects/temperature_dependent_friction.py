@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,6 +30,13 @@ class TemperatureDependentFriction(Effect):
     """
 
     name = "temperature_dependent_friction"
+    inherits: ClassVar[Mapping[str, float]] = {
+        "cold_factor": 0.15,
+        "scale": 0.05,
+        "time_constant": 0.15,
+        "warming": 0.15,
+    }
+    """A share of nominal friction, which may be off by its tolerance."""
     shapes_friction = True
     positive = True
     least_time = 100.0
