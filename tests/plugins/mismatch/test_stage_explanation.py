@@ -24,6 +24,9 @@ from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.mismatch.emulated_arm import START, cut, frames, layout, recorded
 from tests.plugins.mismatch.recorded_arm import write_robot
 
+pytestmark = pytest.mark.timeout(300)
+"""The stage explains at the lowest priority: on a busy machine that takes a while."""
+
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
