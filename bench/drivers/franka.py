@@ -9,23 +9,15 @@ its process and of the daemon's together. How late a state is counts from the st
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
-import statistics
 import sys
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from contextlib import asynccontextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import psutil
-from numpy.typing import NDArray
+from sides import Length, Result, Run, Still, accounts, driven, in_turns, main, measured, served
 
-from cellwatt.account import Account
-from cellwatt.batch import Reading
-from cellwatt.channel import Stream
-from cellwatt.driver import Identity
 from cellwatt_drivers.franka import FrankaDriver, receive
 from cellwatt_drivers.franka.driver import FrankaSettings
 from cellwatt_drivers.franka.emulator import FrankaEmulator
@@ -48,141 +40,15 @@ print(json.dumps([[round(s * 1e3) for s in stamps], late, share]))
 """
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Median, least and greatest over the repeats."""
-
-    median: float
-    lowest: float
-    highest: float
-
-    @classmethod
-    def of(cls, found: list[float]) -> Spread:
-        return cls(round(statistics.median(found), 4), round(min(found), 4), round(max(found), 4))
-
-
-@dataclass(frozen=True)
-class Run:
-    samples: int
-    lost: int
-    cpu_share: float
-    late: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Side:
-    """What one side did: states a second, states lost by the robot's own time, share of one core, ms late."""
-
-    samples_per_second: Spread
-    lost: int
-    cpu_share: Spread
-    late_p50_ms: Spread
-    late_p99_ms: Spread
-
-    @classmethod
-    def of(cls, runs: list[Run], seconds: float) -> Side:
-        return cls(
-            Spread.of([r.samples / seconds for r in runs]),
-            sum(r.lost for r in runs),
-            Spread.of([r.cpu_share for r in runs]),
-            Spread.of([float(np.percentile(r.late - r.late.min(), 50)) * 1e3 for r in runs]),
-            Spread.of([float(np.percentile(r.late - r.late.min(), 99)) * 1e3 for r in runs]),
-        )
-
-
-@dataclass(frozen=True)
-class Result:
-    """Both sides, in turns in one run."""
-
-    robots: int
-    rate: float
-    seconds: float
-    repeats: int
-    cellwatt: Side
-    pylibfranka: Side
-
-
-class Still:
-    """Signals that cost the emulator next to nothing."""
-
-    def at(self, t: NDArray[np.float64]) -> Mapping[str, NDArray[np.float64]]:
-        return {f"joint_{i}.position": np.full(len(t), 0.1 * i) for i in range(1, 8)}
-
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        raise ValueError("nothing to disturb")
-
-
-@dataclass
-class Outlet:
-    account: Account = field(default_factory=Account)
-    up: asyncio.Event = field(default_factory=asyncio.Event)
-    late: list[NDArray[np.float64]] = field(default_factory=list)
-
-    def now(self) -> int:
-        return time.time_ns()
-
-    def connected(self, identity: Identity) -> None:
-        self.up.set()
-
-    def emit(self, reading: Reading) -> None:
-        self.account.receive(len(reading.values))
-        self.late.append((reading.arrival - reading.device_time) * 1e-9)
-
-    def clock_reset(self, stream: Stream, reason: str) -> None:
-        print(reason, file=sys.stderr)
-
-    def event(self, kind: str, text: str, **data: str | float) -> None:
-        print(text, file=sys.stderr)
-
-
-async def serve(*arguments: str) -> None:
-    """The emulators' process: tells their ports as JSON, ends with its standard input."""
-    loop = asyncio.get_running_loop()
-    emulators = [FrankaEmulator(Still(), f"{ADDRESS}:1337", options={"realtime": "1"})]
-    ready = [loop.create_future() for _ in emulators]
-    tasks = [asyncio.create_task(e.serve(r.set_result)) for e, r in zip(emulators, ready, strict=True)]
-    addresses = await asyncio.gather(*ready)
-    print(json.dumps([int(address.rpartition(":")[2]) for address in addresses]), flush=True)
-    await loop.run_in_executor(None, sys.stdin.read)
-    for task in tasks:
-        task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await asyncio.gather(*tasks)
-
-
-@asynccontextmanager
-async def served(*arguments: str) -> AsyncIterator[list[int]]:
-    child = await asyncio.create_subprocess_exec(
-        sys.executable, __file__, "--serve", *arguments, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
-    )
-    assert child.stdin is not None
-    assert child.stdout is not None
-    try:
-        yield json.loads(await child.stdout.readline())
-    finally:
-        child.stdin.close()
-        await child.wait()
+def devices() -> list[FrankaEmulator]:
+    return [FrankaEmulator(Still(), f"{ADDRESS}:1337", options={"realtime": "1"})]
 
 
 async def ours(seconds: float) -> Run:
-    outlet = Outlet()
-    task = asyncio.create_task(FrankaDriver("arm", FrankaSettings(host=ADDRESS), outlet).run())
-    await outlet.up.wait()
-    await asyncio.sleep(1.0)
-    us = [psutil.Process(), *(c for c in psutil.Process().children() if receive.__name__ in c.cmdline())]
-    account = outlet.account
-    outlet.late.clear()
-    received, missed, begin, before = account.received, account.missed.total(), time.monotonic(), cpu(us)
-    await asyncio.sleep(seconds)
-    share = (cpu(us) - before) / (time.monotonic() - begin)
-    run = Run(account.received - received, account.missed.total() - missed, share, np.concatenate(outlet.late))
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
-    return run
-
-
-def cpu(processes: list[psutil.Process]) -> float:
-    return sum(sum(p.cpu_times()[:2]) for p in processes)
+    async with driven([partial(FrankaDriver, "arm", FrankaSettings(host=ADDRESS))]) as outlets:
+        us = [psutil.Process(), *(c for c in psutil.Process().children() if receive.__name__ in c.cmdline())]
+        run = await measured(accounts(outlets), seconds, lambda: sum(sum(p.cpu_times()[:2]) for p in us))
+        return replace(run, late=np.concatenate(outlets[0].late)[-run.samples :])
 
 
 async def plain(seconds: float) -> Run:
@@ -194,19 +60,12 @@ async def plain(seconds: float) -> Run:
     return Run(len(stamps), stamps[-1] - stamps[0] + 1 - len(stamps), share, np.array(late))
 
 
-async def bench(seconds: float = 5.0, repeats: int = 3) -> Result:
+async def bench(length: Length) -> Result:
     """Both sides in turns, at the same robot."""
-    sides: dict[Callable[[float], Awaitable[Run]], list[Run]] = {ours: [], plain: []}
-    async with served():
-        for _ in range(repeats):
-            for contender, runs in sides.items():
-                runs.append(await contender(seconds))
-                await asyncio.sleep(0.2)
-    return Result(1, RATE, seconds, repeats, Side.of(sides[ours], seconds), Side.of(sides[plain], seconds))
+    async with served(__file__):
+        both = await in_turns(ours, plain, length)
+    return Result(1, RATE, length.seconds, length.repeats, "pylibfranka", *both)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--serve"]:
-        asyncio.run(serve(*sys.argv[2:]))
-    else:
-        print(json.dumps(asdict(asyncio.run(bench())), indent=2))
+    main(bench, devices)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.models.network import open_network
@@ -152,24 +152,34 @@ def run(arms: int = 3, arms_of_few: int = 12) -> tuple[StaticTables, Case]:
 
 
 def pictures(tables: StaticTables, first: Case) -> dict[str, dict[str, Any]]:
-    """Plotly figures: measured against predicted, and the error by number of poses."""
-    scatter = go.Figure()
-    for name in METHODS:
-        scatter.add_scatter(x=first.measured, y=first.predicted[name], mode="markers", name=name, marker_size=4)
-    ends = [float(first.measured.min()), float(first.measured.max())]
-    scatter.add_scatter(x=ends, y=ends, mode="lines", name="exact", line_color="gray")
-    scatter.update_layout(xaxis_title="true sum of torques, Nm", yaxis_title="predicted, Nm", width=640, height=520)
-    learning = go.Figure()
-    sizes = [row.poses for row in tables.poses]
-    for what in ("lowest", "median", "highest"):
-        learning.add_scatter(x=sizes, y=[getattr(row.rmse_nm, what) for row in tables.poses], name=what)
-    learning.update_xaxes(type="log", title="poses collected", tickvals=sizes)
-    learning.update_yaxes(type="log", title="RMSE on poses never collected, Nm")
-    learning.update_layout(width=640, height=420)
-    return {
-        "static-scatter": scatter.to_plotly_json(),
-        "static-learning": learning.to_plotly_json(),
-    }
+    """Figures as plotly writes them: predicted over true torques, and the error by number of poses."""
+    return {"static-scatter": scatter(first), "static-learning": learning(tables.poses)}
+
+
+def scatter(first: Case) -> dict[str, Any]:
+    """Poses never collected, each method."""
+    true = first.measured.tolist()
+    ends = [min(true), max(true)]
+    traces = [{"x": ends, "y": ends, "mode": "lines", "name": "exact"}]
+    traces += [{"x": true, "y": first.predicted[n].tolist(), "mode": "markers", "name": n} for n in METHODS]
+    axes = {"xaxis": _axis("true sum of torques, Nm"), "yaxis": _axis("predicted, Nm")}
+    return {"data": traces, "layout": {"width": 640, "height": 520, **axes}}
+
+
+def learning(rows: Sequence[PosesRow]) -> dict[str, Any]:
+    """Least, median and greatest error over the arms by the number of poses."""
+    sizes = [row.poses for row in rows]
+    traces = [
+        {"x": sizes, "y": [getattr(row.rmse_nm, what) for row in rows], "mode": "lines+markers", "name": what}
+        for what in ("lowest", "median", "highest")
+    ]
+    below = _axis("poses collected") | {"type": "log", "tickvals": sizes}
+    beside = _axis("RMSE on poses never collected, Nm") | {"type": "log"}
+    return {"data": traces, "layout": {"width": 640, "height": 420, "xaxis": below, "yaxis": beside}}
+
+
+def _axis(title: str) -> dict[str, Any]:
+    return {"title": {"text": title}}
 
 
 def _method(name: str, cases: list[Case]) -> MethodRow:

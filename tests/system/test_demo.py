@@ -8,9 +8,14 @@ import sys
 
 import pytest
 
-from cellwatt.runtime.demonstration import JOINT, Seen, next_start, summary
+from cellwatt.demo import cells
+from cellwatt.demo.fault import JOINT, next_start
+from cellwatt.demo.seen import Seen
+from cellwatt.demo.summary import summary, summary_of_every_driver
+from cellwatt.registry import available
 
 pytestmark = pytest.mark.system
+POWER = {"frames": 9}
 
 
 @pytest.mark.timeout(120)
@@ -27,6 +32,58 @@ async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
     # Streams lose nothing however busy the machine is; polls that fall due while it stands still are missed, and told.
     assert result["sources"]["arm"]["lost"] == result["sources"]["board"]["lost"] == 0
     assert not [p for p in result["problems"] if "subscriber" in p], result["problems"]
+    # The mean of a cycle swings by some 60 W; the board's own noise over a frame is below 1 W.
+    power = result["power"]
+    assert power["frames"] > 300  # on a busy machine frames have gaps, and gaps have no prediction
+    assert power["rms_w"] < 0.05 * power["measured_mean_w"]
+    assert power["rms_after_the_spring_w"] > 1.5 * power["rms_w"]
+
+
+@pytest.mark.timeout(180)
+async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
+    command = [sys.executable, "-m", "cellwatt.commands", "demo", "--cell", "all", "--seconds", "3", "--json"]
+    process = await asyncio.create_subprocess_exec(*command, "--keep", tmp_path, stdout=asyncio.subprocess.PIPE)
+    out, _ = await process.communicate()
+    result = json.loads(out)
+    assert process.returncode == (0 if result["ok"] else 1)
+    assert set(result["sources"]) | set(result["left_out"]) == set(available("cellwatt.drivers"))
+    for name, source in result["sources"].items():
+        assert source["residue"] == 0
+        assert source["expected"] == source["received"] + source["lost"]
+        assert source["received"] == sum(stream["samples"] for stream in source["streams"].values()) > 0, name
+    # Streams lose nothing however busy the machine is. Polls that fall due while it stands still are missed, and so
+    # are states that wait for pylibfranka, which keeps but the newest; both are told.
+    assert not {n for n in ("ur", "power_board", "can_sensor") if result["sources"][n]["lost"]}, result["problems"]
+    assert result["sources"]["abb"]["missed"].get("gap", 0) == 0
+    assert not [p for p in result["problems"] if "subscriber" in p], result["problems"]
+
+
+def test_every_driver_has_its_device() -> None:
+    assert {device.driver for device in cells.every_driver().values()} == set(available("cellwatt.drivers"))
+
+
+def test_a_driver_whose_library_is_absent_is_left_out_and_told(tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pylibfranka", None)
+    devices, lacking = cells.usable(cells.every_driver(), tmp_path)
+    assert "franka" not in devices
+    assert len(devices) == 8
+    assert "pip install 'cellwatt[franka]'" in lacking["franka"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "exit_code", "problem"),
+    [
+        ({"missed": {"gap": 2}, "received": 98}, 0, "arm: 2 samples lost"),
+        ({"residue": 1}, 0, "1 not accounted"),
+        ({}, 1, "exit code 1"),
+    ],
+)
+def test_summary_of_every_driver_sees_what_is_wrong(changed: dict[str, object], exit_code: int, problem: str) -> None:
+    devices = ("arm", "board", "positioner", "mains")
+    assert summary_of_every_driver(seen(), devices, {"franka": "no library"}, {}, 0)["ok"]
+    found = summary_of_every_driver(seen(**changed), devices, {}, {}, exit_code)
+    assert problem in "; ".join(found["problems"])
+    assert "sources seen" in "; ".join(summary_of_every_driver(seen(), ("ur",), {}, {}, 0)["problems"])
 
 
 def status(**changed: object) -> dict[str, object]:
@@ -52,7 +109,7 @@ def alarm(joint: int, at: float) -> dict[str, object]:
 def test_summary_is_content_with_a_perfect_run() -> None:
     told = seen()
     told.add(alarm(3, 10.4))
-    assert summary(told, 10.0, 0)["problems"] == []
+    assert summary(told, 10.0, 0, POWER)["problems"] == []
 
 
 @pytest.mark.parametrize(
@@ -71,15 +128,19 @@ def test_summary_sees_what_is_wrong(
 ) -> None:
     told = seen(**changed)
     told.add(alarm(joint, at))
-    assert problem in "; ".join(summary(told, 10.0, exit_code)["problems"])
+    assert problem in "; ".join(summary(told, 10.0, exit_code, POWER)["problems"])
 
 
 def test_summary_misses_samples_and_alarms_that_did_not_come() -> None:
     told = seen()
     told.samples["raw/arm/s"] -= 1
-    problems = "; ".join(summary(told, 10.0, 0)["problems"])
+    problems = "; ".join(summary(told, 10.0, 0, POWER)["problems"])
     assert "99 at the subscriber" in problems
     assert "no alarm" in problems
+
+
+def test_summary_misses_the_model() -> None:
+    assert "the model predicted nothing" in summary(seen(), 10.0, 0, None)["problems"]
 
 
 def test_spring_comes_when_the_elbow_starts() -> None:

@@ -74,20 +74,19 @@ class Cell:
                 self._start_source(source)
             self._build_frames()
             heart = self._group.create_task(self._heart(), name="heart")
-            ticks = self._group.create_task(self._ticks(), name="ticks")
+            self._spawn("ticks", self._ticks())
             self._look()
             ready()
             await self._stopping.wait()
             await self._shut_down()
             heart.cancel()
-            ticks.cancel()
 
     def stop(self) -> None:
         """End ``run`` in order: sources first, then what is queued, then sinks and record."""
         self._stopping.set()
 
     async def _shut_down(self) -> None:
-        await self._end(f"source {name}" for name in list(self._sources))
+        await self._end(["ticks", *(f"source {name}" for name in self._sources)])
         for frames in self._aligner.flush():
             self._give_frames(frames)
         await self._end_workers()

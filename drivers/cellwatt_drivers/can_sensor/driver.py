@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 from contextlib import AbstractAsyncContextManager
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, FilePath, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
@@ -33,7 +32,7 @@ class CanSensorSettings(SourceSettings):
 
     sensor: SensorName | None = None
     """Make of the sensor: one of the packaged maps."""
-    map: Path | None = None
+    map: FilePath | None = None
     """File with a map of one's own instead of ``sensor``."""
     interface: Interface = "socketcan"
     """How python-can reaches the bus."""

@@ -8,6 +8,8 @@ error when the library fails.
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import gc
 import os
 import struct
 import sys
@@ -18,6 +20,8 @@ from typing import Any
 _SHORTEST = 0.004
 """s between two writes: the daemon is woken for a handful of states, not for each."""
 _PRIORITY = 10
+_PIPE = 1 << 20
+"""Bytes that may wait for the daemon, some 2 s of states: a full pipe would hold up the library's reads."""
 
 
 def main(host: str, every: int, attributes: Sequence[str]) -> None:
@@ -26,6 +30,9 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
 
     pipe = os.dup(1)
     os.dup2(2, 1)  # the library prints to standard output
+    with contextlib.suppress(OSError):  # beyond what the system allows; then it stays as it is
+        fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, _PIPE)
+    gc.disable()  # states make no cycles, and a collection may last longer than a state
     robot = pylibfranka.Robot(host, pylibfranka.RealtimeConfig.kIgnore)
     # The library keeps but the newest state: whoever is not there within a millisecond loses one.
     with contextlib.suppress(OSError):

@@ -7,12 +7,11 @@ import time
 from collections import deque
 from contextlib import AbstractAsyncContextManager
 from importlib.util import find_spec
-from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, FilePath, model_validator
 
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
@@ -46,7 +45,7 @@ class ModbusMeterSettings(SourceSettings):
 
     meter: MeterName | None = None
     """Make of the meter: one of the packaged maps."""
-    map: Path | None = None
+    map: FilePath | None = None
     """File with a map of one's own instead of ``meter``."""
     host: str | None = None
     """Address of the meter, or of the gateway before it."""

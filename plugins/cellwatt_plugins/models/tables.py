@@ -25,7 +25,7 @@ STEMS: Mapping[str, tuple[str, ...]] = {
     "current": ("current", "actual_current"),
     "temperature": ("temperature", "joint_temperatures"),
 }
-"""What tables call the quantities of joint i, before ``_i``."""
+"""What tables call the quantities of joint i, before ``_i``; where there is a ``_0``, counted from 0 as in RTDE."""
 PLAIN: Mapping[str, tuple[str, ...]] = {"supply.power": ("power",), "tool.payload": ("payload",)}
 """What tables call channels that belong to no joint."""
 _JOINT = re.compile(r"joint_(\d+)\.(\w+)")
@@ -46,9 +46,15 @@ def channel_of(channel: str, columns: Mapping[str, Float], place: Path) -> Float
         return next((columns[name] for name in PLAIN.get(channel, ()) if name in columns), None)
     joint, quantity = match.groups()
     if quantity == "approach":
-        here, before = columns.get(f"q_{joint}"), columns.get(f"q_from_{joint}")
+        here, before = (_of_joint(stem, int(joint), columns) for stem in ("q", "q_from"))
         return None if here is None or before is None else here - before
-    return next((columns[name] for s in STEMS.get(quantity, ()) if (name := f"{s}_{joint}") in columns), None)
+    found_of = (_of_joint(stem, int(joint), columns) for stem in STEMS.get(quantity, ()))
+    return next((column for column in found_of if column is not None), None)
+
+
+def _of_joint(stem: str, joint: int, columns: Mapping[str, Float]) -> Float | None:
+    first = 0 if f"{stem}_0" in columns else 1
+    return columns.get(f"{stem}_{joint - 1 + first}")
 
 
 def read_table(path: Path) -> pa.Table:

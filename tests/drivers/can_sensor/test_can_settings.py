@@ -38,7 +38,7 @@ def test_streams_and_rates_are_chosen():
     ("found", "why"),
     [
         ({}, "either 'sensor'"),
-        (GOOD | {"map": "x.yaml"}, "either 'sensor'"),
+        (GOOD | {"map": __file__}, "either 'sensor'"),
         (GOOD | {"sensor": "ivt"}, "'ivt_s'"),
         (GOOD | {"interface": "pcan"}, "'socketcan'"),
         (GOOD | {"bitrate": 500000}, "are for slcan"),

@@ -39,7 +39,7 @@ def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
         ({"meter": "siemens_pac3200"}, "either 'host' or 'line'"),
         (GOOD | {"line": "/dev/ttyUSB0"}, "either 'host' or 'line'"),
         ({"host": "192.0.2.1"}, "either 'meter'"),
-        (GOOD | {"map": "x.yaml"}, "either 'meter'"),
+        (GOOD | {"map": __file__}, "either 'meter'"),
         (GOOD | {"meter": "siemens"}, "eastron_sdm630"),
         ({"line": "COM3", "meter": "siemens_pac3200"}, "path of a serial port"),
         (GOOD | {"unit": 256}, "less than or equal to 255"),

@@ -115,6 +115,14 @@ def test_names_of_channels():
         channel_of("joint_2.position", {"left.joint_2.position": one, "right.joint_2.position": one}, PLACE)
 
 
+def test_joints_counted_from_0():
+    columns = {"q_0": np.zeros(1), "q_1": np.ones(1), "q_from_0": np.full(1, -2.0), "current_1": np.full(1, 5.0)}
+    assert channel_of("joint_2.position", columns, Path("t.csv")) is columns["q_1"]
+    assert channel_of("joint_1.approach", columns, Path("t.csv")) == [2.0]
+    assert channel_of("joint_1.current", columns, Path("t.csv")) is columns["current_1"]
+    assert channel_of("joint_3.position", columns, Path("t.csv")) is None
+
+
 def test_what_is_no_table_is_refused(tmp_path):
     for name, content in (("a.parquet", b"PAR"), ("b.csv", b"")):
         (tmp_path / name).write_bytes(content)

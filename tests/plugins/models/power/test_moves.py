@@ -35,6 +35,15 @@ def test_a_table_with_several_moves(tmp_path):
     assert moves.payload is None
 
 
+def test_rtde_counts_joints_from_0(tmp_path):
+    table = columns()
+    theirs = {"q": "actual_q", "qd": "actual_qd", "current": "actual_current"}
+    names = {f"{ours}_{i}": f"{name}_{i - 1}" for ours, name in theirs.items() for i in (1, 2)}
+    moves = read_moves([written(tmp_path, {names.get(name, name): x for name, x in table.items()})], 2)
+    for found, stem in ((moves.q, "q"), (moves.qd, "qd"), (moves.current, "current")):
+        assert np.array_equal(found, np.column_stack([table[f"{stem}_1"], table[f"{stem}_2"]]))
+
+
 def test_names_of_channels_and_csv(tmp_path):
     table = columns()
     names = {"t": "t", "power": "board.supply.power"}

@@ -1,0 +1,79 @@
+"""Power that the demo's model predicted, beside what the board measured, from the recording of the run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.record import Recording
+from cellwatt.results import Prediction
+
+Float = NDArray[np.float64]
+
+MODEL = "power"
+"""Name of the stage in ``demo.yaml``, and of its output."""
+MEASURED = "board.supply.power"
+COURSE = 64
+"""Points of the course that is shown."""
+CYCLE = 8.0
+"""s of it: a little more than one repetition of the emulated task."""
+
+
+def model_file() -> Path:
+    """The trained model; ``bench/models/demo.py`` makes it."""
+    return Path(__file__).with_name("power.onnx")
+
+
+def power_of(folder: Path, epoch: float, hooked: float) -> dict[str, Any] | None:
+    """Root mean square of measured − predicted, W, before and after the spring, and one cycle of both.
+
+    ``epoch`` and ``hooked`` are UTC s of the beginning and of the spring. None where nothing was predicted. Raises
+    ``RecordingError`` where there is no recording.
+    """
+    time, measured, predicted = _both(folder, epoch)
+    if not len(time):
+        return None
+    off = measured - predicted
+    before = time < hooked
+    shown = before & (time >= time[before][-1] - CYCLE) if before.any() else before
+    return {
+        "frames": len(time),
+        "measured_mean_w": _rounded(measured[before].mean()) if before.any() else None,
+        "rms_w": _rms(off[before]),
+        "rms_after_the_spring_w": _rms(off[~before]),
+        "course": {"measured_w": _course(measured[shown]), "predicted_w": _course(predicted[shown])},
+    }
+
+
+def _both(folder: Path, epoch: float) -> tuple[Float, Float, Float]:
+    """UTC s (n,), measured and predicted power (n,) W of all frames of this run that have both."""
+    recording = Recording.open(folder)
+    said: dict[int, float] = {}
+    for result in recording.results():
+        if isinstance(result, Prediction) and result.model == MODEL:
+            said |= dict(zip(result.time, result.outputs[MODEL], strict=True))
+    rows = [
+        (at * 1e-9, value, said[at])
+        for block in recording.frames()
+        for at, value in zip(block.time.tolist(), block.values[:, block.layout.index(MEASURED)].tolist(), strict=True)
+        if at * 1e-9 >= epoch and at in said
+    ]
+    table = np.array(rows, np.float64).reshape(-1, 3)
+    table = table[np.isfinite(table).all(axis=1)]
+    return table[:, 0], table[:, 1], table[:, 2]
+
+
+def _course(values: Float) -> list[float]:
+    """Means of some equal spans."""
+    return [_rounded(part.mean()) for part in np.array_split(values, COURSE) if part.size]
+
+
+def _rms(off: Float) -> float | None:
+    return _rounded(np.sqrt(np.mean(off**2))) if off.size else None
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 2)

@@ -1,0 +1,49 @@
+"""The daemon and the subscriber of the demo, each as a process of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import sys
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+
+TOPICS = ("raw", "frame", "interval", "task", "alarm", "health")
+
+
+@contextlib.asynccontextmanager
+async def daemon(
+    file: Path, folder: Path, environment: Mapping[str, str] | None = None
+) -> AsyncIterator[asyncio.subprocess.Process]:
+    """``cellwatt run`` on a settings file; its log is ``daemon.log`` in the folder. Killed where it is left running."""
+    command = [sys.executable, "-m", "cellwatt.commands", "run", str(file)]
+    with log_of(folder).open("wb") as log:
+        process = await asyncio.create_subprocess_exec(*command, env=environment, stderr=log)
+    async with _ended(process):
+        yield process
+
+
+@contextlib.asynccontextmanager
+async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
+    """``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
+    topics = [word for topic in TOPICS for word in ("--topic", topic)]
+    command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
+    command += ["--site", "demo", "--cell", "demo", *topics]
+    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    async with _ended(process):
+        yield process
+
+
+def log_of(folder: Path) -> Path:
+    """Where the daemon's log goes."""
+    return folder / "daemon.log"
+
+
+@contextlib.asynccontextmanager
+async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
+    try:
+        yield
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()

@@ -1,0 +1,44 @@
+"""What the subscriber of the demo said it got."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class Seen:
+    """Grows line by line of ``cellwatt watch --json``."""
+
+    samples: Counter[str] = field(default_factory=Counter)
+    first: dict[str, int] = field(default_factory=dict)
+    """Number of the first sample after the subscriber joined, by topic."""
+    gaps: int = 0
+    intervals: list[dict[str, Any]] = field(default_factory=list)
+    tasks: int = 0
+    alarms: list[dict[str, Any]] = field(default_factory=list)
+    status: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, line: Mapping[str, Any]) -> None:
+        """Take one line."""
+        kind, content = line["kind"], line["content"]
+        if kind in {"raw", "frame"}:
+            self.samples[line["topic"]] += content["count"]
+            self.first.setdefault(line["topic"], line["sequence"])
+        elif kind == "gap":
+            self.gaps += 1
+        elif kind == "interval" and content["closed"]:
+            self.intervals.append(content)
+        elif kind == "task":
+            self.tasks += 1
+        elif kind == "alarm":
+            self.alarms.append({**content, "received": line["received"]})
+        elif kind == "health":
+            self.status = content
+
+    def all_up(self) -> bool:
+        """Whether every source delivers."""
+        sources = self.status.get("sources", {}).values()
+        return bool(sources) and all(s["state"] == "ok" for s in sources)

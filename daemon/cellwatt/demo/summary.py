@@ -1,0 +1,116 @@
+"""What a run of the demo gave, and everything that is not as it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from cellwatt.demo import fault
+from cellwatt.demo.cells import SMALL
+from cellwatt.demo.seen import Seen
+
+RATE_TOLERANCE = 0.02
+"""By how much a measured rate may differ from the nominal one, as a share of it."""
+
+
+def summary(seen: Seen, hooked: float, exit_code: int | None, power: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Of the small cell: sources, the fault that was hooked on at ``hooked``, UTC s, and what ``power_of`` gave."""
+    sources = sources_of(seen)
+    told = fault.told(seen, hooked)
+    problems = problems_of(seen, sources, SMALL, exit_code) + fault.problems_of(told)
+    if power is None:
+        problems.append("the model predicted nothing")
+    return {
+        "ok": not problems,
+        "problems": problems,
+        "sources": sources,
+        "frames": seen.samples["frame"],
+        "intervals": len(seen.intervals),
+        "tasks": seen.tasks,
+        "fault": told,
+        "power": power,
+        "alarms": [{k: a[k] for k in ("kind", "severity", "joint", "active", "statement")} for a in seen.alarms],
+    }
+
+
+def summary_of_every_driver(
+    seen: Seen,
+    devices: Collection[str],
+    lacking: Mapping[str, str],
+    emulated: Mapping[str, Mapping[str, int]],
+    exit_code: int | None,
+) -> dict[str, Any]:
+    """Of the cell with all drivers: sources, what their emulators counted, and drivers left out with the reason."""
+    sources = sources_of(seen)
+    problems = problems_of(seen, sources, devices, exit_code)
+    for name, source in sources.items():
+        source["emulated"] = dict(emulated.get(name, {}))
+    return {
+        "ok": not problems,
+        "problems": problems,
+        "left_out": dict(lacking),
+        "sources": sources,
+        "frames": seen.samples["frame"],
+    }
+
+
+def sources_of(seen: Seen) -> dict[str, dict[str, Any]]:
+    """By source: its account, what was lost, and of each stream samples, rate, jitter and what was delivered."""
+    return {name: _source(name, status, seen) for name, status in seen.status.get("sources", {}).items()}
+
+
+def problems_of(
+    seen: Seen, sources: Mapping[str, Mapping[str, Any]], expected: Collection[str], exit_code: int | None
+) -> list[str]:
+    """What is wrong with the sources, or between daemon and subscriber."""
+    problems = [p for name, source in sources.items() for p in _source_problems(name, source)]
+    if exit_code != 0:
+        problems.append(f"the daemon ended with exit code {exit_code}")
+    if set(sources) != set(expected):
+        problems.append(f"sources seen: {', '.join(sources) or 'none'}")
+    if seen.gaps:
+        problems.append(f"{seen.gaps} gaps at the subscriber")
+    return problems + delivery_problems(seen, sources)
+
+
+def delivery_problems(seen: Seen, sources: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Where the subscriber and the daemon's last health message do not tell the same."""
+    problems = [
+        f"{name}/{stream}: {s['samples']} samples, {s['delivered']} at the subscriber"
+        for name, source in sources.items()
+        for stream, s in source["streams"].items()
+        if s["delivered"] + s["before_subscriber"] != s["samples"]
+    ]
+    made = seen.status.get("frames", {}).get("count")
+    if made is None or made > seen.samples["frame"] + seen.first.get("frame", 0):  # it may get some that came later
+        problems.append(f"{made} frames were made, the subscriber got {seen.samples['frame']}")
+    return problems
+
+
+def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
+    streams = {
+        stream: {k: figures[k] for k in ("nominal_hz", "rate_hz", "jitter_p50_ms", "jitter_p99_ms")}
+        | {"samples": figures["samples"], "delivered": seen.samples[f"raw/{name}/{stream}"]}
+        | {"before_subscriber": seen.first.get(f"raw/{name}/{stream}", 0)}
+        | {"clock_bound_ms": _bound(status, stream)}
+        for stream, figures in status["streams"].items()
+    }
+    lost = sum(status["missed"].values()) + sum(status["dropped"].values())
+    kept = ("expected", "received", "missed", "dropped", "residue")
+    return {k: status[k] for k in kept} | {"lost": lost, "streams": streams}
+
+
+def _bound(status: Mapping[str, Any], stream: str) -> float | None:
+    """How far times may be off at most, ms; None where the device has no clock: then half of each round trip."""
+    clock = status.get("clocks", {}).get(stream)
+    return round(clock["bound_ns"] * 1e-6, 3) if clock else None
+
+
+def _source_problems(name: str, source: Mapping[str, Any]) -> list[str]:
+    problems = []
+    if source["lost"] or source["residue"]:
+        problems.append(f"{name}: {source['lost']} samples lost, {source['residue']} not accounted for")
+    for stream, s in source["streams"].items():
+        if s["nominal_hz"] and (s["rate_hz"] is None or abs(s["rate_hz"] / s["nominal_hz"] - 1) > RATE_TOLERANCE):
+            problems.append(f"{name}/{stream}: {s['rate_hz']} Hz instead of {s['nominal_hz']} Hz")
+    return problems

@@ -1,0 +1,49 @@
+"""The driver at a sensor that only python-can and cantools make: a log, played as ``can.player`` plays it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+import can
+import cantools
+import numpy as np
+import pytest
+from can.interfaces.virtual import channels
+
+from .rig import running, settings, virtual
+from .test_can_map import DBC, GOOD
+
+SPEEDS = np.arange(-30, 30)
+
+
+def played(log: str, channel: str) -> None:
+    while not channels.get(channel):  # who opens a virtual bus later hears nothing of what was sent
+        time.sleep(0.01)
+    with can.Bus(interface="virtual", channel=channel) as bus, can.LogReader(log) as reader:
+        for message in can.MessageSync(reader, gap=0.002):
+            bus.send(message)
+
+
+@pytest.mark.parametrize("suffix", ["asc", "blf", "log"])
+async def test_a_log_of_cantools_frames_played_by_python_can(tmp_path, suffix):
+    (tmp_path / "drive.dbc").write_text(DBC)
+    (tmp_path / "drive.yaml").write_text(GOOD)
+    frame = cantools.database.load_file(tmp_path / "drive.dbc").get_message_by_name("Drive_Status")
+    log = str(tmp_path / f"drive.{suffix}")
+    with can.Logger(log) as writer:
+        for number, speed in enumerate(SPEEDS.tolist()):
+            data = frame.encode({"Speed": speed, "Energy": 3, "Odd": 0, "Number": number})
+            arbitration = {"arbitration_id": frame.frame_id, "is_extended_id": False}
+            writer.on_message_received(can.Message(**arbitration, data=data, timestamp=1000 + 0.01 * number))
+    place = virtual()
+    channel = place.partition(":")[2]
+    async with running(settings(place, map=str(tmp_path / "drive.yaml"))) as run:
+        playing = asyncio.create_task(asyncio.to_thread(played, log, channel))
+        await run.outlet.until(lambda o: o.account.received >= len(SPEEDS))
+        await playing
+    found = run.stream("status")
+    assert found[:, 0] == pytest.approx(SPEEDS * 2 * np.pi / 60)
+    assert found[:, 1] == pytest.approx(3 * 3600.0)
+    assert run.outlet.account.missed == {}
+    assert not run.failures
