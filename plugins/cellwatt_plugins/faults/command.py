@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 import yaml
 
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import ConfigError, ModelError, RecordingError, why
 from cellwatt.frames import Frames
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.learn import Cell, learn
 from cellwatt_plugins.faults.recordings import frames_of_files
-from cellwatt_plugins.faults.reference import Reference, save
+from cellwatt_plugins.faults.reference import Reference, load, save
 from cellwatt_plugins.faults.trace import Trace
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.cycles.findings import CycleFinding
+
+FILE = click.Path(exists=True, path_type=Path)
 
 
 @click.command()
@@ -27,7 +35,7 @@ from cellwatt_plugins.faults.trace import Trace
     "recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path(exists=True, path_type=Path)
 )
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
-@click.option("--robot", help="Name of the robot, or its YAML description.")
+@click.option("--robot", help="Name of the robot, or its YAML description (or its folder).")
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
@@ -39,10 +47,114 @@ def reference(
     Recordings are cellwatt's own (.mcap, or their folder) or tables (.parquet, .csv) with columns t (s),
     q_1 … q_n (rad) and power (W). Each task must be seen three times or more at each speed.
     """
-    learned, tasks = learn_from(frames_of_files(recordings), _robot_name(robot), arm, power)
+    name = _robot_name(robot)
+    blocks = list(frames_of_files(recordings))
+    if robot is not None and _described(robot):
+        learned, tasks = _learned_with_cycles(blocks, Path(robot), arm, power)
+    else:
+        learned, tasks = learn_from(blocks, name, arm, power)
     save(learned, out)
     report = _report(learned, tasks, out)
     click.echo(json.dumps(report) if as_json else _in_words(report))
+
+
+@click.command()
+@click.argument(
+    "recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path(exists=True, path_type=Path)
+)
+@click.option("--reference", "file", required=True, type=FILE, help="File made by `cellwatt reference`.")
+@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
+@click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
+@click.option("--power", help="Channel of the power; as in the reference where left out.")
+@click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+def faults(
+    recordings: tuple[Path, ...],
+    file: Path,
+    robot: Path,
+    out: Path | None,
+    arm: str | None,
+    power: str | None,
+    as_json: bool,
+) -> None:
+    """Judge every cycle of RECORDINGs against healthy ones: what is harmless, and which joint or encoder is faulty.
+
+    RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
+    """
+    found = _judged(recordings, load(file), file, robot, arm, power)
+    content = {"cycles": [asdict(finding) for finding in found]}
+    if out is not None:
+        try:
+            out.write_text(json.dumps(content, indent=1))
+        except OSError as error:
+            raise RecordingError(f"--out {out}: cannot be written: {why(error)}") from error
+    click.echo(json.dumps(content) if as_json else _findings_in_words(found, out))
+
+
+def _judged(
+    recordings: Sequence[Path], reference: Reference, file: Path, robot: Path, arm: str | None, power: str | None
+) -> list[CycleFinding]:
+    """Findings of files against a reference with cycles. Raises ``CellwattError``."""
+    from cellwatt_plugins.faults.cycles.findings import judge_recording
+    from cellwatt_plugins.faults.cycles.known import restored
+    from cellwatt_plugins.robot import load_robot
+
+    if reference.power_model is None or not reference.cycles:
+        raise ModelError(f"reference {file}: has no cycles; learn it again with --robot and a description of the robot")
+    known = restored(reference.power_model, reference.cycles, load_robot(robot))
+    blocks = list(frames_of_files(recordings))
+    recording = recording_of(blocks, arm, power or reference.power)
+    if recording.joints != reference.joints:
+        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {reference.joints}")
+    return judge_recording(recording, known)
+
+
+def _learned_with_cycles(
+    blocks: Sequence[Frames], robot: Path, arm: str | None, power: str
+) -> tuple[Reference, list[Task]]:
+    """The reference with whole cycles and the arm that their power shows; intervals where they recur often enough."""
+    from cellwatt_plugins.faults.cycles.known import learn_known, stored
+    from cellwatt_plugins.robot import load_robot
+
+    description = load_robot(robot)
+    model, cycles = stored(learn_known(recording_of(blocks, arm, power), description), description)
+    tasks: list[Task] = []
+    try:
+        learned, tasks = learn_from(blocks, description.robot, arm, power)
+    except ModelError as error:
+        click.echo(f"whole cycles only, no intervals: {error}", err=True)
+        layout = blocks[0].layout
+        source = layout.channels[layout.joints("position", arm)[0]].source
+        learned = Reference(1, description.robot, source, power, len(description.joints), ())
+    return replace(learned, power_model=model, cycles=cycles), tasks
+
+
+def _description(robot: str | None) -> Path | None:
+    """The file of a description, or of the folder that holds it; None where it is only a name."""
+    if robot is None:
+        return None
+    if Path(robot).is_dir():
+        return Path(robot) / "robot.yaml"
+    return Path(robot) if robot.endswith((".yaml", ".yml")) else None
+
+
+def _described(robot: str) -> bool:
+    """Whether a YAML description says enough of the arm to model it."""
+    file = _description(robot)
+    content = yaml.safe_load(file.read_text()) if file is not None else None
+    return isinstance(content, dict) and "urdf" in content and "joints" in content
+
+
+def _findings_in_words(found: Sequence[CycleFinding], out: Path | None) -> str:
+    lines = []
+    for cycle in found:
+        speed = "" if cycle.speed is None else f" at speed {cycle.speed:.2f}"
+        note = f": {cycle.note}" if cycle.note else ""
+        lines.append(f"{cycle.start:9.2f} … {cycle.end:.2f} s  {cycle.task}{speed}  {cycle.status}{note}")
+        lines += [f"{'':12}{fault.statement}" for fault in cycle.faults]
+    count = Counter(cycle.status for cycle in found)
+    lines.append(f"{len(found)} cycles: " + ", ".join(f"{n} {status}" for status, n in sorted(count.items())))
+    return "\n".join([*lines, f"written to {out}"] if out else lines)
 
 
 def learn_from(
@@ -77,10 +189,11 @@ def learn_from(
 
 def _robot_name(robot: str | None) -> str | None:
     """The name itself, or what a YAML description gives under ``robot``. Raises ``ConfigError``."""
-    if robot is None or not robot.endswith((".yaml", ".yml")):
+    file = _description(robot)
+    if file is None:
         return robot
     try:
-        content = yaml.safe_load(Path(robot).read_text())
+        content = yaml.safe_load(file.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
     name = content.get("robot") if isinstance(content, dict) else None

@@ -21,6 +21,17 @@ tasks:
       power: {start: -0.2, step: 0.02, mean: [...], spread: [...]}          W over s from the onset
       position:
         3: {start: -0.2, step: 0.02, mean: [...], spread: [...]}            rad, moving joints only
+power_model: ...              the arm as its power has it; left out where no description of the robot was given
+cycles:                       whole cycles, for `cellwatt faults`; left out without a description
+- task: task_1
+  speed: 1.0
+  cycles: 8
+  step: 0.02                  s, of power, spread and position
+  moves: [[0.1, 0.9], ...]    s from the first point
+  repeat: [...]               rad, standard deviation of the rest poses
+  power: [...]                W
+  spread: [...]               W
+  position: {1: [...], ...}   rad
 """
 
 from __future__ import annotations
@@ -37,6 +48,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredModel
 
 Float = NDArray[np.float64]
 
@@ -140,12 +152,16 @@ class Reference:
     power: str
     joints: Annotated[int, Field(ge=1)]
     tasks: tuple[TaskReference, ...]
+    power_model: StoredModel | None = None
+    cycles: tuple[StoredCycle, ...] = ()
 
 
 def save(reference: Reference, path: Path) -> None:
     """Write the YAML file; raises ``ModelError`` where it cannot be written."""
     try:
-        path.write_text(yaml.safe_dump(_plain(asdict(reference)), sort_keys=False, default_flow_style=None, width=118))
+        path.write_text(
+            yaml.safe_dump(_plain(_content(reference)), sort_keys=False, default_flow_style=None, width=118)
+        )
     except OSError as error:
         raise ModelError(f"reference {path}: cannot be written: {error.strerror or error}") from error
 
@@ -190,6 +206,14 @@ def _check(reference: Reference, path: Path) -> None:
                     raise ModelError(f"{place}: moving and position must name the same joints, at least one")
                 if not all(1 <= joint <= reference.joints for joint in interval.moving):
                     raise ModelError(f"{place}: joints are numbered 1 to {reference.joints}")
+
+
+def _content(reference: Reference) -> dict[str, Any]:
+    """All of it; without the arm's model and whole cycles where none were learned."""
+    content = asdict(reference)
+    if reference.power_model is None:
+        del content["power_model"], content["cycles"]
+    return content
 
 
 def _plain(value: Any) -> Any:

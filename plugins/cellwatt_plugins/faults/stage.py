@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -16,9 +17,13 @@ from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.alarms import AlarmBook
 from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.judge import Judge, Rules
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import Trace
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.cycles.watch import CycleStage
 
 EVERY = 3
 """A running interval is looked at every so many grid points."""
@@ -51,6 +56,9 @@ class FaultsSettings(StageSettings):
     """Source with the joints; where left out as in the reference, or the only one."""
     power: str | None = None
     """Channel of the supply's power; as in the reference where left out."""
+    robot: Path | None = None
+    """Description of the robot (``robot.yaml``), as given to `cellwatt reference`: whole cycles are judged by the
+    physics of the arm, and ``tolerance``, ``confirm`` and ``jitter`` are not used."""
     tolerance: ToleranceSettings = ToleranceSettings()
     """How far from the reference is still healthy."""
     confirm: int = Field(default=5, ge=2, le=100)
@@ -85,15 +93,20 @@ class FaultsStage(Stage[FaultsSettings]):
         if layout.channels[self._power].unit != "W":
             channel = layout.channels[self._power]
             raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
+        if settings.robot is None and not self._reference.tasks:
+            raise ModelError(f"reference {path}: has whole cycles only: set robot to the description of the robot")
         t = settings.tolerance
         rules = Rules(Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
         self._alarms = AlarmBook(name, self._source, self._reference, settings.clear)
         self._trace = Trace.empty(len(self._positions))
         self._open: Interval | None = None
+        self._cycles = None if settings.robot is None else self._watched(path, cell.folder / settings.robot)
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Alarms that changed with this block."""
+        if self._cycles is not None:
+            return self._cycles.process(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
         block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
         self._trace = self._trace.with_more(block)
         intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
@@ -107,6 +120,16 @@ class FaultsStage(Stage[FaultsSettings]):
             out += self._watch(first, int(frames.time[-1]) + 1)
         self._forget()
         return out
+
+    def _watched(self, path: Path, robot: Path) -> CycleStage:
+        """The judge of whole cycles, which needs packages that the rest does not."""
+        try:
+            from cellwatt_plugins.faults.cycles.watch import CycleStage
+        except ModuleNotFoundError as error:
+            need = f"stage {self.name!r}: robot needs the package {error.name}"
+            raise ConfigError(f"{need}: pip install 'cellwatt[explain]'") from error
+        alarms = CycleAlarms(self.name, self._source, self.settings.clear)
+        return CycleStage(self._reference, path, robot, self.layout.step, alarms)
 
     def _take(self, interval: Interval) -> list[Alarm]:
         """An interval has begun or ended."""

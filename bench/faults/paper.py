@@ -1,0 +1,69 @@
+"""The paper's own method on emulated cycles: fixed ±10 %, its two rules, and its network on the table of the task."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Sequence
+
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, fault_table, from_cycles
+from cellwatt_plugins.faults.paper.judging import NamedFault, by_network, judge
+
+AS_IN_THE_PAPER = Tolerance(power=0.10, floor=0.0)
+AROUND = 0.3
+"""s of rest that belong to a cycle on either side."""
+
+
+def judge_by_paper(reference: Sequence[Readings], cycle: Readings) -> tuple[NamedFault, ...]:
+    """Faults that the method names in a cycle, given healthy cycles of the same task at the same speed.
+
+    Times are s from the first motion; the table is that of the task's own intervals, since no faulty run of it is
+    known. Raises `ModelError` where nothing can be learnt from the reference.
+    """
+    return judge_against(from_cycles(reference), cycle)
+
+
+def judge_against(expected: Sequence[ExpectedInterval], cycle: Readings) -> tuple[NamedFault, ...]:
+    """The same with what `from_cycles` learnt, once for many cycles."""
+    return judge(expected, cycle, by_network(fault_table(expected)), AS_IN_THE_PAPER)
+
+
+def judge_recording_by_paper(
+    healthy: Recording, healthy_cycles: Sequence[CycleFinding], judged: Recording, cycles: Sequence[CycleFinding]
+) -> list[CycleFinding]:
+    """`cycles` of `judged` with what the paper's method says in place of ours.
+
+    Where cycles begin, which task each is and how fast, is taken from our findings on both recordings: the paper
+    leaves that to the robot's controller. Each cycle is held against the learnt speed that is nearest.
+    """
+    groups: defaultdict[tuple[str, float], list[Readings]] = defaultdict(list)
+    for cycle in healthy_cycles:
+        if cycle.speed is not None:
+            groups[cycle.task, round(cycle.speed, 1)].append(readings_of(healthy, cycle))
+    learnt = {key: from_cycles(readings) for key, readings in groups.items()}
+    out = []
+    for cycle in cycles:
+        speeds = [speed for task, speed in learnt if task == cycle.task]
+        if cycle.speed is None or not speeds:
+            out.append(cycle)
+            continue
+        now = cycle.speed
+        nearest = min(speeds, key=lambda speed: abs(speed - now))
+        named = judge_against(learnt[cycle.task, nearest], readings_of(judged, cycle))
+        faults = tuple(map(finding_of, named))
+        out.append(dataclasses.replace(cycle, status="fault" if faults else "healthy", note="", faults=faults))
+    return out
+
+
+def readings_of(recording: Recording, cycle: CycleFinding) -> Readings:
+    """A cycle of a recording in times from its first motion."""
+    inside = (recording.time >= cycle.start - AROUND) & (recording.time <= cycle.end + AROUND)
+    return Readings(recording.time[inside] - cycle.start, recording.position[inside], recording.power[inside])
+
+
+def finding_of(fault: NamedFault) -> FaultFinding:
+    """The same in the form of `findings.json`."""
+    return FaultFinding(fault.joint, fault.kind, fault.intervals, abs(fault.watts), 1.0, fault.alternatives, "")

@@ -1,0 +1,165 @@
+"""Figures and pictures of docs/faults-paper.md: rms by order and by rival fit, on several patterns, and Table III.
+
+    python bench/faults/paper_fits.py [--json] [--recording FILE] [--pictures FOLDER]
+
+A recording is a table with t, q_1 … and power of healthy cycles; the pattern of its most frequent task is added.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "bench")]
+
+from tests.plugins.faults.paper import irb1200  # noqa: E402
+from tests.plugins.faults.paper.patterns import pattern_of  # noqa: E402
+
+from cellwatt.emulation import ArmSignals  # noqa: E402
+from cellwatt_plugins.faults.command import learn_from  # noqa: E402
+from cellwatt_plugins.faults.paper import rivals  # noqa: E402
+from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms  # noqa: E402
+from cellwatt_plugins.faults.paper.network import FaultNetwork, train  # noqa: E402
+from cellwatt_plugins.faults.recordings import frames_of_files  # noqa: E402
+from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING  # noqa: E402
+
+Pattern = tuple[np.ndarray, np.ndarray]
+MEASURED, FITTED, OTHER = "#9aa3ad", "#2f6fb1", "#e07b39"
+DECADES = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 7, 10, 20])
+WIDTH, HEIGHT, LEFT, BOTTOM = 760, 300, 60, 40
+
+
+def patterns(recording: Path | None) -> dict[str, Pattern]:
+    """Name → times s and mean power W of healthy cycles."""
+    t = np.arange(0, ArmSignals().period, 1 / 123)
+    demo = np.mean([ArmSignals(seed=seed).at(t)["supply.power"] for seed in range(80)], axis=0)
+    found = {
+        "pick-and-place": pattern_of(irb1200.PICK_AND_PLACE),
+        "polishing": pattern_of(irb1200.POLISHING),
+        "polishing, half speed": pattern_of(irb1200.POLISHING, speed=0.5),
+        "arm of the demo": (t, demo),
+    }
+    return found if recording is None else found | {"recording": of_recording(recording)}
+
+
+def of_recording(path: Path) -> Pattern:
+    """The fastest variant of the task with most cycles: its intervals one after the other."""
+    reference, _ = learn_from(frames_of_files((path,)), None, None, "supply.power")
+    variant = max((v for task in reference.tasks for v in task.variants), key=lambda v: (v.cycles, v.speed))
+    step = variant.intervals[0].power.step
+    parts = [i.power.at(np.arange(-min(i.rest, 0.2), i.duration + 0.1, step)) for i in variant.intervals]
+    power = np.concatenate(parts)
+    return np.arange(len(power)) * step, power
+
+
+def compare(pattern: Pattern) -> tuple[dict[str, object], PowerEquation]:
+    """What one pattern gives; the equation of the highest order."""
+    t, power = pattern
+    equations = {order: fit(t, power, order=order) for order in ORDERS}
+    best = equations[ORDERS[-1]]
+    return {
+        "seconds": float(t[-1]),
+        "spread_W": float(np.std(power)),
+        "iterations_W": {order: equation.rms for order, equation in equations.items()},
+        "rms_W": {f"BEVF {order}": rms(power, equation.power(t)) for order, equation in equations.items()}
+        | {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()},
+        "eq_17_as_printed_W": rms(power, best.p1(t)),
+    }, best
+
+
+def table_iii() -> dict[str, list[list[float]]]:
+    """Outputs of the networks of both tables for the faults of joints 1 to 6 and for a healthy cycle."""
+    return {
+        name: FaultNetwork(train(table)).outputs(np.vstack([table.T, np.zeros(len(table), np.int8)])).round(3).tolist()
+        for name, table in (("I", PICK_AND_PLACE), ("II", POLISHING))
+    }
+
+
+def chart(curves: list[tuple[str, str, np.ndarray, np.ndarray]], x_name: str, y_name: str, *, log: bool = False) -> str:
+    """An SVG with one line for each name, colour, x and y."""
+    scale = np.log10 if log else np.asarray
+    xs, ys = (np.concatenate([np.asarray(curve[k]) for curve in curves]) for k in (2, 3))
+    x0, x1, y0, y1 = xs.min(), xs.max(), scale(ys).min(), scale(ys).max()
+
+    def place(x: float, y: float) -> str:
+        across = LEFT + (WIDTH - LEFT - 20) * (x - x0) / (x1 - x0)
+        return f"{across:.1f},{HEIGHT - BOTTOM - (HEIGHT - BOTTOM - 40) * (scale(y) - y0) / (y1 - y0):.1f}"
+
+    out = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        'font-family="Helvetica,Arial,sans-serif" font-size="12" fill="#263238">',
+        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>',
+    ]
+    for value in ticks(x0, x1):
+        across = place(value, ys.max()).split(",")[0]
+        out.append(f'<text x="{across}" y="{HEIGHT - BOTTOM + 16}" text-anchor="middle">{value:.3g}</text>')
+    for value in DECADES[np.clip(DECADES, ys.min(), ys.max()) == DECADES] if log else ticks(y0, y1):
+        down = place(x0, value).split(",")[1]
+        out.append(f'<path d="M{LEFT},{down}H{WIDTH - 20}" stroke="#e3e7ea"/>')
+        out.append(f'<text x="{LEFT - 6}" y="{float(down) + 4:.1f}" text-anchor="end">{value:.3g}</text>')
+    for number, (name, colour, x, y) in enumerate(curves):
+        line = " ".join(place(a, b) for a, b in zip(x, y, strict=True))
+        out.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
+        out.append(f'<text x="{LEFT + 8 + 170 * number}" y="24" fill="{colour}" font-weight="bold">{name}</text>')
+    out.append(f'<text x="{WIDTH / 2}" y="{HEIGHT - 6}" text-anchor="middle">{x_name}</text>')
+    out.append(
+        f'<text x="14" y="{HEIGHT / 2}" transform="rotate(-90 14 {HEIGHT / 2})" text-anchor="middle">{y_name}</text>'
+    )
+    return "\n".join([*out, "</svg>\n"])
+
+
+def ticks(low: float, high: float) -> np.ndarray:
+    """Round values between two, six at most."""
+    rough = (high - low) / 6
+    power = 10 ** np.floor(np.log10(rough))
+    step = next(k * power for k in (1, 2, 5, 10) if k * power >= rough)
+    return np.arange(np.ceil(low / step) * step, high + 1e-9, step)
+
+
+def draw(folder: Path, pattern: Pattern, found: dict[str, object], best: PowerEquation) -> None:
+    """The pattern with its fits, and rms by iteration."""
+    t, power = pattern
+    curves = [("mean of cycles", MEASURED, t, power), ("Gaussian 8", OTHER, t, rivals.gaussian(t, power))]
+    curves.append(("BEVF, N = 44", FITTED, t, best.power(t)))
+    (folder / "faults-paper-pattern.svg").write_text(chart(curves, "s", "W"))
+    iterations = found["iterations_W"]
+    assert isinstance(iterations, dict)
+    falling = [
+        (f"N = {order}", colour, np.arange(1, len(values) + 1), np.asarray(values))
+        for (order, values), colour in zip(iterations.items(), (MEASURED, OTHER, FITTED), strict=True)
+    ]
+    (folder / "faults-paper-rms.svg").write_text(chart(falling, "iteration", "rms, W", log=True))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--recording", type=Path)
+    parser.add_argument("--pictures", type=Path)
+    asked = parser.parse_args()
+    report: dict[str, object] = {}
+    for name, pattern in patterns(asked.recording).items():
+        found, best = compare(pattern)
+        report[name] = found
+        if asked.pictures and name == "pick-and-place":
+            draw(asked.pictures, pattern, found, best)
+    report["table_III"] = table_iii()
+    if asked.json:
+        print(json.dumps(report))
+        return
+    for name, found in report.items():
+        print(name)
+        rows = (
+            found["rms_W"] | {k: found[k] for k in ("spread_W", "eq_17_as_printed_W")} if name != "table_III" else found
+        )
+        for row, value in rows.items():
+            print(f"  {row:>20}  {value if name == 'table_III' else f'{value:9.3f}'}")
+
+
+if __name__ == "__main__":
+    main()

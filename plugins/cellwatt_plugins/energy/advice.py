@@ -1,0 +1,171 @@
+"""What would save energy, from a task's own motion: its speed, brakes while it waits, the pose in which it waits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from cellwatt_plugins.energy.arm import Arm
+from cellwatt_plugins.energy.balance import Stretch, resting_power
+from cellwatt_plugins.energy.drive import bus_power, features, supply_power
+from cellwatt_plugins.energy.known import Known
+
+Float = NDArray[np.float64]
+
+SCALES = np.round(np.geomspace(0.5, 3.0, 37), 3)
+"""Lengths of the motion that are tried, against its present length."""
+SMOOTH = 5
+"""Frames over which acceleration is taken."""
+CHANGE = 0.1
+"""Share of a change of energy by which the model may miss it, one standard deviation."""
+WORTH = 0.01
+"""Share of the cycle's energy that a saving must have to be told …"""
+SURE = 2.0
+"""… and how many times its uncertainty."""
+STARTS = 12
+"""Poses from which the pose of least gravity is looked for."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """One change, and what it saves each cycle."""
+
+    kind: str
+    """slower, faster, brakes or pose."""
+    statement: str
+    saving: float
+    """J a cycle."""
+    uncertainty: float
+    """J, one standard deviation."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A task as it recurs: its motion, and how long the arm then waits, s."""
+
+    motion: Stretch
+    waiting: float
+
+
+def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advice]:
+    """What is worth telling, the largest saving first; ``brake_time`` s is lost with putting brakes on and off."""
+    found = [
+        speed_advice(arm, known, cycle),
+        brake_advice(arm, known, cycle, brake_time),
+        pose_advice(arm, known, cycle),
+    ]
+    whole = float(cycle.motion.power.sum()) * cycle.motion.step + cycle.waiting * known.drive.fixed
+    told = [a for a in found if a is not None and a.saving > max(WORTH * whole, SURE * a.uncertainty)]
+    return sorted(told, key=lambda advice: -advice.saving)
+
+
+def motion_energy(arm: Arm, known: Known, motion: Stretch, scale: float) -> float:
+    """Energy J of a motion that takes ``scale`` times as long along the same path.
+
+    Velocities go with 1/scale and accelerations with 1/scale². Torque changes by what rigid bodies and viscous friction
+    change; the rest of the measured torque (gravity, payload's weight, Coulomb friction) stays.
+    """
+    acceleration = _acceleration(motion)
+    still = np.zeros_like(motion.velocity)
+    inertial = arm.body.inverse_dynamics(motion.position, motion.velocity, acceleration)
+    inertial = inertial - arm.body.inverse_dynamics(motion.position, still, still)
+    inertial = inertial + arm.column("rotor_inertia") * acceleration
+    viscous = np.array(known.viscous) * motion.velocity
+    change = inertial * (1 / scale**2 - 1) + viscous * (1 / scale - 1)
+    torque = motion.torque + change / known.drive.torque
+    bus = bus_power(known.drive, features(arm, torque, motion.velocity / scale))
+    return float(supply_power(known.drive, bus).sum()) * motion.step * scale
+
+
+def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
+    """The speed at which motion and waiting together take least, in the same cycle time.
+
+    Without waiting the next cycle follows at once: then the energy of a cycle counts, however long it takes.
+    """
+    motion = cycle.motion
+    seconds = motion.step * len(motion.power)
+    rest = known.drive.fixed + resting_power(arm, known, motion.torque[-1])
+    bound = max(arm.column("velocity_limit")) if _limited(arm) else np.inf
+    fastest = max(float(np.abs(motion.velocity).max()) / bound, float(SCALES[0]))
+    slowest = 1 + cycle.waiting / seconds if cycle.waiting > 0 else float(SCALES[-1])
+    allowed = [float(s) for s in SCALES if fastest <= s <= slowest]
+    if not allowed:
+        return None
+    energies = {s: motion_energy(arm, known, motion, s) for s in allowed}
+    now = motion_energy(arm, known, motion, 1.0)
+    costs = {s: e - (s - 1) * seconds * rest * (cycle.waiting > 0) for s, e in energies.items()}
+    best = min(costs, key=lambda s: costs[s])
+    saving = now - costs[best]
+    kind = "slower" if best > 1 else "faster"
+    where = "in the same cycle time" if cycle.waiting > 0 else "where the next cycle follows at once"
+    return Advice(
+        kind,
+        f"moving {kind}, in {best * seconds:.1f} s instead of {seconds:.1f} s, saves {saving:.0f} J a cycle {where}",
+        saving,
+        CHANGE * abs(saving) + known.model_error * now,
+    )
+
+
+def brake_advice(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> Advice | None:
+    """Waiting with the brakes on: neither they nor the motors draw anything."""
+    left = cycle.waiting - brake_time
+    if not known.brakes or left <= 0:
+        return None
+    hold = resting_power(arm, known, cycle.motion.torque[-1])
+    saving = (known.brakes + hold) * left
+    return Advice(
+        "brakes",
+        f"putting the brakes on {brake_time:g} s after the task saves {known.brakes + hold:.1f} W, "
+        f"{saving:.0f} J a cycle of {cycle.waiting:.0f} s waiting",
+        saving,
+        float(np.hypot(known.brakes_uncertainty, CHANGE * hold)) * left,
+    )
+
+
+def pose_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
+    """Waiting where gravity asks least of the motors (eq. 15)."""
+    if cycle.waiting <= 0:
+        return None
+    pose = least_gravity(arm, cycle.motion.position[-1])
+    hold = resting_power(arm, known, cycle.motion.torque[-1])
+    there = resting_power(arm, known, arm.body.gravity_torque(pose[None, :])[0] / known.drive.torque)
+    saving = (hold - there) * cycle.waiting
+    degrees = ", ".join(f"{angle:.0f}" for angle in np.degrees(pose))
+    return Advice(
+        "pose",
+        f"waiting at joints {degrees} deg, where that is free of collision, saves {hold - there:.1f} W, "
+        f"{saving:.0f} J a cycle; getting there is not counted",
+        saving,
+        CHANGE * (hold + there) * cycle.waiting,
+    )
+
+
+def least_gravity(arm: Arm, near: Float) -> Float:
+    """θ_GZ (n,) rad: the pose within the joints' limits at which ‖G(θ)‖ is least (eq. 15), from ``near`` and others."""
+    model = arm.body.model
+    lower = np.maximum(model.lowerPositionLimit, -np.pi)
+    upper = np.minimum(model.upperPositionLimit, np.pi)
+    draw = np.random.default_rng(0)
+    starts = [np.clip(near, lower, upper), *draw.uniform(lower, upper, (STARTS, arm.joints))]
+
+    def square(q: Float) -> float:
+        return float(np.sum(arm.body.gravity_torque(q[None, :]) ** 2))
+
+    found = [
+        minimize(square, start, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True))) for start in starts
+    ]
+    return np.asarray(min(found, key=lambda one: float(one.fun)).x)
+
+
+def _limited(arm: Arm) -> bool:
+    return all(joint.velocity_limit for joint in arm.description.joints)
+
+
+def _acceleration(motion: Stretch) -> Float:
+    kernel = np.ones(SMOOTH) / SMOOTH
+    padded = np.pad(motion.velocity, ((SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
+    smooth = np.stack([np.convolve(column, kernel, "valid") for column in padded.T], axis=1)
+    return np.asarray(np.gradient(smooth, motion.step, axis=0))

@@ -1,0 +1,195 @@
+"""A whole campaign: readings at rest and recorded runs in, consumer groups with their uncertainty out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.energy.arm import Arm
+from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
+from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
+from cellwatt_plugins.energy.fixed import AtRest
+from cellwatt_plugins.energy.identify import Belief, Identified, Observed, begin, identify, modelled, observe, residual
+from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
+from cellwatt_plugins.energy.rigid import RigidFit, fit_rigid
+from cellwatt_plugins.energy.runs import run_energy
+from cellwatt_plugins.energy.split import edges, total_energy
+
+Float = NDArray[np.float64]
+
+HOLD = (0.3, 0.6)
+"""W: what motors draw to hold an arm at its pose of least gravity, expected and one standard deviation."""
+UNPLUGGED = 0.05
+"""W: how well power at rest is taken to last from the readings to the runs where there are no brakes."""
+FROM_CURRENT = 0.15
+FROM_SENSOR = 0.002
+"""Factor a joint by which torque may be off, one standard deviation, by where it comes from."""
+FROM_RIGID = 0.03
+"""Factors found by the rigid body are taken to be no better than this, since no URDF is complete …"""
+SHY = 4.0
+"""… and no better than their uncertainty by the fit, times this."""
+DRAWS = 60
+"""Draws of the parameters for the uncertainty of what follows from them."""
+OFF = 0.02
+"""Factors on torque that differ from 1 by more are told."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Findings, and what the report's plots need beside them."""
+
+    findings: Findings
+    identified: Identified
+    repetitions: tuple[tuple[Repetition, ...], ...]
+    """Of each run, in the order of ``identified.observed``."""
+
+
+def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
+    """The pipeline of seed 003 on one arm. Raises ``RecordingError`` where a run cannot be used."""
+    found = [find_repetitions(run.motion) for run in runs]
+    repetitions = tuple(tuple(kept) for kept, _ in found)
+    belief, rigid = _belief(arm, rest, runs)
+    guess = begin(arm, belief.fixed[0])
+    identified = identify(observe(arm, runs, [len(r) for r in repetitions], guess), guess, belief)
+    fixed = _fixed(arm, rest, identified)
+    draws = identified.drawn(np.random.default_rng(3), DRAWS)
+    energies = tuple(
+        run_energy(arm, fixed, identified, draws, i, repetitions[i], tuple(found[i][1])) for i in range(len(runs))
+    )
+    findings = Findings(
+        robot=arm.description.robot,
+        fixed=fixed,
+        runs=energies,
+        payload_efficiency_percent=_payload_efficiency(energies),
+        average_share_percent=_average_shares(energies),
+        drives=_drives(arm, identified),
+        friction=_friction(arm, rigid),
+        returned=identified.drive.returned,
+        returned_uncertainty=float(np.sqrt(identified.covariance[-1, -1])),
+        model_error_percent=_model_error(identified, repetitions),
+        notes=_notes(arm, identified),
+    )
+    return Outcome(findings, identified, repetitions)
+
+
+def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, RigidFit]:
+    """What the readings at rest and the description say of fixed power and torque."""
+    ones = np.ones(arm.joints)
+    rigid = fit_rigid(arm, runs, ones, FROM_CURRENT * ones)
+    torque, spread = ones, FROM_SENSOR * ones
+    if arm.supplied.torque_from == "current":
+        torque = rigid.torque
+        spread = np.minimum(np.hypot(SHY * rigid.uncertainty, FROM_RIGID), FROM_CURRENT)
+    if arm.supplied.brakes:
+        level, unsure = rest.released.power - HOLD[0], float(np.hypot(HOLD[1], rest.released.uncertainty))
+    else:
+        level, unsure = rest.connected.power, float(np.hypot(UNPLUGGED, rest.connected.uncertainty))
+    return Belief((level, unsure), torque, spread, rest.connected.noise), rigid
+
+
+def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
+    """Table II (eqs 14, 16); what holds the arm in the third state is told from the brakes by the runs."""
+    controller, connected, released = rest.controller, rest.connected, rest.released
+    electronics = max(connected.power - controller.power, 0.0)
+    in_runs, unsure = identified.drive.fixed, fixed_uncertainty(identified)
+    hold = max(released.power - in_runs, 0.0) if arm.supplied.brakes else released.power - connected.power
+    brakes = brake_power(released.power, controller.power, electronics, hold) if arm.supplied.brakes else 0.0
+    notes = rest.notes()
+    if not arm.supplied.controller_separate:
+        notes.append("controller and arm cannot be unplugged from each other: only the sum of both is measured")
+    if brakes < 0:
+        notes.append(f"brakes: {brakes:.2f} W measured, which cannot be: reported as 0")
+    return Fixed(
+        controller=controller.power,
+        robot_electronics=electronics,
+        brakes=max(brakes, 0.0),
+        controller_uncertainty=controller.uncertainty,
+        robot_electronics_uncertainty=float(np.hypot(controller.uncertainty, connected.uncertainty)),
+        brakes_uncertainty=float(np.hypot(unsure, connected.uncertainty)) if arm.supplied.brakes else 0.0,
+        hold=hold,
+        notes=tuple(notes),
+    )
+
+
+def fixed_uncertainty(identified: Identified) -> float:
+    """W: of the fixed power, with how it wandered from run to run."""
+    means = [float(residual(one, identified.drive)[1].mean()) for one in identified.observed]
+    wandering = float(np.std(means)) / np.sqrt(len(means))
+    return float(np.hypot(np.sqrt(identified.covariance[0, 0]), wandering))
+
+
+def _average_shares(runs: Sequence[RunEnergy]) -> dict[str, float]:
+    """Fig. 8: percent of each group in the mean power of all runs."""
+    groups = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration")
+    energies = np.array([[getattr(run, group) for group in groups] for run in runs])
+    shares = mean_power_shares(energies, np.array([run.seconds for run in runs]))
+    return dict(zip(groups, shares.tolist(), strict=True))
+
+
+def _model_error(identified: Identified, repetitions: Sequence[Sequence[Repetition]]) -> float:
+    """Percent, rms over the runs, of measured less modelled energy."""
+    errors = []
+    for one, those in zip(identified.observed, repetitions, strict=True):
+        measured = total_energy(one, identified.drive, those)
+        said = modelled(one.run, one.feature, identified.drive).between(*edges(those))
+        errors.append(100 * float((measured - said).mean() / measured.mean()))
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def _payload_efficiency(runs: Sequence[RunEnergy]) -> dict[str, float]:
+    """ε_P by speed, of the heaviest payload against none (eq. 21)."""
+    empty = {run.speed_mm_s: run for run in runs if run.payload_kg == 0}
+    loaded = [run for run in runs if run.payload_kg > 0 and run.speed_mm_s in empty]
+    heaviest = max((run.payload_kg for run in loaded), default=0.0)
+    return {
+        f"{run.speed_mm_s:g}": payload_efficiency(run.total, empty[run.speed_mm_s].total)
+        for run in loaded
+        if run.payload_kg == heaviest
+    }
+
+
+def _drives(arm: Arm, identified: Identified) -> tuple[JointDrive, ...]:
+    drive, n = identified.drive, arm.joints
+    spread = np.sqrt(np.diag(identified.covariance))[1 : 1 + n]
+    described = arm.column("winding_resistance")
+    return tuple(
+        JointDrive(
+            joint=joint.name,
+            torque_gain=float(1 / drive.torque[i]),
+            torque_gain_uncertainty=float(spread[i] / drive.torque[i] ** 2),
+            winding_resistance=float(drive.copper[i] * described[i] / drive.torque[i] ** 2),
+            switching=float(drive.switching[i] / drive.torque[i]),
+            iron=float(drive.iron[i]),
+        )
+        for i, joint in enumerate(arm.description.joints)
+    )
+
+
+def _friction(arm: Arm, rigid: RigidFit) -> tuple[JointFriction, ...]:
+    return tuple(
+        JointFriction(joint.name, *(float(value) for value in row))
+        for joint, row in zip(arm.description.joints, rigid.friction, strict=True)
+    )
+
+
+def _notes(arm: Arm, identified: Identified) -> tuple[str, ...]:
+    drive, n = identified.drive, arm.joints
+    spread = np.sqrt(np.diag(identified.covariance))[1 : 1 + n]
+    notes = []
+    for joint, factor, unsure in zip(arm.description.joints, drive.torque, spread, strict=True):
+        if abs(factor - 1) > max(OFF, 3 * unsure):
+            notes.append(f"{joint.name}: torque as given is the true torque times {1 / factor:.3f}: corrected")
+    as_given = {one.run.name: _given_losses(one, n) for one in identified.observed}
+    if negative := [name for name, energy in as_given.items() if energy < 0]:
+        notes.append(
+            f"with torque as given mechanical losses would be negative in {', '.join(negative)}, which cannot be"
+        )
+    return tuple(notes)
+
+
+def _given_losses(one: Observed, joints: int) -> float:
+    return float(one.feature[:, :joints].sum() * one.run.motion.step)

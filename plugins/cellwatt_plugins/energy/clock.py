@@ -1,0 +1,87 @@
+"""The analyzer's clock against the robot's: measured power laid over what the robot's own signals say of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.energy.accumulate import Accumulated
+from cellwatt_plugins.energy.recordings import Reading
+
+Float = NDArray[np.float64]
+
+FURTHEST = 5.0
+"""s: the clocks are taken to differ by no more."""
+ALIKE = 0.5
+"""Least correlation of measured and modelled power."""
+STEPS = 6
+"""Gauss-Newton steps; the last ones change nothing beyond microseconds."""
+
+
+@dataclass(frozen=True)
+class Offset:
+    """Analyzer's time less the robot's time."""
+
+    seconds: float
+    uncertainty: float
+    """s, one standard deviation."""
+    correlation: float
+    """Of measured and modelled power."""
+
+
+def windows(reading: Reading, offset: float) -> tuple[Float, Float]:
+    """Beginning and end (N,) s, robot's time, of the time that each value of the analyzer stands for."""
+    middle = reading.time - offset
+    return middle - reading.step / 2, middle + reading.step / 2
+
+
+def inside(reading: Reading, offset: float, modelled: Accumulated) -> NDArray[np.bool_]:
+    """Values (N,) whose whole time the robot recorded."""
+    start, end = windows(reading, offset)
+    return np.asarray((start >= modelled.start) & (end <= modelled.end))
+
+
+def align(reading: Reading, modelled: Accumulated) -> Offset:
+    """Offset at which measured and modelled power are most alike, to a fraction of a sample.
+
+    Raises ``RecordingError`` where they are not alike at any offset.
+    """
+    coarse = np.arange(-FURTHEST, FURTHEST, reading.step / 4)
+    alike = np.array([_correlation(reading, modelled, offset) for offset in coarse])
+    best = int(np.argmax(alike))
+    if not alike[best] > ALIKE:
+        raise RecordingError(
+            f"{reading.place}: its power does not follow the robot's motion (correlation {alike[best]:.2f} at best): "
+            f"do the two files belong together, with clocks less than {FURTHEST:g} s apart?"
+        )
+    return refine(reading, modelled, float(coarse[best]))
+
+
+def refine(reading: Reading, modelled: Accumulated, offset: float) -> Offset:
+    """Least squares of measured power against the modelled one, its scale and level free, from a near ``offset``."""
+    uncertainty = reading.step
+    for _ in range(STEPS):
+        used = inside(reading, offset, modelled)
+        start, end = (edge[used] for edge in windows(reading, offset))
+        model = modelled.between(start, end) / reading.step
+        h = reading.step / 10
+        slope = (modelled.between(start - h, end - h) - modelled.between(start + h, end + h)) / (2 * h * reading.step)
+        design = np.stack([np.ones_like(model), model, slope], axis=1)
+        found, *_ = np.linalg.lstsq(design, reading.power[used], rcond=None)
+        scatter = float(np.std(reading.power[used] - design @ found))
+        information = np.linalg.pinv(design.T @ design)
+        scale = found[1] if abs(found[1]) > 1e-6 else 1.0
+        offset += float(np.clip(found[2] / scale, -reading.step, reading.step))
+        uncertainty = scatter * float(np.sqrt(information[2, 2])) / abs(float(scale))
+    return Offset(offset, uncertainty, _correlation(reading, modelled, offset))
+
+
+def _correlation(reading: Reading, modelled: Accumulated, offset: float) -> float:
+    # All values, also before and after the robot's recording, where it rests: one repetition is like another.
+    model, measured = modelled.between(*windows(reading, offset)), reading.power
+    if np.ptp(model) == 0 or np.ptp(measured) == 0:
+        return -1.0
+    return float(np.corrcoef(model, measured)[0, 1])

@@ -1,0 +1,125 @@
+"""``cellwatt disaggregate``."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import click
+from threadpoolctl import threadpool_limits
+
+from cellwatt.errors import RecordingError, why
+from cellwatt_plugins.energy.arm import Arm, load_arm
+from cellwatt_plugins.energy.campaign import Outcome
+from cellwatt_plugins.energy.campaign import disaggregate as run_campaign
+from cellwatt_plugins.energy.findings import Findings, RunEnergy
+from cellwatt_plugins.energy.fixed import AtRest, steady_power
+from cellwatt_plugins.energy.recordings import read_reading, read_runs
+from cellwatt_plugins.energy.report import write_report
+
+FILE = click.Path(exists=True, path_type=Path)
+
+
+@click.command()
+@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option(
+    "--controller",
+    type=click.Path(path_type=Path),
+    help="Power with the arm unplugged; not needed where it cannot be unplugged.",
+)
+@click.option("--connected", required=True, type=FILE, help="Power with the arm connected and its brakes on.")
+@click.option("--released", required=True, type=FILE, help="Power with the brakes released and the arm at rest.")
+@click.option("--runs", required=True, type=FILE, help="Folder of SPEED_PAYLOADkg.robot and .analyzer files.")
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
+@click.option("--json", "as_json", is_flag=True, help="Print energy.json.")
+@click.option("--no-report", is_flag=True, help="Leave out report.html.")
+def disaggregate(
+    robot: Path,
+    controller: Path | None,
+    connected: Path,
+    released: Path,
+    runs: Path,
+    out: Path,
+    as_json: bool,
+    no_report: bool,
+) -> None:
+    """Say where a robot's energy goes: electronics, brakes, mechanical and electrical losses, chopper.
+
+    Files are Parquet or CSV: t (s) and power (W) of the analyzer; t, q_1 …, qd_1 …, tau_1 … (rad, rad/s, Nm) of the
+    robot. Each run repeats one closed path, from rest to rest. Writes energy.json, energy.csv and report.html.
+    """
+    arm = load_arm(robot)
+    rest = _at_rest(arm, controller, connected, released)
+    recorded = read_runs(runs, arm.joints)
+    with threadpool_limits(1):
+        outcome = run_campaign(arm, rest, recorded)
+    _write(outcome, out, report=not no_report)
+    found = outcome.findings
+    click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out))
+
+
+def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path) -> AtRest:
+    """The three states; where the arm cannot be unplugged, the controller's share is with the connected arm."""
+    plugged = steady_power(read_reading(connected))
+    if controller is not None and controller.exists():
+        alone = steady_power(read_reading(controller))
+    elif arm.supplied.controller_separate:
+        raise RecordingError(
+            f"{controller or '--controller'}: no such file: measure the controller with the arm unplugged, or write "
+            "controller_separate: false in robot.yaml where that cannot be done"
+        )
+    else:
+        alone = plugged
+    return AtRest(alone, plugged, steady_power(read_reading(released)))
+
+
+def _write(outcome: Outcome, out: Path, report: bool) -> None:
+    found = outcome.findings
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "energy.json").write_text(json.dumps(found.as_json(), indent=1))
+        write_table(found, out / "energy.csv")
+        if report:
+            write_report(outcome, out / "report.html")
+    except OSError as error:
+        raise RecordingError(f"{out}: cannot be written: {why(error)}") from error
+
+
+def write_table(found: Findings, path: Path) -> None:
+    """Write the runs as CSV, one a line, with the uncertainty of each column beside it."""
+    names = [f.name for f in fields(RunEnergy) if f.name not in ("uncertainty", "notes")]
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        unsure = [name for name in names if name in found.runs[0].uncertainty]
+        writer.writerow([*names, *(f"{name}_uncertainty" for name in unsure), "notes"])
+        for run in found.runs:
+            values = [getattr(run, name) for name in names]
+            writer.writerow([*values, *(run.uncertainty[name] for name in unsure), "; ".join(run.notes)])
+
+
+def in_words(found: Findings, out: Path) -> str:
+    """The findings as a person reads them at the terminal."""
+    fixed = found.fixed
+    lines = [
+        f"{found.robot}: controller {fixed.controller:.2f} W, robot electronics {fixed.robot_electronics:.2f} W, "
+        f"brakes {fixed.brakes:.2f} ± {fixed.brakes_uncertainty:.2f} W",
+        "            run     total J  electronics %  brakes %  mechanical %  electrical %  chopper %",
+    ]
+    for run in found.runs:
+        share = [100 * part / run.total for part in (run.electronics, run.brakes, run.mechanical_losses)]
+        split = [run.electrical_losses, run.regeneration]
+        told = [
+            f"{100 * part / run.total:.1f}" if part is not None else "with the other" if i else f"{left:.1f}"
+            for i, (part, left) in enumerate(
+                (part, 100 * run.electrical_losses_with_regeneration / run.total) for part in split
+            )
+        ]
+        lines.append(
+            f"{run.run:>15s} {run.total:11.1f} {share[0]:14.1f} {share[1]:9.1f} {share[2]:13.1f} "
+            f"{told[0]:>13s} {told[1]:>10s}"
+        )
+    said = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]
+    written = ", ".join(n for n in ("energy.json", "energy.csv", "report.html") if (out / n).exists())
+    return "\n".join([*lines, *(f"  note: {note}" for note in said), f"written to {out}: {written}"])

@@ -1,0 +1,111 @@
+"""What ``disaggregate`` found, as data; every field is a key of ``energy.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Table II: power that is drawn whatever the robot does, W, with one standard deviation each."""
+
+    controller: float
+    robot_electronics: float
+    brakes: float
+    controller_uncertainty: float
+    robot_electronics_uncertainty: float
+    brakes_uncertainty: float
+    hold: float
+    """What the motors drew in the third state, to hold the arm where G(q) was not quite zero."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def electronics(self) -> float:
+        """P_E = P_RC + P_RE."""
+        return self.controller + self.robot_electronics
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction of one joint by eq. (7), at the joint side."""
+
+    joint: str
+    viscous: float
+    """Nm s/rad."""
+    coulomb: float
+    """Nm."""
+    offset: float
+    """Nm."""
+    windage: float
+    """Nm s²/rad²."""
+
+
+@dataclass(frozen=True)
+class JointDrive:
+    """What was identified of one joint's drive."""
+
+    joint: str
+    torque_gain: float
+    """Torque as given by the robot is the true torque times this."""
+    torque_gain_uncertainty: float
+    winding_resistance: float
+    """Ω, at the described torque constant."""
+    switching: float
+    """W/A."""
+    iron: float
+    """W s²/rad²."""
+
+
+@dataclass(frozen=True)
+class RunEnergy:
+    """Table III: one run, mean of its repetitions, J."""
+
+    run: str
+    speed_mm_s: float
+    payload_kg: float
+    repetitions: int
+    seconds: float
+    total: float
+    electronics: float
+    brakes: float
+    mechanical_losses: float
+    electrical_losses_with_regeneration: float
+    electrical_losses: float | None
+    regeneration: float | None
+    regeneration_upper_bound: float
+    """Negative mechanical energy (eq. 11)."""
+    positive_mechanical: float
+    motion_efficiency_percent: float
+    analyzer_offset_s: float
+    path_speed_mm_s: float
+    """Mean speed of the flange along the path, by the encoders."""
+    uncertainty: Mapping[str, float | None] = field(default_factory=dict)
+    """One standard deviation of each of the above."""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All of a campaign."""
+
+    robot: str
+    fixed: Fixed
+    runs: tuple[RunEnergy, ...]
+    payload_efficiency_percent: Mapping[str, float]
+    """ε_P (eq. 21) by speed in mm/s."""
+    average_share_percent: Mapping[str, float]
+    """Of each group in the mean power of all runs (Fig. 8)."""
+    drives: tuple[JointDrive, ...]
+    friction: tuple[JointFriction, ...]
+    returned: float
+    """Share of the braking power on the bus that the electronics used; the chopper burnt the rest."""
+    returned_uncertainty: float
+    model_error_percent: float
+    """How far the modelled energy of a repetition is from the measured one, rms over the runs."""
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """As plain data, for ``energy.json``."""
+        return asdict(self)

@@ -1,0 +1,68 @@
+"""Step 1 of seed 003: the power that is drawn whatever the robot does, from readings at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.energy.recordings import Reading
+
+Float = NDArray[np.float64]
+
+BLOCKS = 10
+"""Blocks whose means tell noise, which averages out, from wandering, which does not."""
+DRIFT = 0.2
+"""W: a reading whose trend is larger over its length is not steady …"""
+SIGMAS = 4.0
+"""… where the trend is also so many standard errors."""
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Mean power of one state at rest."""
+
+    power: float
+    """W."""
+    uncertainty: float
+    """W, one standard deviation of the mean."""
+    drift: float
+    """W from the beginning to the end of the reading, by a straight line."""
+    noise: float
+    """W, of one value."""
+    steady: bool
+
+
+def steady_power(reading: Reading) -> Steady:
+    """Mean of a reading at rest, its uncertainty from the scatter of block means, and whether it is steady."""
+    power = reading.power
+    blocks = np.array([block.mean() for block in np.array_split(power, min(BLOCKS, len(power)))])
+    x = np.linspace(-0.5, 0.5, len(power))
+    drift = float(x @ power / (x @ x))
+    error = float(np.std(power - drift * x - power.mean()) / np.sqrt(x @ x))
+    uncertainty = max(float(blocks.std(ddof=1)), float(power.std(ddof=1)) * np.sqrt(len(blocks) / len(power)))
+    noise = float(np.std(np.diff(power))) / np.sqrt(2.0)
+    unsteady = abs(drift) > max(DRIFT, SIGMAS * error)
+    spread = abs(drift) / np.sqrt(12) if unsteady else 0.0
+    return Steady(
+        float(power.mean()), float(np.hypot(uncertainty / np.sqrt(len(blocks)), spread)), drift, noise, not unsteady
+    )
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """The three states of step 1."""
+
+    controller: Steady
+    connected: Steady
+    released: Steady
+
+    def notes(self) -> list[str]:
+        """A sentence on each reading that was not steady."""
+        names = ("controller", "connected", "released")
+        return [
+            f"{name}: not steady, drifted by {state.drift:+.2f} W: let it warm up and take it again"
+            for name, state in zip(names, (self.controller, self.connected, self.released), strict=True)
+            if not state.steady
+        ]

@@ -1,0 +1,189 @@
+"""Parameters of the drive from measured power, over all runs at once.
+
+Measured power is the mean over the analyzer's time of ``supply_power``; given the sign of the bus power it is linear
+in all parameters but ``returned``. Weighted linear least squares, repeated until signs and offsets rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from cellwatt_plugins.energy.accumulate import Accumulated
+from cellwatt_plugins.energy.arm import Arm
+from cellwatt_plugins.energy.clock import Offset, align, inside, refine, windows
+from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, motion_features, supply_power
+from cellwatt_plugins.energy.recordings import Recorded
+
+Float = NDArray[np.float64]
+
+ROUNDS = 8
+"""Repetitions of the linear fit; the parameters rest after about five."""
+SPREAD = {"copper": 0.15, "switching": 0.15, "iron": 0.5}
+"""How far joints differ from their common value, as a share of it: one standard deviation, by experience with motors
+of one family. The common values themselves are free."""
+RETURNED = (0.5, 0.5)
+"""What is believed of ``returned`` before measuring: mean and one standard deviation."""
+SHARPEST = 0.05
+"""W: no run counts as measured better than this, since no model of a drive is."""
+NEIGHBOURS = 10.0
+"""What the model misses is alike in so many neighbouring values, and again in each repetition."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known before the analyzer's power in motion is looked at: mean and one standard deviation each."""
+
+    fixed: tuple[float, float]
+    """W, from the readings at rest."""
+    torque: Float
+    """(n,) what the robot's torque is to be multiplied by …"""
+    torque_uncertainty: Float
+    """(n,) … and how well that is known."""
+    noise: float
+    """W, of one value of the analyzer."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One run, prepared: features at the robot's rate and their running integrals come from here."""
+
+    run: Recorded
+    feature: Float
+    """(N, 4 n) W, see ``features``."""
+    offset: Offset
+    repetitions: int
+
+
+@dataclass(frozen=True)
+class Identified:
+    """An arm's drive with its uncertainty, and what the fit left of each run."""
+
+    drive: Drive
+    covariance: Float
+    """(2 + 4 n, 2 + 4 n) of fixed, weights and returned."""
+    observed: tuple[Observed, ...]
+    scatter: tuple[float, ...]
+    """W, what a measured value of each run counted for in the fit."""
+
+    def drawn(self, generator: np.random.Generator, count: int) -> list[Drive]:
+        """Parameters as they may be, within their uncertainty."""
+        root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(self.covariance)))
+        centre = _vector(self.drive)
+        return [_drive(centre + root @ generator.standard_normal(len(centre))) for _ in range(count)]
+
+
+def begin(arm: Arm, fixed: float) -> Drive:
+    """What the description alone says: the first guess."""
+    n = arm.joints
+    return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), RETURNED[0])
+
+
+def observe(arm: Arm, runs: Sequence[Recorded], repetitions: Sequence[int], drive: Drive) -> list[Observed]:
+    """Features and first offsets of all runs, of so many repetitions each.
+
+    Raises ``RecordingError`` where power does not follow the motion.
+    """
+    out = []
+    for run, count in zip(runs, repetitions, strict=True):
+        feature = motion_features(arm, run.motion)
+        out.append(Observed(run, feature, align(run.reading, modelled(run, feature, drive)), count))
+    return out
+
+
+def modelled(run: Recorded, feature: Float, drive: Drive) -> Accumulated:
+    """Running integral of the supply power that a drive would take."""
+    motion = run.motion
+    return Accumulated(float(motion.time[0]), motion.step, supply_power(drive, bus_power(drive, feature)))
+
+
+def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Identified:
+    """Fit the drive to all runs, each run weighted by how well the model explains it."""
+    runs = list(observed)
+    scatter = [1.0] * len(runs)
+    covariance = np.zeros((0, 0))
+    for _ in range(ROUNDS):
+        tables = [_equations(one, drive) for one in runs]
+        drive, covariance = _solve(tables, scatter, drive, belief)
+        runs = [replace(one, offset=_realigned(one, drive)) for one in runs]
+        scatter = [_weighed(one, drive, belief.noise) for one in runs]
+    return Identified(drive, covariance, tuple(runs), tuple(scatter))
+
+
+def residual(one: Observed, drive: Drive) -> tuple[NDArray[np.bool_], Float]:
+    """Which values of the analyzer are within the robot's recording, and measured less modelled power of those, W."""
+    model = modelled(one.run, one.feature, drive)
+    used = inside(one.run.reading, one.offset.seconds, model)
+    start, end = (edge[used] for edge in windows(one.run.reading, one.offset.seconds))
+    return used, one.run.reading.power[used] - model.between(start, end) / one.run.reading.step
+
+
+def _realigned(one: Observed, drive: Drive) -> Offset:
+    return refine(one.run.reading, modelled(one.run, one.feature, drive), one.offset.seconds)
+
+
+def _weighed(one: Observed, drive: Drive, noise: float) -> float:
+    """W, what one value counts for: noise averages out over values, what the model misses does so less."""
+    square = float(np.mean(residual(one, drive)[1] ** 2))
+    missed = max(square - noise**2, 0.0) * NEIGHBOURS * one.repetitions
+    return max(SHARPEST, float(np.sqrt(min(noise**2, square) + missed)))
+
+
+def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
+    """Design (M, 2 + 4 n) and measured power (M,): columns fixed, weights, returned."""
+    bus = bus_power(drive, one.feature)
+    share = np.where(bus > 0, 1.0, drive.returned)[:, None]
+    columns = np.hstack([np.ones((len(bus), 1)), one.feature * share, np.minimum(bus, 0.0)[:, None]])
+    motion, reading = one.run.motion, one.run.reading
+    sums = Accumulated(float(motion.time[0]), motion.step, columns)
+    used = inside(reading, one.offset.seconds, sums)
+    start, end = (edge[used] for edge in windows(reading, one.offset.seconds))
+    design = sums.between(start, end) / reading.step
+    # Linear about the present value of ``returned``, whose column is how power changes with it.
+    return design, reading.power[used] + drive.returned * design[:, -1]
+
+
+def _solve(
+    tables: Sequence[tuple[Float, Float]], scatter: Sequence[float], drive: Drive, belief: Belief
+) -> tuple[Drive, Float]:
+    prior_design, prior_value = _prior(drive, belief)
+    design = np.vstack([*(d / s for (d, _), s in zip(tables, scatter, strict=True)), prior_design])
+    value = np.concatenate([*(v / s for (_, v), s in zip(tables, scatter, strict=True)), prior_value])
+    n = len(drive.torque)
+    lower = np.concatenate([[0.0], np.full(n, 0.2), np.zeros((KINDS - 1) * n + 1)])
+    upper = np.concatenate([np.full(1 + KINDS * n, np.inf), [1.0]])
+    scale = np.linalg.norm(design, axis=0)
+    solved = lsq_linear(design / scale, value, (lower * scale, upper * scale), method="bvls")
+    information = (design / scale).T @ (design / scale)
+    covariance = np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
+    return _drive(solved.x / scale), covariance
+
+
+def _prior(drive: Drive, belief: Belief) -> tuple[Float, Float]:
+    """Rows that say what is believed beforehand: torque, likeness of the joints, fixed power, ``returned``."""
+    n = len(drive.torque)
+    rows = np.zeros((KINDS * n + 2, 2 + KINDS * n))
+    value = np.zeros(len(rows))
+    rows[:n, 1 : 1 + n] = np.diag(1 / belief.torque_uncertainty)
+    value[:n] = belief.torque / belief.torque_uncertainty
+    apart = np.eye(n) - 1.0 / n
+    for kind, (name, share) in enumerate(SPREAD.items(), start=1):
+        common = max(float(np.mean(getattr(drive, name))), 0.05)
+        place = slice(kind * n, (kind + 1) * n)
+        rows[place, 1 + kind * n : 1 + (kind + 1) * n] = apart / (share * common)
+    rows[-2, 0], value[-2] = 1 / belief.fixed[1], belief.fixed[0] / belief.fixed[1]
+    rows[-1, -1], value[-1] = 1 / RETURNED[1], RETURNED[0] / RETURNED[1]
+    return rows, value
+
+
+def _vector(drive: Drive) -> Float:
+    return np.concatenate([[drive.fixed], drive.weights(), [drive.returned]])
+
+
+def _drive(vector: Float) -> Drive:
+    torque, copper, switching, iron = vector[1:-1].reshape(KINDS, -1)
+    return Drive(float(vector[0]), torque, copper, switching, iron, float(np.clip(vector[-1], 0.0, 1.0)))

@@ -1,0 +1,178 @@
+"""Where each repetition of a closed path begins and ends, from the encoders alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.energy.recordings import Motion
+
+Float = NDArray[np.float64]
+
+SHORTEST_REST = 0.3
+"""s: staying at the start pose for so long is a rest between repetitions."""
+STILL = 0.1
+"""s in which an arm at rest does not leave the noise."""
+MOST = 20
+"""Places of rest that are looked at: corners, where a slow arm hardly moves, are among them."""
+FEWEST = 4
+"""Samples of the beginning motion that a law is fitted to, at least."""
+REACHES = (100.0, 300.0, 1000.0)
+"""How far the motion is followed, in noise of the encoder, until there are so many samples."""
+LAWS = (2, 3, 4)
+"""Displacement grows with this power of time: limited in acceleration, jerk or snap."""
+AS_GOOD = 1.3
+"""A law whose misfit is within this factor of the best, or of the noise, is as good."""
+SAME_LENGTH = 0.02
+"""Repetitions whose length differs by a larger share from the median were interrupted."""
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """One way round the path, robot's clock."""
+
+    start: float
+    """s."""
+    end: float
+    """s."""
+    uncertainty: float
+    """s, of its length."""
+
+    @property
+    def seconds(self) -> float:
+        """Its length."""
+        return self.end - self.start
+
+
+def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:
+    """Complete repetitions, and a sentence on each one left out. Raises ``RecordingError`` where there is none.
+
+    The start pose is where the arm rests for the longest in all. What begins or ends away from it, or
+    takes longer or shorter than the others, was cut or interrupted and is left out.
+    """
+    noise = encoder_noise(motion.position)
+    stays = _stays(motion, noise)
+    if len(stays) < 2:
+        raise RecordingError(
+            f"{motion.place}: no complete repetition: the arm does not come back to rest where it began; "
+            f"record from rest to rest, with {SHORTEST_REST} s or more at the start pose"
+        )
+    found = [_between(motion, before, after, noise) for before, after in pairwise(stays)]
+    usual = float(np.median([repetition.seconds for repetition in found]))
+    notes = []
+    if stays[0][0] > 1 or stays[-1][1] < len(motion.time) - 1:
+        notes.append("the recording begins or ends in motion; what is not from rest to rest is left out")
+    kept = [r for r in found if abs(r.seconds - usual) <= SAME_LENGTH * usual + 2 * r.uncertainty]
+    notes += [
+        f"the repetition at t = {r.start:.1f} s took {r.seconds:.2f} s instead of {usual:.2f} s: left out"
+        for r in found
+        if r not in kept
+    ]
+    return kept, notes
+
+
+def encoder_noise(position: Float) -> float:
+    """Noise of the encoders (one standard deviation, rad) from third differences, in which slow motion cancels."""
+    third = np.diff(position, n=3, axis=0)
+    scale = np.median(np.abs(third), axis=0) / (0.6745 * np.sqrt(20.0))
+    return max(float(np.median(scale)), 1e-7)
+
+
+def _stays(motion: Motion, noise: float) -> list[tuple[int, int]]:
+    """First and last sample (exclusive) of each rest at the start pose: where the arm is for the longest in all."""
+    lag = max(1, round(STILL / motion.step))
+    moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
+    spans = sorted(_spans(moved < 8 * noise), key=lambda span: span[0] - span[1])[:MOST]
+    least = round(SHORTEST_REST / motion.step)
+    best: list[tuple[int, int]] = []
+    for a, b in spans:
+        pose = np.median(motion.position[a : b + lag], axis=0)
+        at = np.all(np.abs(motion.position - pose) < 6 * noise, axis=1)
+        stays = [(c, d) for c, d in _spans(at | _gaps(at, 3)) if d - c >= least]
+        best = max(best, stays, key=_length)
+    return best
+
+
+def _length(spans: list[tuple[int, int]]) -> int:
+    return sum(b - a for a, b in spans)
+
+
+def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+    """True where at most ``longest`` samples in a row are false between true ones: single noisy samples."""
+    out = np.zeros_like(flags)
+    for a, b in _spans(~flags):
+        out[a:b] = b - a <= longest and a > 0 and b < len(flags)
+    return out
+
+
+def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _between(motion: Motion, before: tuple[int, int], after: tuple[int, int], noise: float) -> Repetition:
+    """The repetition between two rests; the same onset fit forwards and backwards in time."""
+    middle = (before[1] + after[0]) // 2
+    first = max(before[0], before[1] - round(1.0 / motion.step))
+    last = min(after[1], after[0] + round(1.0 / motion.step))
+    speed_noise = encoder_noise(motion.velocity)
+    there, back = slice(first, middle), slice(middle, last)
+    start, e0 = onset(motion.time[there], motion.position[there], motion.velocity[there], (noise, speed_noise))
+    backwards = (motion.position[back][::-1], -motion.velocity[back][::-1])
+    end, e1 = onset(-motion.time[back][::-1], *backwards, (noise, speed_noise))
+    return Repetition(start, -end, float(np.hypot(e0, e1)))
+
+
+def onset(time: Float, position: Float, velocity: Float, noise: tuple[float, float]) -> tuple[float, float]:
+    """When a motion that begins from rest began, and the uncertainty, s.
+
+    Displacement and velocity (N, n) along the first direction of motion are fitted by c (t − t₀)^m and its derivative;
+    ``noise`` is theirs, rad and rad/s. The law m of the drive is unknown and the first moments are below the noise:
+    the mean over the laws that fit as well as the best.
+    """
+    rest = max(4, len(time) // 50)
+    direction = _direction(position - np.median(position[:rest], axis=0), noise[0])
+    s = (position - np.median(position[:rest], axis=0)) @ direction
+    quiet = int(np.argmax(s > 5 * noise[0]))
+    reached = [int(np.argmax(s > reach * noise[0])) for reach in REACHES]
+    begun = next((i for i in reached if i - quiet >= FEWEST), max(reached[-1], quiet + 1))
+    step = float(time[1] - time[0])
+    window = slice(max(0, quiet - round(1.0 / step)), begun + 1)
+    seen = (time[window], s[window], (velocity @ direction)[window])
+    fits = [_fit(*seen, m, float(time[quiet]), noise[0] / noise[1]) for m in LAWS]
+    best = max(min(misfit for misfit, _ in fits), noise[0] ** 2)
+    good = [t0 for misfit, t0 in fits if misfit <= AS_GOOD * best]
+    return float(np.mean(good)), max(float(np.ptp(good)) / 2, step / np.sqrt(12))
+
+
+def _direction(moved: Float, noise: float) -> Float:
+    """Unit vector along which the arm first moves."""
+    size = np.linalg.norm(moved, axis=1)
+    reach = int(np.argmax(size > min(300 * noise, 0.5 * float(size.max()))))
+    return np.asarray(moved[reach] / max(float(size[reach]), 1e-12))
+
+
+def _fit(time: Float, s: Float, v: Float, power: int, seen: float, weight: float) -> tuple[float, float]:
+    """Least mean square misfit of c (t − t₀)^power to displacement and, weighted, to velocity; and its t₀."""
+    step = float(time[1] - time[0])
+    spread = max(float(time[-1]) - seen, step)
+    starts = np.arange(seen - 1.5 * spread - 0.1, seen + step, min(step / 4, spread / 40))
+    since = np.maximum(time[None, :] - starts[:, None], 0.0)
+    first, second = (
+        np.hstack([since**m, weight * m * since ** (m - 1)]) / max(float(time[-1] - starts[0]), step) ** m
+        for m in (power, power + 1)
+    )
+    y = np.concatenate([s, weight * v])
+    # The law bends as the leg goes on: the next power takes that up; normal equations of both.
+    a, b, d = (first * first).sum(axis=1), (first * second).sum(axis=1), (second * second).sum(axis=1)
+    f, g = first @ y, second @ y
+    determinant = np.maximum(a * d - b * b, 1e-12 * np.maximum(a * d, 1e-300))
+    c, e = (d * f - b * g) / determinant, (a * g - b * f) / determinant
+    misfit = np.mean((y[None, :] - c[:, None] * first - e[:, None] * second) ** 2, axis=1)
+    misfit[c <= 0] = np.inf
+    best = int(np.argmin(misfit))
+    return float(misfit[best]), float(starts[best])

@@ -1,0 +1,77 @@
+"""Tables II and III of seed 003 as HTML, and what was identified of the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from cellwatt_plugins.energy.findings import Findings, Fixed, RunEnergy
+
+
+def fixed_table(robot: str, fixed: Fixed) -> str:
+    """Table II: power drawn whatever the robot does."""
+    cells = [
+        (fixed.controller, fixed.controller_uncertainty),
+        (fixed.robot_electronics, fixed.robot_electronics_uncertainty),
+        (fixed.electronics, fixed.robot_electronics_uncertainty),
+        (fixed.brakes, fixed.brakes_uncertainty),
+    ]
+    head = ["Robot", "P<sub>RC</sub> controller", "P<sub>RE</sub> robot", "P<sub>E</sub> both", "P<sub>MB</sub> brakes"]
+    row = [escape(robot), *(f"{value:.2f} ± {unsure:.2f} W" for value, unsure in cells)]
+    return table(head, [row])
+
+
+def run_table(runs: Sequence[RunEnergy]) -> str:
+    """Table III: energies of a repetition in J and in percent of the total."""
+    head = ["Run", "Time s", "E<sub>R</sub> J", "E<sub>E</sub>", "E<sub>MB</sub>", "L<sub>M</sub>", "L<sub>E</sub>*"]
+    head += ["L<sub>E</sub>", "E<sub>RB</sub>", "at most", "E<sub>M+</sub>", "ε<sub>M+</sub> %"]
+    return table(head, [_row(run) for run in runs])
+
+
+def _row(run: RunEnergy) -> list[str]:
+    def both(name: str) -> str:
+        value, unsure = getattr(run, name), run.uncertainty.get(name)
+        if value is None:
+            return "<span class=quiet>not told</span>"
+        share = f"<small>{100 * value / run.total:.1f} %</small>"
+        return f"{value:.1f}<small> ± {unsure or 0.0:.1f}</small><br>{share}"
+
+    names = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration")
+    return [
+        f"{run.speed_mm_s:g} mm/s, {run.payload_kg:g} kg<br><small>{run.repetitions} repetitions</small>",
+        f"{run.seconds:.2f}",
+        f"{run.total:.1f}<small> ± {run.uncertainty.get('total') or 0.0:.1f}</small>",
+        *(both(name) for name in (*names, "electrical_losses", "regeneration")),
+        f"{run.regeneration_upper_bound:.1f}",
+        f"{run.positive_mechanical:.1f}",
+        f"{run.motion_efficiency_percent:.1f}",
+    ]
+
+
+def payload_table(findings: Findings) -> str:
+    """ε_P (eq. 21) by speed."""
+    efficiency = findings.payload_efficiency_percent
+    return table([f"{speed} mm/s" for speed in efficiency], [[f"{value:.1f} %" for value in efficiency.values()]])
+
+
+def joint_table(findings: Findings) -> str:
+    """What was identified of each joint's drive and friction."""
+    head = ["Joint", "torque as given", "R Ω", "switching W/A", "iron W s²/rad²"]
+    head += ["f<sub>v</sub> Nm s/rad", "f<sub>c</sub> Nm", "f<sub>o</sub> Nm", "f<sub>w</sub> Nm s²/rad²"]
+    rows = [
+        [
+            escape(drive.joint),
+            f"× {drive.torque_gain:.3f}<small> ± {drive.torque_gain_uncertainty:.3f}</small>",
+            *(f"{v:.3f}" for v in (drive.winding_resistance, drive.switching, drive.iron)),
+            *(f"{v:.2f}" for v in (friction.viscous, friction.coulomb, friction.offset, friction.windage)),
+        ]
+        for drive, friction in zip(findings.drives, findings.friction, strict=True)
+    ]
+    return table(head, rows)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """An HTML table of cells that are HTML already."""
+    top = "".join(f"<th>{cell}</th>" for cell in head)
+    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<div class=wide><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>"

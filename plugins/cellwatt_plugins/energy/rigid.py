@@ -1,0 +1,146 @@
+"""Torque against the rigid body: factors on the torque, and friction joint by joint (eqs 6, 7 of seed 003).
+
+For each joint, h τ = Y(q, θ̇, θ̈) (π₀ + δ) + J θ̈ + friction(θ̇): linear in the factor h, in the deviations δ of the
+links from the URDF, in the rotor inertia and in friction. The payload's mass is known, so that the difference between
+loaded and unloaded runs fixes h where inertias alone would leave it within their tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.signal import savgol_filter
+
+from cellwatt_plugins.energy.arm import Arm
+from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+SAMPLES = 250
+"""Samples taken of each run: more say little more and cost time."""
+WINDOW = (7, 41)
+"""Shortest and longest smoothing, samples."""
+MISSED = 0.01
+"""Share of the torque that rigid bodies and friction (7) do not explain, as the first guess."""
+LEAST = 0.003
+"""Share of the arm's largest torque: no joint's torque is explained better."""
+ALIKE = 10.0
+"""So many neighbouring samples share what the model misses, and count as one."""
+ROUNDS = 4
+"""Fits, each weighted by what the one before missed."""
+REACH = 0.3
+"""m: scale of a link's size, for what 1 % of a first moment is …"""
+TOOL = 0.1
+"""… and of how far the payload's centre may be from the flange."""
+FRICTION = 4
+"""Parameters a joint: viscous, Coulomb, offset, windage."""
+TURN = 0.02
+"""rad/s: Coulomb friction turns over within this velocity."""
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """Factors and friction of each joint, (n,) and (n, 4)."""
+
+    torque: Float
+    """h: what the given torque is to be multiplied by."""
+    uncertainty: Float
+    friction: Float
+    """Viscous Nm s/rad, Coulomb Nm, offset Nm, windage Nm s²/rad²."""
+
+
+@dataclass(frozen=True)
+class _Samples:
+    position: Float
+    velocity: Float
+    acceleration: Float
+    torque: Float
+    payload: Float
+
+
+def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: Float) -> RigidFit:
+    """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before."""
+    samples = _gather(runs)
+    design, value = _equations(arm, samples)
+    n = arm.joints
+    sigma, mean = _priors(arm, float(samples.payload.max()), expected, uncertainty)
+    largest = np.abs(samples.torque).max(axis=0)
+    least = LEAST * float(largest.max())
+    missed = np.tile(MISSED * largest + least, (len(samples.position), 1))
+    for _ in range(ROUNDS):
+        weight = 1.0 / (missed.reshape(-1) * np.sqrt(ALIKE))
+        whole = np.vstack([design * sigma * weight[:, None], np.eye(len(sigma))])
+        right = np.concatenate([(value - design @ mean) * weight, np.zeros(len(sigma))])
+        covariance = np.linalg.inv(whole.T @ whole)
+        found = mean + sigma * (covariance @ (whole.T @ right))
+        missed = _missed((value - design @ found).reshape(-1, n)) + least
+    spread = sigma * np.sqrt(np.diag(covariance))
+    lower = np.full(len(sigma), -np.inf)
+    # Friction takes energy: all but the offset only ever brakes.
+    lower[-FRICTION * n :].reshape(FRICTION, n)[[0, 1, 3]] = 0.0
+    bounded = mean + sigma * lsq_linear(whole, right, (lower, np.inf), method="bvls").x
+    return RigidFit(found[:n], spread[:n], bounded[-FRICTION * n :].reshape(FRICTION, n).T)
+
+
+def _missed(residual: Float) -> Float:
+    """How far each joint's torque is missed in each run, (N, n) Nm: fast runs are smoothed the most."""
+    runs = residual.reshape(-1, SAMPLES, residual.shape[1])
+    return np.asarray(np.repeat(np.sqrt(np.mean(runs**2, axis=1)), SAMPLES, axis=0))
+
+
+def _gather(runs: Sequence[Recorded]) -> _Samples:
+    parts: list[tuple[Float, Float, Float, Float, Float]] = []
+    for run in runs:
+        motion = run.motion
+        moving = np.flatnonzero(np.abs(motion.velocity).max(axis=1) > TURN / 2)
+        if len(moving) < SAMPLES:
+            continue
+        window = int(np.clip(len(moving) // 200, *WINDOW)) | 1
+        chosen = moving[np.linspace(0, len(moving) - 1, SAMPLES).astype(int)]
+        smooth = [
+            savgol_filter(s, window, 3, axis=0)[chosen] for s in (motion.position, motion.velocity, motion.torque)
+        ]
+        acceleration = savgol_filter(motion.velocity, window, 3, deriv=1, delta=motion.step, axis=0)[chosen]
+        parts.append((smooth[0], smooth[1], acceleration, smooth[2], np.full(len(chosen), run.payload)))
+    return _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _equations(arm: Arm, samples: _Samples) -> tuple[Float, Float]:
+    """Design (N n, columns) and value (N n,): h | links | rotor | payload's centre and shape | friction."""
+    n, count = arm.joints, len(samples.position)
+    regressor = arm.body.regressor(samples.position, samples.velocity, samples.acceleration)
+    last = regressor[:, :, -PER_LINK:]
+    known = regressor @ arm.body.parameters() + arm.column("rotor_inertia") * samples.acceleration
+    known = known + last[:, :, 0] * samples.payload[:, None]
+    velocity = samples.velocity
+    own = [velocity, np.tanh(velocity / TURN), np.ones_like(velocity), velocity * np.abs(velocity)]
+    loaded = (samples.payload > 0).astype(np.float64)[:, None, None]
+    columns = [-_diagonal(samples.torque), regressor, _diagonal(samples.acceleration), last[:, :, 1:] * loaded]
+    design = np.concatenate([*columns, *(_diagonal(f) for f in own)], axis=2)
+    return design.reshape(count * n, -1), -known.reshape(count * n)
+
+
+def _diagonal(values: Float) -> Float:
+    """(N, n) → (N, n, n): each joint's own column."""
+    return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
+
+
+def _priors(arm: Arm, payload: float, expected: Float, uncertainty: Float) -> tuple[Float, Float]:
+    """One standard deviation and mean of every unknown."""
+    n = arm.joints
+    tolerance = arm.description.tolerances
+    links = arm.body.parameters().reshape(n, PER_LINK)
+    mass = np.maximum(np.abs(links[:, :1]), 1e-2)
+    size = np.hstack([mass, np.repeat(mass * REACH, 3, axis=1), np.abs(links[:, 4:]) + 0.1 * mass * REACH**2])
+    rotor = tolerance.rotor_inertia * np.maximum(arm.column("rotor_inertia"), 1e-3)
+    friction = np.repeat([10.0, 10.0, 1.0, 0.5], n)
+    shape = max(payload, 1e-3) * np.array([TOOL] * 3 + [TOOL**2] * 6)
+    sigma = np.concatenate([uncertainty, tolerance.link * size.reshape(-1), rotor, shape, friction])
+    mean = np.zeros_like(sigma)
+    mean[:n] = expected
+    return sigma, mean

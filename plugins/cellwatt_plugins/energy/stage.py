@@ -1,0 +1,219 @@
+"""The live side of energy: frames and tasks in, the split of every task and advice out.
+
+Pinocchio and scipy are imported where a stage is made, not where its settings are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.frames import Frames, Layout
+from cellwatt.quantity import Seconds
+from cellwatt.results import Alarm, Interval, Prediction, Result, Task
+from cellwatt.stage import CellInfo, Stage, StageSettings
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.energy.balance import Stretch, TaskEnergy
+
+Float = NDArray[np.float64]
+
+LONGEST = 600 * 10**9
+"""ns of frames that are kept: a longer task is not split."""
+REST = 10**9
+"""ns: a rest that is shorter says nothing of the electronics."""
+FOLLOW = 0.2
+"""How far a rest moves the level of the electronics towards what it shows."""
+MISSING = 0.02
+"""Share of a task's frames that may be missing; they are filled in between."""
+TOLD_AT = 3
+"""Repetitions of a task after which advice is given, once."""
+ODD = 3.0
+"""Standard deviations by which a task's energy may be in no group …"""
+CONFIRM = 3
+"""… and so many tasks in a row before it is told."""
+UNITS = {"motion_efficiency_percent": "%"}
+
+
+class EnergySettings(StageSettings):
+    """Splits the energy of every task by consumer, with what ``cellwatt disaggregate`` found of the arm."""
+
+    robot: Path
+    """robot.yaml, or its folder; relative to the cell's file."""
+    balance: Path
+    """energy.json of ``cellwatt disaggregate``; relative to the cell's file."""
+    arm: str | None = None
+    """Source with the joints; may be left out where only one has joints."""
+    power: str = "supply.power"
+    """Channel of the power that the whole robot draws."""
+    parts: float = Field(default=1.0, gt=0)
+    """Parts that one task makes: energy per part is told too."""
+    brake_time: Seconds = Field(default=2.0, ge=0)
+    """Time lost with putting brakes on and off, for the advice to park with brakes on."""
+
+
+class EnergyStage(Stage[EnergySettings]):
+    """Gives a ``Prediction`` a task, with its groups in J, and alarms ``energy_balance`` and ``energy_advice``."""
+
+    Settings = EnergySettings
+    title = "where the energy of every task goes, and what would save some"
+    needs = ("segment",)
+
+    def __init__(self, name: str, settings: EnergySettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        from cellwatt_plugins.energy.arm import load_arm
+        from cellwatt_plugins.energy.known import load_known
+
+        self._arm = load_arm(cell.folder / settings.robot)
+        self._known = load_known(cell.folder / settings.balance, self._arm)
+        if cell.robot and cell.robot != self._known.robot:
+            raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {cell.robot}")
+        self._columns = self._find(layout)
+        self._source = layout.channels[self._columns[0]].source
+        self._time = np.empty(0, np.int64)
+        self._values = np.empty((0, len(self._columns)))
+        self._sequence = 0
+        self._drift, self._unsure = 0.0, self._known.electronics_uncertainty
+        self._last: dict[str, Task] = {}
+        self._odd: dict[str, int] = {}
+
+    def _find(self, layout: Layout) -> list[int]:
+        """Columns of positions, velocities, torques and power. Raises ``ConfigError``."""
+        columns: list[int] = []
+        for quantity in ("position", "velocity", "torque"):
+            found = layout.joints(quantity, self.settings.arm)
+            if len(found) != self._arm.joints:
+                raise ConfigError(
+                    f"stage {self.name!r}: {len(found)} channels joint_….{quantity}, "
+                    f"the robot has {self._arm.joints} joints"
+                )
+            columns += found
+        power = layout.index(self.settings.power)
+        if layout.channels[power].unit != "W":
+            channel = layout.channels[power]
+            raise ConfigError(f"stage {self.name!r}: power channel {channel.name} is in {channel.unit}, expected W")
+        return [*columns, power]
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """The split of tasks that ended, and alarms that changed."""
+        if len(frames):
+            self._time = np.concatenate([self._time, frames.time])
+            self._values = np.vstack([self._values, frames.values[:, self._columns]])
+            self._sequence = frames.sequence + len(frames)
+            keep = self._time > self._time[-1] - LONGEST
+            self._time, self._values = self._time[keep], self._values[keep]
+        out: list[Result] = []
+        for result in upstream:
+            if isinstance(result, Interval) and result.source == self._source:
+                self._follow(result)
+            elif isinstance(result, Task) and result.source == self._source:
+                out += self._split(result)
+        return out
+
+    def _stretch(self, start: int, end: int) -> Stretch | None:
+        """Frames of some time (ns), or nothing where too many are missing."""
+        from cellwatt_plugins.energy.balance import Stretch
+
+        first, last = np.searchsorted(self._time, [start, end])
+        values = self._values[first:last]
+        expected = (end - start) // self.layout.step
+        whole = np.isfinite(values).all(axis=1)
+        if expected < 3 or whole.sum() < (1 - MISSING) * expected:
+            return None
+        grid = np.arange(start, end, self.layout.step)
+        times = self._time[first:last][whole]
+        filled = np.stack([np.interp(grid, times, column) for column in values[whole].T], axis=1)
+        n = self._arm.joints
+        step = self.layout.step * 1e-9
+        return Stretch(step, filled[:, :n], filled[:, n : 2 * n], filled[:, 2 * n : 3 * n], filled[:, -1])
+
+    def _follow(self, interval: Interval) -> None:
+        """A rest with brakes released says what the electronics draw now."""
+        if interval.moving or not interval.closed or interval.end - interval.start < REST:
+            return
+        stretch = self._stretch(interval.start, interval.end)
+        if stretch is None:
+            return
+        from cellwatt_plugins.energy.balance import resting_power
+
+        hold = resting_power(self._arm, self._known, stretch.torque.mean(axis=0))
+        seen = float(stretch.power.mean()) - self._known.drive.fixed - hold
+        if self._known.brakes and seen < -0.5 * self._known.brakes:
+            return  # its brakes are on
+        self._unsure = float(np.hypot((1 - FOLLOW) * self._unsure, FOLLOW * abs(seen - self._drift)))
+        self._drift += FOLLOW * (seen - self._drift)
+
+    def _split(self, task: Task) -> list[Result]:
+        from cellwatt_plugins.energy.balance import task_energy
+
+        before = self._last.get(task.name)
+        self._last[task.name] = task
+        stretch = self._stretch(task.start, task.end)
+        if stretch is None:
+            return []
+        energy = task_energy(self._arm, self._known, stretch, self._drift, self._unsure)
+        out: list[Result] = [self._told(task, energy), *self._balance(task, energy)]
+        if task.repetition == TOLD_AT and before is not None:
+            out += self._advice(task, before, stretch)
+        return out
+
+    def _told(self, task: Task, energy: TaskEnergy) -> Prediction:
+        groups = energy.groups() | {"total_per_part": energy.total / self.settings.parts}
+        behind = int(np.searchsorted(self._time[::-1] * -1, -task.end))
+        return Prediction(
+            model=f"{self.name}_{task.name}",
+            sequence=max(0, self._sequence - 1 - behind),
+            time=(task.end,),
+            outputs={group: (value,) for group, value in groups.items()},
+            units={group: UNITS.get(group, "J") for group in groups},
+        )
+
+    def _balance(self, task: Task, energy: TaskEnergy) -> list[Result]:
+        """Raise or clear ``energy_balance``: energy that is in no group."""
+        odd = abs(energy.unexplained) > ODD * energy.uncertainty
+        count = self._odd.get(task.name, 0)
+        self._odd[task.name] = count + 1 if odd else 0
+        if (odd and count + 1 != CONFIRM) or (not odd and count < CONFIRM):
+            return []
+        share = 100 * energy.unexplained / energy.total
+        said = f"{share:+.1f} % of its energy is in no group" if odd else "its energy is in the groups again"
+        evidence = {"unexplained_J": energy.unexplained, "uncertainty_J": energy.uncertainty, "total_J": energy.total}
+        return [self._alarm("energy_balance", "warning", odd, task, f"{task.name}: {said}", evidence)]
+
+    def _advice(self, task: Task, before: Task, stretch: Stretch) -> list[Result]:
+        from cellwatt_plugins.energy.advice import Cycle, advise
+
+        waiting = max(0.0, (task.start - before.end) * 1e-9)
+        found = advise(self._arm, self._known, Cycle(stretch, waiting), self.settings.brake_time)
+        return [
+            self._alarm(
+                f"energy_advice_{advice.kind}",
+                "info",
+                True,
+                task,
+                f"{task.name}: {advice.statement} (±{advice.uncertainty:.0f} J)",
+                {"saving_J": advice.saving, "uncertainty_J": advice.uncertainty},
+            )
+            for advice in found
+        ]
+
+    def _alarm(
+        self, kind: str, severity: str, active: bool, task: Task, text: str, evidence: dict[str, float]
+    ) -> Alarm:
+        return Alarm(
+            id=f"{self.name}/{kind}/{task.name}",
+            kind=kind,
+            severity="warning" if severity == "warning" else "info",
+            active=active,
+            since=task.start,
+            time=task.end,
+            statement=text,
+            source=self._source,
+            evidence=evidence,
+        )

@@ -1,0 +1,93 @@
+"""Supply power of an arm from its motion: rigid bodies, rotors, friction, windings, supply.
+
+Torque of joint j:  τ = Y(q, q̇, q̈) π + J q̈ + (F_c tanh(q̇ / 0.004) + F_v q̇)
+Power:              P = P_0 + g D,  D = Σ_j (q̇_j τ_j + c_j τ_j²),  g one number for D > 0 and one for D < 0
+(seed 002, equations (1) and (13) without the absolute value: what a drive gives back lowers the supply's power.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import SIGN_WIDTH, column
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Positions, velocities and accelerations (N, n) in rad and s."""
+
+    q: Float
+    qd: Float
+    qdd: Float
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """``link`` (10 n,) inertial; ``rotor``, ``coulomb``, ``viscous`` (n,); ``copper`` (n,) W/Nm²; supply ``standby`` W
+    and gains ``drive`` and ``regenerate``."""
+
+    link: Float
+    rotor: Float
+    coulomb: Float
+    viscous: Float
+    copper: Float
+    standby: float
+    drive: float
+    regenerate: float
+
+    def packed(self) -> Float:
+        """All of them in one array."""
+        tail = [self.standby, self.drive, self.regenerate]
+        return np.concatenate([self.link, self.rotor, self.coulomb, self.viscous, self.copper, tail])
+
+    @classmethod
+    def unpacked(cls, values: Float, joints: int) -> Parameters:
+        """The inverse of ``packed``."""
+        cuts = np.cumsum([10 * joints, joints, joints, joints, joints])
+        link, rotor, coulomb, viscous, copper, tail = np.split(values, cuts)
+        return cls(link, rotor, coulomb, viscous, copper, float(tail[0]), float(tail[1]), float(tail[2]))
+
+
+def nominal(robot: RobotDescription, body: RigidBody) -> Parameters:
+    """What the description says."""
+    constant = column(robot, "torque_constant")
+    copper = np.divide(
+        column(robot, "winding_resistance"), constant**2, out=np.zeros_like(constant), where=constant > 0
+    )
+    return Parameters(
+        link=body.parameters(),
+        rotor=column(robot, "rotor_inertia"),
+        coulomb=column(robot, "coulomb_friction"),
+        viscous=column(robot, "viscous_friction"),
+        copper=copper,
+        standby=robot.standby_power,
+        drive=1.0,
+        regenerate=1.0,
+    )
+
+
+def friction(parameters: Parameters, qd: Float) -> Float:
+    """Friction torque (N, n) Nm."""
+    return np.asarray(parameters.coulomb * np.tanh(qd / SIGN_WIDTH) + parameters.viscous * qd)
+
+
+def torque(parameters: Parameters, regressor: Float, motion: Motion) -> Float:
+    """Motor torques (N, n) Nm at the joint side."""
+    return np.asarray(regressor @ parameters.link + parameters.rotor * motion.qdd + friction(parameters, motion.qd))
+
+
+def drive_power(parameters: Parameters, torque_: Float, qd: Float) -> Float:
+    """What the drives take, (N, n) W, copper loss included."""
+    return np.asarray(qd * torque_ + parameters.copper * torque_**2)
+
+
+def supply_power(parameters: Parameters, drives: Float) -> Float:
+    """Power (N,) W at the supply of all drives' (N, n)."""
+    total = drives.sum(axis=1)
+    return np.asarray(parameters.standby + np.where(total > 0, parameters.drive, parameters.regenerate) * total)

@@ -1,0 +1,81 @@
+"""How each thing that may be wrong, or only different, shows in the supply's power.
+
+A torque Δτ more at joint j takes ΔP = g (q̇_j + 2 c_j τ_j) Δτ; a winding of (1 + a) times the resistance g c_j τ_j² a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.arm import Parameters, friction
+from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.load import Load
+from cellwatt_plugins.robot.law import SIGN_WIDTH
+
+Float = NDArray[np.float64]
+
+SPRING = 10.0
+"""A spring's torque over a radian, and where it is slack, relative to the joint's Coulomb friction (one sigma)."""
+PART = 0.3
+REACH = 0.06
+UNSURE = 0.03
+"""A part's mass, kg (one sigma), how far from the last link's frame it is, m, and how sure that is (one sigma)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """``columns`` (N, k) W for one sigma of each size; ``joint`` 0-based, None for a part in the gripper.
+
+    ``torque`` (N, k) Nm at the joint for one sigma, None where the effect is none of torque.
+    """
+
+    what: str
+    joint: int | None
+    columns: Float
+    torque: Float | None = None
+
+    @property
+    def harmless(self) -> bool:
+        """Whether it is no fault."""
+        return self.joint is None
+
+    def sensible(self, sizes: Float) -> bool:
+        """Whether the sizes have the sign that the thing must have."""
+        return self.harmless or bool(sizes[0] > 0)
+
+
+def joint_effects(arm: Arm, load: Load, joint: int) -> Iterator[Effect]:
+    """Faults of a joint that follows its path."""
+    p, qd, lever = arm.parameters, load.motion.qd[:, joint], load.lever[:, joint]
+    coulomb, viscous = p.coulomb[joint], p.viscous[joint]
+    direction = np.tanh(qd / SIGN_WIDTH)
+    extra = np.column_stack([direction * coulomb, viscous * qd])
+    yield Effect("friction", joint, lever[:, None] * extra, extra)
+    angle = load.motion.q[:, joint]
+    stiff = SPRING * max(coulomb, 1e-3)
+    pull = stiff * np.column_stack([angle - angle[0], np.ones(len(angle))])
+    yield Effect("spring", joint, lever[:, None] * pull, pull)
+    yield Effect("winding", joint, (load.gain * p.copper[joint] * load.torque[:, joint] ** 2)[:, None])
+
+
+def part_effects(arm: Arm, load: Load, inside: Float) -> Iterator[Effect]:
+    """A heavier or lighter part held from one move to another; ``inside`` (N, M + 1) 1 after each move's start."""
+    last = load.regressor[:, :, -10:]
+    centre = arm.parameters.link[-9:-6]
+    direction = centre / max(float(np.linalg.norm(centre)), 1e-9)
+    moment = np.einsum("ij,ijk,k->i", load.lever, last[:, :, 1:4], direction)
+    mass = PART * (np.einsum("ij,ij->i", load.lever, last[:, :, 0]) + REACH * moment)
+    place = PART * UNSURE * moment
+    for begin, end in combinations(range(inside.shape[1]), 2):
+        held = inside[:, begin] - inside[:, end]
+        yield Effect("part", None, np.column_stack([mass, place]) * held[:, None])
+
+
+def warm_up(parameters: Parameters, load: Load) -> Float:
+    """Power (N,) W of all friction, relative to a warm arm's."""
+    return np.asarray(np.sum(load.lever * friction(parameters, load.motion.qd), axis=1))

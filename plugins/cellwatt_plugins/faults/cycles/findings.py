@@ -1,0 +1,122 @@
+"""What is said of every cycle of a recording: the content of ``findings.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.examine import Verdict, examine
+from cellwatt_plugins.faults.cycles.known import Known
+from cellwatt_plugins.faults.cycles.match import Match, find_cycles
+from cellwatt_plugins.faults.cycles.pattern import Pattern
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import Run, find_runs
+from cellwatt_plugins.faults.cycles.strangers import new_tasks
+from cellwatt_plugins.faults.cycles.words import note_on, statement_on
+
+Float = NDArray[np.float64]
+
+Kind = Literal["joint", "encoder", "joint_and_encoder"]
+Status = Literal["healthy", "changed", "fault", "new_task"]
+
+OFF = 0.3
+"""An encoder is off in moves in which its deviation exceeds this share of its greatest."""
+SHARE = 0.1
+"""A fault shows in moves in which its power exceeds this share of its greatest."""
+
+
+@dataclass(frozen=True)
+class FaultFinding:
+    """A faulty ``joint`` (from 1): the ``intervals`` (moves of the task, from 1) in which it shows, ``size_watt`` at
+    most, ``alternatives`` that explain the power nearly as well."""
+
+    joint: int
+    kind: Kind
+    intervals: tuple[int, ...]
+    size_watt: float
+    confidence: float
+    alternatives: tuple[int, ...]
+    statement: str
+
+
+@dataclass(frozen=True)
+class CycleFinding:
+    """One cycle from ``start`` to ``end`` s of the recording; ``speed`` relative to the task's fastest learned one."""
+
+    start: float
+    end: float
+    task: str
+    speed: float | None
+    status: Status
+    note: str
+    faults: tuple[FaultFinding, ...]
+
+
+def judge_recording(recording: Recording, known: Known) -> list[CycleFinding]:
+    """Every cycle in order: those of known tasks judged, those of others said to be new."""
+    runs = find_runs(recording)
+    matches = find_cycles(recording, runs, known.patterns)
+    out = [judge_cycle(recording, match, known) for match in matches]
+    out += [stranger(recording, runs[a : b + 1]) for a, b in new_tasks(runs, matches, known.patterns)]
+    return sorted(out, key=lambda finding: finding.start)
+
+
+def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
+    """What is said of a cycle of a task that is not known."""
+    start, end = float(recording.time[runs[0].first]), float(recording.time[runs[-1].last])
+    note = "a task that is not in the reference: learn it from healthy cycles"
+    return CycleFinding(start, end, "new", None, "new_task", note, ())
+
+
+def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFinding:
+    """What is said of one known cycle."""
+    pattern = known.patterns[match.pattern]
+    verdict = examine(recording, match, pattern, known.arm)
+    faults = _faults(recording, match, pattern, verdict)
+    note = note_on(match, verdict)
+    status: Status = "fault" if faults else "changed" if note else "healthy"
+    start, end = match.warp.to_recording(np.array([pattern.moves[0][0], pattern.moves[-1][1]]))
+    speed = round(pattern.speed * match.pace, 3)
+    return CycleFinding(float(start), float(end), pattern.task, speed, status, note, faults)
+
+
+def _faults(recording: Recording, match: Match, pattern: Pattern, verdict: Verdict) -> tuple[FaultFinding, ...]:
+    blamed = {blame.joint: blame for blame in verdict.blames}
+    out = []
+    for joint in sorted({*blamed, *verdict.encoders}):
+        blame, encoder = blamed.get(joint), verdict.encoders.get(joint)
+        kind: Kind = "joint" if encoder is None else "encoder" if blame is None else "joint_and_encoder"
+        deviation = _deviation(recording, match, pattern, joint)
+        moves = set() if blame is None else _shows(pattern, verdict.tau, np.abs(blame.watts), SHARE)
+        if encoder is not None:
+            moves |= _shows(pattern, pattern.time, deviation, OFF)
+        watts = 0.0 if blame is None else float(np.abs(blame.watts).max())
+        confidence = min(c for c in (encoder, blame.confidence if blame else None) if c is not None)
+        out.append(
+            FaultFinding(
+                joint=joint + 1,
+                kind=kind,
+                intervals=tuple(sorted(moves)),
+                size_watt=round(watts, 1),
+                confidence=round(confidence, 4),
+                alternatives=tuple(j + 1 for j in blame.alternatives) if blame else (),
+                statement=statement_on(joint, kind, blame, float(deviation.max()), sorted(moves)),
+            )
+        )
+    return tuple(out)
+
+
+def _deviation(recording: Recording, match: Match, pattern: Pattern, joint: int) -> Float:
+    """How far (T,) rad an encoder is from the pattern's path."""
+    when = match.warp.to_recording(pattern.time)
+    return np.abs(np.interp(when, recording.time, recording.position[:, joint]) - pattern.position[:, joint])
+
+
+def _shows(pattern: Pattern, tau: Float, size: Float, share: float) -> set[int]:
+    """Moves, from 1, in which ``size`` (N,) at pattern times ``tau`` is more than a share of its greatest."""
+    inside = (size[(tau >= start) & (tau <= end)] for start, end in pattern.moves)
+    return {move for move, part in enumerate(inside, start=1) if part.max(initial=0.0) > share * size.max()}

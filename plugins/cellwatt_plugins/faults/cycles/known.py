@@ -1,0 +1,105 @@
+"""What is known of a cell that runs healthily: its arm and its cycles, learned or read from the reference file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.arm import Parameters
+from cellwatt_plugins.faults.cycles.identify import Arm, identify, with_covariance
+from cellwatt_plugins.faults.cycles.learn import learn_patterns
+from cellwatt_plugins.faults.cycles.pattern import Pattern
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredModel
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+
+@dataclass(frozen=True)
+class Known:
+    """The arm with parameters as its power has them, and a pattern for each task and speed."""
+
+    arm: Arm
+    patterns: tuple[Pattern, ...]
+
+
+def body_of(robot: RobotDescription) -> RigidBody:
+    """The rigid body of a description."""
+    return RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+
+
+def learn_known(recording: Recording, robot: RobotDescription) -> Known:
+    """Learn from healthy running. Raises ``ModelError`` where the arm is another or nothing recurs."""
+    if recording.joints != len(robot.joints):
+        raise ModelError(f"the recording has {recording.joints} joints, robot {robot.robot} has {len(robot.joints)}")
+    patterns = learn_patterns(recording)
+    return Known(identify(robot, body_of(robot), patterns), tuple(patterns))
+
+
+def stored(known: Known, robot: RobotDescription) -> tuple[StoredModel, tuple[StoredCycle, ...]]:
+    """What goes into the file."""
+    p = known.arm.parameters
+    links = p.link.reshape(-1, 10)
+    joints = tuple(
+        StoredJoint(
+            joint.name,
+            float(p.rotor[j]),
+            float(p.coulomb[j]),
+            float(p.viscous[j]),
+            float(p.copper[j]),
+            tuple(links[j].tolist()),
+        )
+        for j, joint in enumerate(robot.joints)
+    )
+    model = StoredModel(p.standby, p.drive, p.regenerate, joints)
+    return model, tuple(_stored_cycle(pattern) for pattern in known.patterns)
+
+
+def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], robot: RobotDescription) -> Known:
+    """The inverse of ``stored``. Raises ``ModelError`` where the file is of another arm."""
+    names = [joint.name for joint in model.joints]
+    if names != [joint.name for joint in robot.joints]:
+        raise ModelError(f"the reference is of an arm with joints {', '.join(names)}; robot {robot.robot} has others")
+    joints = model.joints
+    parameters = Parameters(
+        link=np.concatenate([joint.link for joint in joints]),
+        rotor=np.array([joint.rotor_inertia for joint in joints]),
+        coulomb=np.array([joint.coulomb_friction for joint in joints]),
+        viscous=np.array([joint.viscous_friction for joint in joints]),
+        copper=np.array([joint.copper_loss for joint in joints]),
+        standby=model.standby,
+        drive=model.drive,
+        regenerate=model.regenerate,
+    )
+    patterns = tuple(_pattern(cycle) for cycle in cycles)
+    return Known(with_covariance(robot, body_of(robot), parameters, patterns), patterns)
+
+
+def _stored_cycle(pattern: Pattern) -> StoredCycle:
+    return StoredCycle(
+        task=pattern.task,
+        speed=pattern.speed,
+        cycles=pattern.cycles,
+        step=pattern.step,
+        moves=tuple((round(a, 4), round(b, 4)) for a, b in pattern.moves),
+        repeat=tuple(pattern.repeat.tolist()),
+        power=tuple(np.round(pattern.power, 2).tolist()),
+        spread=tuple(np.round(pattern.spread, 2).tolist()),
+        position={j + 1: tuple(np.round(column, 6).tolist()) for j, column in enumerate(pattern.position.T)},
+    )
+
+
+def _pattern(cycle: StoredCycle) -> Pattern:
+    joints = range(1, len(cycle.position) + 1)
+    return Pattern(
+        task=cycle.task,
+        speed=cycle.speed,
+        cycles=cycle.cycles,
+        step=cycle.step,
+        moves=cycle.moves,
+        position=np.column_stack([cycle.position[j] for j in joints]),
+        power=np.asarray(cycle.power),
+        spread=np.asarray(cycle.spread),
+        repeat=np.asarray(cycle.repeat),
+    )

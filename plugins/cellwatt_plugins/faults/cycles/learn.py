@@ -1,0 +1,114 @@
+"""Learns the patterns of healthy cycles, one for each task and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.loops import Loop, find_loops
+from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, Warp, timing, warp_of
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import Run, find_runs
+
+Float = NDArray[np.float64]
+
+STEP = 0.02
+"""Step of the patterns, s."""
+SAME_SPEED = 1.06
+"""Cycles whose moves last no longer than this, relative to each other, are at one speed."""
+FEWEST = 2
+"""Cycles at one speed, at least."""
+
+
+def learn_patterns(recording: Recording) -> list[Pattern]:
+    """Patterns of every task and speed seen often enough.
+
+    Raises ``ModelError`` where nothing recurs.
+    """
+    runs = find_runs(recording)
+    patterns: list[Pattern] = []
+    for number, loop in enumerate(find_loops(runs), start=1):
+        first = len(patterns)
+        for group in _by_speed(loop, runs):
+            pattern = _pattern(recording, group, f"task_{number}")
+            fastest = patterns[first] if len(patterns) > first else pattern
+            patterns.append(replace(pattern, speed=_speed(recording, group[0], fastest)))
+    if not patterns:
+        raise ModelError("no task was seen three times or more: record more healthy cycles")
+    return patterns
+
+
+def _by_speed(loop: Loop, runs: Sequence[Run]) -> list[list[Sequence[Run]]]:
+    """The cycles of a task in groups of one speed, fastest first."""
+    cycles = [runs[start : start + len(loop.moves)] for start in loop.starts]
+    groups: list[list[Sequence[Run]]] = []
+    for cycle in sorted(cycles, key=_seconds):
+        if groups and _seconds(cycle) <= SAME_SPEED * _seconds(groups[-1][0]):
+            groups[-1].append(cycle)
+        else:
+            groups.append([cycle])
+    return [group for group in groups if len(group) >= FEWEST]
+
+
+def _seconds(cycle: Sequence[Run]) -> float:
+    """Samples in motion."""
+    return float(sum(run.last - run.first for run in cycle))
+
+
+def _speed(recording: Recording, cycle: Sequence[Run], fastest: Pattern) -> float:
+    """How fast a cycle runs relative to a pattern."""
+    joints = range(recording.joints)
+    times = [timing(fastest, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
+    shares = [(b - a) / (t.end - t.start) for (a, b), t in zip(fastest.moves, times, strict=True)]
+    return round(float(np.median(shares)), 3)
+
+
+def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) -> Pattern:
+    """Cycles laid over the middle one of them, and averaged."""
+    middle = sorted(group, key=lambda c: c[-1].last - c[0].first)[len(group) // 2]
+    template = _cut(recording, middle, task)
+    joints = range(recording.joints)
+    warps = []
+    for cycle in group:
+        times = [timing(template, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
+        warps.append(warp_of(template, list(enumerate(times))))
+    rows = [_laid_over(template, recording, warp) for warp in warps]
+    position = np.mean([r[0] for r in rows], axis=0)
+    watts = np.array([r[1] for r in rows])
+    power = np.nanmean(watts, axis=0)
+    spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(rows) - 1))
+    rests = np.array([[run.after for run in cycle] for cycle in group])
+    repeat = rests.std(axis=0, ddof=1).max(axis=0)
+    return replace(template, cycles=len(group), position=_smooth(position), power=power, spread=spread, repeat=repeat)
+
+
+def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
+    """One cycle as it is."""
+    begin = recording.time[cycle[0].first] - MARGIN
+    length = recording.time[cycle[-1].last] + MARGIN - begin
+    grid = begin + STEP * np.arange(round(length / STEP) + 1)
+    position = np.column_stack([np.interp(grid, recording.time, column) for column in recording.position.T])
+    moves = tuple((float(recording.time[run.first] - begin), float(recording.time[run.last] - begin)) for run in cycle)
+    nothing = np.zeros(len(grid))
+    return Pattern(task, 1.0, 1, STEP, moves, position, nothing, nothing, np.zeros(recording.joints))
+
+
+def _laid_over(pattern: Pattern, recording: Recording, warp: Warp) -> tuple[Float, Float]:
+    """Positions (T, n) and power (T,) of a cycle at the pattern's times; power averaged over the pattern's step."""
+    when = warp.to_recording(pattern.time)
+    position = np.column_stack([np.interp(when, recording.time, column) for column in recording.position.T])
+    width = max(1, round(pattern.step / recording.step))
+    power = np.convolve(recording.power, np.ones(width) / width, mode="same")
+    centre = recording.time - (0.5 * recording.step if width % 2 == 0 else 0.0)
+    return position, np.interp(when, centre, power)
+
+
+def _smooth(position: Float) -> Float:
+    """Takes out what is left of the encoders' noise: a local parabola over five samples."""
+    kernel = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0
+    padded = np.pad(position, ((2, 2), (0, 0)), mode="edge")
+    return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])

@@ -1,0 +1,62 @@
+"""What a motion asks of the drives, and how it would change with every parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, drive_power, friction, supply_power, torque
+from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.law import SIGN_WIDTH
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """Torques (N, n) Nm of a motion, ``lever`` (N, n) W/Nm, the ``gain`` (N,) of the supply and the regressor."""
+
+    motion: Motion
+    regressor: Float
+    torque: Float
+    gain: Float
+    lever: Float
+    drives: Float
+    power: Float
+
+    def slope(self, parameters: Parameters) -> Float:
+        """Derivative (N, k) of power by the packed parameters."""
+        qd, total = self.motion.qd, self.drives.sum(axis=1)
+        alive = self.lever != 0.0
+        columns = [
+            np.einsum("ij,ijk->ik", self.lever, self.regressor),
+            self.lever * self.motion.qdd,
+            self.lever * np.tanh(qd / SIGN_WIDTH),
+            self.lever * qd,
+            self.gain[:, None] * self.torque**2 * alive,
+            np.column_stack([np.ones(len(total)), np.maximum(total, 0.0), np.minimum(total, 0.0)]),
+        ]
+        return np.concatenate(columns, axis=1)
+
+
+def load_of(body: RigidBody, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
+    """What the model says of a motion; joints in ``dead`` take no power at all."""
+    regressor = body.regressor(motion.q, motion.qd, motion.qdd)
+    forces = torque(parameters, regressor, motion)
+    alive = np.array([j not in dead for j in range(motion.q.shape[1])])
+    drives = drive_power(parameters, forces, motion.qd) * alive
+    gain = np.where(drives.sum(axis=1) > 0, parameters.drive, parameters.regenerate)
+    lever = gain[:, None] * (motion.qd + 2 * parameters.copper * forces) * alive
+    return Load(motion, regressor, forces, gain, lever, drives, supply_power(parameters, drives))
+
+
+def motor_alone(parameters: Parameters, motion: Motion, joint: int) -> tuple[Float, Float]:
+    """Power (N,) W of friction and of the rotor's acceleration, where a motor turns without its link.
+
+    How much of a joint's friction and inertia is on the motor's side of a belt no description says.
+    """
+    qd = motion.qd[:, joint]
+    return qd * friction(parameters, motion.qd)[:, joint], qd * motion.qdd[:, joint] * parameters.rotor[joint]

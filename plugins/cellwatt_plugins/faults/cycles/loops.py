@@ -1,0 +1,111 @@
+"""Tasks in healthy running: closed loops of moves that recur, whatever comes between them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.runs import Run
+
+Float = NDArray[np.float64]
+
+SAME_POSE = math.radians(0.8)
+"""Rest poses no further apart than this, in every joint, are one."""
+LONGEST = 80
+"""Moves in a task, at most."""
+FEWEST = 3
+"""Cycles of a task, at least."""
+
+Token = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A task: its moves as (pose before, pose after), and the first run of each of its cycles."""
+
+    moves: tuple[Token, ...]
+    starts: tuple[int, ...]
+
+
+def find_loops(runs: Sequence[Run]) -> list[Loop]:
+    """Tasks by first appearance. A loop that covers more of the runs is found first; the rest is searched again."""
+    tokens = _tokens(runs)
+    free = np.ones(len(tokens), dtype=bool)
+    found: list[Loop] = []
+    while (best := _best(tokens, free, runs)) is not None:
+        for start in best.starts:
+            free[start : start + len(best.moves)] = False
+        found.append(best)
+    return sorted(found, key=lambda loop: loop.starts[0])
+
+
+def closed_spans(runs: Sequence[Run], fewest: int) -> list[tuple[int, int]]:
+    """First and last of ``runs`` of each loop of ``fewest`` moves or more, one for each turn."""
+    return sorted(_spans(_tokens(runs), 0, fewest))
+
+
+def _spans(tokens: Sequence[Token], offset: int, fewest: int) -> list[tuple[int, int]]:
+    """The longest loop, and what is left and right of it."""
+    n = len(tokens)
+    closed = [(a, b) for a in range(n) for b in range(a + fewest - 1, n) if tokens[a][0] == tokens[b][1]]
+    if not closed:
+        return []
+    first, last = max(closed, key=lambda span: span[1] - span[0])
+    turn = next(k for k in range(1, last - first + 2) if _repeats(tokens[first : last + 1], k))
+    turns = range(first, last + 1, turn) if turn >= fewest else range(first, last + 1, last + 1 - first)
+    own = [(offset + k, offset + min(k + turns.step, last + 1) - 1) for k in turns]
+    left = _spans(tokens[:first], offset, fewest)
+    return left + own + _spans(tokens[last + 1 :], offset + last + 1, fewest)
+
+
+def _repeats(moves: Sequence[Token], k: int) -> bool:
+    return len(moves) % k == 0 and list(moves[:k]) * (len(moves) // k) == list(moves)
+
+
+def _tokens(runs: Sequence[Run]) -> list[Token]:
+    poses: list[Float] = []
+    return [(_node(poses, run.before), _node(poses, run.after)) for run in runs]
+
+
+def _node(poses: list[Float], pose: Float) -> int:
+    for number, known in enumerate(poses):
+        if np.abs(known - pose).max() <= SAME_POSE:
+            return number
+    poses.append(pose)
+    return len(poses) - 1
+
+
+def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run]) -> Loop | None:
+    """The loop that covers most; of equals, the one with the longest rests before it."""
+    places: dict[tuple[Token, ...], list[int]] = defaultdict(list)
+    for start in range(len(tokens)):
+        for end in range(start + 2, min(start + LONGEST, len(tokens)) + 1):
+            if not free[end - 1] or not free[start] or tokens[end - 2][1] != tokens[end - 1][0]:
+                break
+            moves = tuple(tokens[start:end])
+            if moves[0][0] == moves[-1][1] and (not places[moves] or start >= places[moves][-1] + len(moves)):
+                places[moves].append(start)
+    loops = [Loop(m, tuple(s)) for m, s in places.items() if len(s) >= FEWEST and _primitive(m)]
+    loops.sort(key=lambda loop: (len(loop.moves) * len(loop.starts), _rest_before(loop, runs)), reverse=True)
+    return next((loop for loop in loops if not _compound(loop, places)), None)
+
+
+def _compound(loop: Loop, places: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
+    """Whether a loop holds a shorter one that also runs without it: then it is several tasks in a row."""
+    n = len(loop.moves)
+    inner = Counter(loop.moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
+    return any(len(places.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items())
+
+
+def _primitive(moves: tuple[Token, ...]) -> bool:
+    """Whether a loop is no repetition of a shorter one."""
+    return not any(_repeats(moves, k) for k in range(1, len(moves) // 2 + 1))
+
+
+def _rest_before(loop: Loop, runs: Sequence[Run]) -> float:
+    return float(np.median([runs[s].first - runs[s - 1].last for s in loop.starts if s > 0] or [0]))

@@ -1,0 +1,146 @@
+"""What a healthy cycle looks like, and the time map that lays any cycle over it.
+
+Time is warped move by move along the path of the encoders, so that a pause, a speed override or a slow start of one
+move is no difference of power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.recording import Recording
+
+Float = NDArray[np.float64]
+
+MARGIN = 0.1
+"""A pattern begins and ends this long outside its first and last move, s."""
+LEVELS = np.linspace(0.08, 0.92, 15)
+"""Shares of a move's way at which its timing is read."""
+CREEP = 0.01
+"""rad/s below which a joint stands: the encoders' noise goes no way."""
+SMOOTH = 0.05
+"""Positions are averaged over this before their way is measured, s."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """One task at one speed, averaged over healthy cycles.
+
+    ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` W,
+    the standard deviation over ``cycles`` cycles; ``moves`` their start and end, s from the first sample;
+    ``repeat`` (n,) rad, the standard deviation of rest poses over cycles.
+    """
+
+    task: str
+    speed: float
+    cycles: int
+    step: float
+    moves: tuple[tuple[float, float], ...]
+    position: Float
+    power: Float
+    spread: Float
+    repeat: Float
+
+    @cached_property
+    def time(self) -> Float:
+        """(T,) s from the first sample."""
+        return np.asarray(self.step * np.arange(len(self.power)), np.float64)
+
+    @cached_property
+    def rates(self) -> tuple[Float, Float]:
+        """Velocity and acceleration (T, n) along the pattern's own time, rad/s and rad/s²."""
+        velocity = np.gradient(self.position, self.step, axis=0)
+        return velocity, np.gradient(velocity, self.step, axis=0)
+
+    @cached_property
+    def poses(self) -> tuple[Float, Float]:
+        """Rest poses (M, n) before and after each move."""
+        starts = np.array([start for start, _ in self.moves])
+        ends = np.array([end for _, end in self.moves])
+        return self.position_at(starts - 0.02), self.position_at(ends + 0.02)
+
+    @cached_property
+    def ways(self) -> Float:
+        """How far each joint goes in each move, (M, n) rad, from its lowest to its highest angle."""
+        return np.stack([np.ptp(self.position[self.part(m)], axis=0) for m in range(len(self.moves))])
+
+    def part(self, move: int) -> slice:
+        """The samples of a move."""
+        start, end = self.moves[move]
+        return slice(max(0, round(start / self.step)), round(end / self.step) + 1)
+
+    def position_at(self, tau: Float) -> Float:
+        """(k, n) rad at times tau (k,) s of the pattern."""
+        return np.column_stack([np.interp(tau, self.time, column) for column in self.position.T])
+
+
+@dataclass(frozen=True)
+class Warp:
+    """Pattern times ``tau`` (K,) s that belong to times ``t`` (K,) s of a recording, both rising."""
+
+    tau: Float
+    t: Float
+
+    def to_pattern(self, t: Float) -> Float:
+        """Pattern time of recording times; at the recording's own pace outside the moves."""
+        inside = np.interp(t, self.t, self.tau)
+        return np.asarray(inside + np.minimum(t - self.t[0], 0.0) + np.maximum(t - self.t[-1], 0.0))
+
+    def to_recording(self, tau: Float) -> Float:
+        """Recording time of pattern times."""
+        inside = np.interp(tau, self.tau, self.t)
+        return np.asarray(inside + np.minimum(tau - self.tau[0], 0.0) + np.maximum(tau - self.tau[-1], 0.0))
+
+    def pace(self, t: Float) -> Float:
+        """Pattern seconds in a second of the recording, at times t (k,) s."""
+        slope = np.diff(self.tau) / np.diff(self.t)
+        part = np.clip(np.searchsorted(self.t, t) - 1, 0, len(slope) - 1)
+        return np.asarray(np.where((t < self.t[0]) | (t > self.t[-1]), 1.0, slope[part]))
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """When a move of the pattern ran in a recording: ``start`` to ``end`` s, fitted with ``error`` s."""
+
+    start: float
+    end: float
+    error: float
+
+
+def timing(pattern: Pattern, move: int, recording: Recording, span: tuple[int, int], joints: Sequence[int]) -> Timing:
+    """Lay a move of the pattern over samples ``span`` of the recording, by the way of ``joints`` (0-based)."""
+    part = pattern.part(move)
+    margin = round(MARGIN / recording.step)
+    seen = slice(max(0, span[0] - margin), span[1] + margin + 1)
+    own = _passing(recording.time[seen], recording.position[seen][:, list(joints)], recording.step)
+    model = _passing(pattern.time[part], pattern.position[part][:, list(joints)], pattern.step)
+    middle = model - model.mean()
+    slope = float(middle @ own / (middle @ middle))
+    offset = float(own.mean() - slope * model.mean())
+    error = float(np.abs(own - offset - slope * model).max())
+    start, end = pattern.moves[move]
+    return Timing(offset + slope * start, offset + slope * end, error)
+
+
+def warp_of(pattern: Pattern, timings: Sequence[tuple[int, Timing]]) -> Warp:
+    """The time map through the moves whose timing is known, (move, timing) in order."""
+    tau = np.array([edge for move, _ in timings for edge in pattern.moves[move]])
+    t = np.array([edge for _, found in timings for edge in (found.start, found.end)])
+    rising = np.concatenate([[True], np.diff(t) > 1e-3])
+    return Warp(tau[rising], t[rising])
+
+
+def _passing(time: Float, position: Float, step: float) -> Float:
+    """When each of ``LEVELS`` of the way has been gone, s."""
+    width = max(1, round(SMOOTH / step))
+    kernel = np.ones(width) / width
+    padded = np.pad(position, ((width // 2, width - 1 - width // 2), (0, 0)), mode="edge")
+    smooth = np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
+    pieces = np.linalg.norm(np.diff(smooth, axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(np.where(pieces > CREEP * step, pieces, 0.0))])
+    return np.asarray(np.interp(LEVELS * way[-1], way, time))

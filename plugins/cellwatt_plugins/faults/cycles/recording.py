@@ -1,0 +1,56 @@
+"""A stretch of one arm on an even grid: encoders and supply power."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt.frames import Frames
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """``time`` (N,) s on an even grid, ``position`` (N, n) rad, ``power`` (N,) W; NaN in power where missing."""
+
+    time: Float
+    position: Float
+    power: Float
+
+    @property
+    def step(self) -> float:
+        """Grid step, s."""
+        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+
+    @property
+    def joints(self) -> int:
+        """Number of joints, n."""
+        return int(self.position.shape[1])
+
+
+def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recording:
+    """The frames of one arm with the power channel ``power``; short holes in positions are bridged.
+
+    Raises ``RecordingError`` where there is nothing to judge.
+    """
+    if not blocks:
+        raise RecordingError("no frames in these recordings")
+    layout = blocks[0].layout
+    if any(block.layout != layout for block in blocks):
+        raise RecordingError("the channels or the rate of the frames change from one recording to the next")
+    time = np.concatenate([block.time for block in blocks])
+    values = np.concatenate([block.values for block in blocks])
+    grid = np.arange(time[0], time[-1] + 1, layout.step)
+    row = np.clip(np.searchsorted(time, grid), 0, len(time) - 1)
+    positions = values[:, list(layout.joints("position", arm))]
+    known = ~np.isnan(positions).any(axis=1)
+    if known.sum() < 2:
+        raise RecordingError("no position of all joints in these recordings")
+    bridged = [np.interp(grid, time[known], column[known]) for column in positions.T]
+    watts = np.where(time[row] == grid, values[row, layout.index(power)], np.nan)
+    return Recording(grid * 1e-9, np.column_stack(bridged), watts)

@@ -1,0 +1,101 @@
+"""Runs of motion between rests of the whole arm, from encoders that may jump or stand still."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.recording import Recording
+
+Float = NDArray[np.float64]
+
+WINDOW = 0.06
+"""Speeds are differences over this, s."""
+MOVING = math.radians(0.6)
+"""rad/s above which a joint moves …"""
+NOISE = 8.0
+"""… or so many standard deviations of the noise of its speed."""
+SHORTEST_REST = 0.06
+SHORTEST_RUN = 0.12
+"""Rests and runs shorter than these, s, are none."""
+LEAST_WAY = math.radians(1.0)
+"""A run in which no joint goes further than this is none."""
+SETTLED = 0.1
+"""Poses before and after a run are medians over this, s."""
+JUMP = math.radians(0.5)
+"""A step between two samples of more than this, out of proportion to the steps around it, is no motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Samples ``first`` to ``last`` in which something moves; ``before`` and ``after`` (n,) rad, the poses around."""
+
+    first: int
+    last: int
+    before: Float
+    after: Float
+
+
+def find_runs(recording: Recording) -> list[Run]:
+    """Every run of motion, in order."""
+    step = recording.step
+    jumped = jumps(recording.position)
+    smooth = without_jumps(recording.position)
+    broken = np.flatnonzero(jumped.any(axis=1))
+    half = max(1, round(WINDOW / 2 / step))
+    speed = np.zeros_like(smooth)
+    speed[half:-half] = (smooth[2 * half :] - smooth[: -2 * half]) / (2 * half * step)
+    limit: Float = np.maximum(MOVING, NOISE * position_noise(smooth) * math.sqrt(2) / (2 * half * step))
+    moving = np.asarray(np.any(np.abs(speed) > limit, axis=1))
+    spans = _spans(moving, max(1, round(SHORTEST_REST / step)))
+    settled = max(1, round(SETTLED / step))
+    out = []
+    for k, (first, last) in enumerate(spans):
+        low = spans[k - 1][1] if k else 0
+        high = spans[k + 1][0] if k + 1 < len(spans) else len(smooth) - 1
+        low = max(low, first - settled, *broken[broken <= first][-1:] + 1)
+        high = min(high, last + settled, *broken[broken >= last][:1])
+        before = np.median(recording.position[low : max(low, first) + 1], axis=0)
+        after = np.median(recording.position[min(last, high) : high + 1], axis=0)
+        way = np.ptp(smooth[first : last + 1], axis=0).max()
+        if (last - first) * step >= SHORTEST_RUN and way > LEAST_WAY:
+            out.append(Run(first, last, before, after))
+    return out
+
+
+def position_noise(position: Float) -> Float:
+    """Standard deviation (n,) rad of white noise in positions (N, n), by fourth differences."""
+    fourth = np.abs(np.diff(position, 4, axis=0))
+    return np.asarray(np.median(fourth, axis=0) / (0.6745 * math.sqrt(70.0)))
+
+
+def jumps(position: Float) -> Float:
+    """Steps (N - 1, n) rad from one sample to the next that no motion makes, as where an encoder fails; else 0."""
+    step = np.diff(position, axis=0)
+    size = np.abs(step)
+    around = np.zeros_like(size)
+    around[1:] = size[:-1]
+    around[:-1] = np.maximum(around[:-1], size[1:])
+    return np.where((size > JUMP) & (size > 4 * around), step, 0.0)
+
+
+def without_jumps(position: Float) -> Float:
+    """Positions (N, n) without ``jumps``."""
+    out = position.copy()
+    out[1:] -= np.cumsum(jumps(position), axis=0)
+    return out
+
+
+def _spans(moving: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
+    """First and last sample of each stretch that moves, those ``gap`` samples apart or less joined."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(np.int8)))
+    joined: list[tuple[int, int]] = []
+    for first, end in edges.reshape(-1, 2).tolist():
+        if joined and first - joined[-1][1] <= gap:
+            joined[-1] = (joined[-1][0], end - 1)
+        else:
+            joined.append((first, end - 1))
+    return joined

@@ -1,0 +1,50 @@
+"""Motion that is no known cycle: new tasks, and moves between tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.faults.cycles.loops import closed_spans
+from cellwatt_plugins.faults.cycles.match import POSE, Match
+from cellwatt_plugins.faults.cycles.pattern import Pattern
+from cellwatt_plugins.faults.cycles.runs import Run
+
+FEWEST = 3
+"""Moves in a row that are in no known task before they are called a task."""
+
+
+def new_tasks(runs: Sequence[Run], matches: Sequence[Match], patterns: Sequence[Pattern]) -> list[tuple[int, int]]:
+    """First and last run of each cycle of a task that is not known.
+
+    Moves of known tasks, as where the recording begins or ends within a cycle, and moves to a start are none.
+    """
+    out: list[tuple[int, int]] = []
+    for first, last in _between(len(runs), matches):
+        group = runs[first : last + 1]
+        if sum(not _known(run, patterns) for run in group) < FEWEST:
+            continue
+        spans = closed_spans(group, FEWEST) or [(0, len(group) - 1)]
+        out += [(first + a, first + b) for a, b in spans]
+    return out
+
+
+def _between(count: int, matches: Sequence[Match]) -> Iterator[tuple[int, int]]:
+    begin = 0
+    for match in matches:
+        if match.first > begin:
+            yield begin, match.first - 1
+        begin = match.last + 1
+    if begin < count:
+        yield begin, count - 1
+
+
+def _known(run: Run, patterns: Sequence[Pattern]) -> bool:
+    """Whether some pattern has a move from and to these poses."""
+    for pattern in patterns:
+        before, after = pattern.poses
+        near = (np.abs(before - run.before) < POSE).all(axis=1) & (np.abs(after - run.after) < POSE).all(axis=1)
+        if near.any():
+            return True
+    return False

@@ -1,0 +1,45 @@
+"""What the stage does with frames where it knows the arm: cycles in, alarms out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
+from cellwatt.results import Alarm
+from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.cycles.known import restored
+from cellwatt_plugins.faults.cycles.live import CycleWatch
+from cellwatt_plugins.faults.reference import Reference
+from cellwatt_plugins.robot import load_robot
+
+Float = NDArray[np.float64]
+
+
+class CycleStage:
+    """Whole cycles of one arm judged while frames of ``step`` ns come; ``path`` is the reference's file."""
+
+    def __init__(self, reference: Reference, path: Path, robot: Path, step: int, alarms: CycleAlarms) -> None:
+        """Raises ``ModelError`` where the reference has no cycles or is of another arm."""
+        if reference.power_model is None or not reference.cycles:
+            raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
+        known = restored(reference.power_model, reference.cycles, load_robot(robot))
+        self._watch = CycleWatch(known, step * 1e-9)
+        self._alarms = alarms
+        self._count = 0
+        self._epoch: int | None = None
+
+    def process(self, time: NDArray[np.int64], position: Float, power: Float) -> list[Alarm]:
+        """Alarms that changed with n frames: ``time`` (n,) ns, ``position`` (n, joints) rad, ``power`` (n,) W."""
+        if not len(time):
+            return []
+        if self._epoch is None:
+            self._epoch = int(time[0])
+        out: list[Alarm] = []
+        seconds = np.asarray((time - self._epoch) * 1e-9, np.float64)
+        for cycle in self._watch.feed(seconds, position, power):
+            self._count += 1
+            out += self._alarms.take(cycle, self._count, self._epoch)
+        return out

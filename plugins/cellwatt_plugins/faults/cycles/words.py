@@ -1,0 +1,62 @@
+"""Findings in plain sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from cellwatt_plugins.faults.cycles.examine import Blame, Verdict
+from cellwatt_plugins.faults.cycles.match import Match
+
+ANOTHER_PACE = 0.01
+"""A cycle whose pace differs by more than this is said to run faster or slower."""
+PAUSE = 0.3
+"""A rest that is longer than the task's by more than this, s, is a pause."""
+LEAST_PART = 0.02
+LEAST_WARM = 0.03
+"""kg and share of friction below which nothing is said of a part or of a warm-up."""
+
+_WHAT = {
+    "friction": "turns harder than in healthy cycles: friction in its gear, bearing or brake",
+    "spring": "works against a force that grows with its angle: something pulls or is caught there",
+    "winding": "loses more in its winding than in healthy cycles: it is hot or damaged",
+    "drive_cut": "stands still and takes no power: its drive is cut off",
+    "belt_off": "stands still while its motor turns without load: its belt or coupling is off",
+}
+
+
+def statement_on(joint: int, kind: str, blame: Blame | None, deviation: float, moves: Sequence[int]) -> str:
+    """One sentence on a fault; ``joint`` 0-based, ``deviation`` rad of its encoder, ``moves`` from 1."""
+    where = f" (interval{'s' * (len(moves) > 1)} {', '.join(map(str, moves))})" if moves else ""
+    off = f"The encoder of joint {joint + 1} is off the path by up to {math.degrees(deviation):.1f}°"
+    if blame is None:
+        return f"{off}, while power is as in healthy cycles{where}."
+    watts = max(blame.watts.max(), -blame.watts.min())
+    text = f"Joint {joint + 1} {_WHAT[blame.what]}; power differs by up to {watts:.0f} W{where}"
+    if blame.alternatives:
+        others = " or ".join(str(j + 1) for j in blame.alternatives)
+        text += f"; joint {others} explains it nearly as well"
+    return f"{text}." if kind == "joint" else f"{text}. {off}."
+
+
+def note_on(match: Match, verdict: Verdict) -> str:
+    """What was different and harmless; empty where nothing was."""
+    parts = []
+    if abs(match.pace - 1.0) > ANOTHER_PACE:
+        more = "faster" if match.pace > 1 else "slower"
+        parts.append(f"{abs(match.pace - 1.0):.0%} {more} than learned")
+    if (seconds := _pause(match)) > PAUSE:
+        parts.append(f"paused for {seconds:.1f} s")
+    if abs(verdict.part) > LEAST_PART:
+        parts.append(f"part {'heavier' if verdict.part > 0 else 'lighter'} by {abs(verdict.part):.1f} kg")
+    if abs(verdict.warm) > LEAST_WARM:
+        parts.append(f"friction {abs(verdict.warm):.0%} {'higher' if verdict.warm > 0 else 'lower'} in all joints: ")
+        parts[-1] += "the arm is colder" if verdict.warm > 0 else "the arm is warmer"
+    return "; ".join(parts)
+
+
+def _pause(match: Match) -> float:
+    """The longest time by which a rest or a stop within a move exceeds the task's, s."""
+    edges = list(zip(match.warp.tau, match.warp.t, strict=True))
+    return max(((b[1] - a[1]) - (b[0] - a[0]) / match.pace for a, b in pairwise(edges)), default=0.0)

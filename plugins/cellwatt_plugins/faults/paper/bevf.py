@@ -1,0 +1,124 @@
+"""BEVF, Bode equations vector fitting of a power pattern (seed 002, section III and Fig. 6).
+
+Three steps. The input adaptor takes time as frequency, s = j t, and the pattern as the magnitude of a response; the
+phase that a stable response of least phase then has follows from Bode's relation of gain and phase. Vector fitting
+gives poles, residues and a constant. The output adaptor is the magnitude again.
+
+The paper prints the magnitude as eq. (17), a sum of moduli. A sum of moduli is not the modulus of the sum: (17)
+and (18) are here as printed, but the pattern is ``PowerEquation.power``, and its rms is what falls as in Fig. 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper.rational import Rational, iterations, starting_poles
+
+Float = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+ORDERS = (24, 34, 44)
+"""Orders of approximation in Fig. 10 …"""
+ITERATIONS = 12
+"""… each till the 12th iteration."""
+BEYOND = 8
+"""The pattern is taken to stay at its last value for so many times its length."""
+
+
+@dataclass(frozen=True, slots=True)
+class PowerEquation:
+    """A power pattern of ``duration`` s as an equation in t; ``rms`` W is eq. (19) after each iteration."""
+
+    response: Rational
+    duration: float
+    rms: tuple[float, ...]
+
+    @property
+    def order(self) -> int:
+        """N, the number of poles."""
+        return len(self.response.poles)
+
+    def power(self, t: Float) -> Float:
+        """The pattern (n,) W at t (n,) s: the magnitude of the fitted response at s = j t."""
+        return np.abs(self.response.at(_axis(t)))
+
+    def p1(self, t: Float) -> Float:
+        """Eq. (17) as printed, (n,) W at t (n,) s."""
+        r, p = self.response.residues, self.response.poles
+        return np.asarray((np.abs(r) / self._distance(t, p)).sum(axis=1) + abs(self.response.constant))
+
+    def p2(self, t: Float) -> Float:
+        """Eq. (18) as printed, (n,) rad at t (n,) s: angles of residues less those of the distances to the poles."""
+        r, p = self.response.residues, self.response.poles
+        with np.errstate(divide="ignore"):  # a residue without a real part turns by a quarter
+            own = np.arctan(r.imag / r.real)
+        turned = np.arctan((t[:, None] - p.imag) / -p.real)
+        return np.asarray((own - turned).sum(axis=1) + np.arctan(self.response.constant))
+
+    @staticmethod
+    def _distance(t: Float, p: Complex) -> Float:
+        return np.asarray(np.hypot(t[:, None] - p.imag, p.real))
+
+
+def fit(t: Float, power: Float, *, order: int, iterations_done: int = ITERATIONS) -> PowerEquation:
+    """Vector fit of a power pattern (n,) W at evenly spaced times t (n,) s from 0 on.
+
+    The equation is that of the iteration with the least rms. Raises ``ModelError`` where the pattern cannot be
+    fitted: an odd order, too few points, or power that is not above 0.
+    """
+    _check(t, power, order)
+    s = _axis(t)
+    fits = list(islice(iterations(s, bode_response(power), starting_poles(float(t[-1]), order)), iterations_done))
+    found = [rms(power, np.abs(each.at(s))) for each in fits]
+    best = int(np.argmin(found))
+    return PowerEquation(fits[best], float(t[-1]), tuple(found))
+
+
+def bode_response(power: Float) -> Complex:
+    """The response (n,) of least phase whose magnitude is ``power`` (n,) W at s = j t, t evenly spaced from 0 on.
+
+    Bode's relation: the phase is the Hilbert transform of the logarithm of the magnitude, which is even in t.
+    """
+    one_side = np.concatenate([np.log(power), np.full((BEYOND - 1) * len(power), np.log(power[-1]))])
+    even = np.concatenate([one_side, one_side[-2:0:-1]])
+    half = len(even) // 2
+    keep = np.zeros(len(even))
+    keep[0] = keep[half] = 1
+    keep[1:half] = 2
+    # The cepstrum of such a response is one-sided.
+    log_response = np.fft.fft(np.fft.ifft(even).real * keep)[: len(power)]
+    return np.asarray(np.exp(log_response), dtype=np.complex128)
+
+
+def rms(power: Float, estimate: Float) -> float:
+    """Root mean square error, eq. (19), in the unit of its arguments (n,)."""
+    return float(np.sqrt(np.mean((power - estimate) ** 2)))
+
+
+def pattern(cycles: Sequence[Float]) -> Float:
+    """Mean power (n,) W of several healthy cycles (each (m,) W from the same onset), as long as the shortest."""
+    length = min(len(cycle) for cycle in cycles)
+    return np.asarray(np.mean([cycle[:length] for cycle in cycles], axis=0), dtype=np.float64)
+
+
+def _axis(t: Float) -> Complex:
+    """The input adaptor's axis: time t (n,) s as s = j t."""
+    return np.asarray(1j * t, dtype=np.complex128)
+
+
+def _check(t: Float, power: Float, order: int) -> None:
+    if order < 2 or order % 2:
+        raise ModelError(f"order {order} of a power equation: expected an even number, 2 or more")
+    if len(t) <= 2 * order:
+        raise ModelError(f"order {order} needs more than {2 * order} points of a power pattern, there are {len(t)}")
+    if not np.all(power > 0):
+        raise ModelError(
+            f"a power pattern must stay above 0 W to be fitted, its least is {power.min():.1f} W: "
+            "take the power of the whole supply, with standby"
+        )

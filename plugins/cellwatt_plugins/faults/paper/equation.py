@@ -1,0 +1,96 @@
+"""A power equation as a YAML file that a person can read, and that is evaluated again from the file.
+
+cellwatt_power_equation: 1                                   version of this format
+power: abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s          how to evaluate it
+order: 44
+duration: 7.8                                                s
+rms: [0.329, 0.26, ...]                                      W, eq. (19) after each iteration
+K: 116.2
+p: [[-0.05, 0.74], [-0.05, -0.74], ...]                      real and imaginary parts
+r: [[1.2, -0.3], [1.2, 0.3], ...]
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper.bevf import PowerEquation
+from cellwatt_plugins.faults.paper.rational import Rational
+
+FORMULA = "abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s"
+
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _File(BaseModel):
+    """What the file must hold; see the module."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cellwatt_power_equation: Literal[1]
+    power: str
+    order: Annotated[int, Field(ge=1)]
+    duration: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    rms: tuple[_Finite, ...]
+    K: _Finite
+    p: tuple[tuple[_Finite, _Finite], ...]
+    r: tuple[tuple[_Finite, _Finite], ...]
+
+
+def save(equation: PowerEquation, path: Path) -> None:
+    """Write the YAML file; raises ``ModelError`` where it cannot be written."""
+    content = {
+        "cellwatt_power_equation": 1,
+        "power": FORMULA,
+        "order": equation.order,
+        "duration": equation.duration,
+        "rms": [float(f"{value:.4g}") for value in equation.rms],
+        "K": equation.response.constant,
+        "p": _pairs(equation.response.poles),
+        "r": _pairs(equation.response.residues),
+    }
+    try:
+        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=118))
+    except OSError as error:
+        raise ModelError(f"power equation {path}: cannot be written: {error.strerror or error}") from error
+
+
+def load(path: Path) -> PowerEquation:
+    """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
+    try:
+        content: Any = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"power equation {path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise ModelError(f"power equation {path}: not a YAML file: {str(error).splitlines()[0]}") from error
+    try:
+        file = _File.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"]) or "content"
+        raise ModelError(
+            f"power equation {path}: {place}: {first['msg']}, found {str(first['input'])[:40]!r}"
+        ) from error
+    if not len(file.p) == len(file.r) == file.order:
+        raise ModelError(
+            f"power equation {path}: order {file.order} needs as many p and r, found {len(file.p)} and {len(file.r)}"
+        )
+    if any(math.isclose(real, 0.0, abs_tol=1e-12) for real, _ in file.p):
+        raise ModelError(f"power equation {path}: p: a pole on the imaginary axis makes the power infinite")
+    return PowerEquation(Rational(_complex(file.p), _complex(file.r), file.K), file.duration, file.rms)
+
+
+def _pairs(values: NDArray[np.complex128]) -> list[list[float]]:
+    return [[value.real, value.imag] for value in values.tolist()]
+
+
+def _complex(pairs: tuple[tuple[float, float], ...]) -> NDArray[np.complex128]:
+    return np.array([complex(real, imaginary) for real, imaginary in pairs])

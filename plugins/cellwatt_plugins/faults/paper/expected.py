@@ -1,0 +1,103 @@
+"""What a healthy cycle looks like in time: positions and power in each interval, counted from the cycle's start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import find_runs
+from cellwatt_plugins.faults.reference import Variant
+
+Float = NDArray[np.float64]
+Codes = NDArray[np.int8]
+
+LEAST_WAY = 0.02
+"""A joint that goes less far than this, rad, is at rest: no fault shows in it (section IV)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """One cycle, or a part of it: times (n,) s from its start, encoders (n, joints) rad, supply power (n,) W."""
+
+    t: Float
+    q: Float
+    power: Float
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedInterval:
+    """``readings`` of interval ``number`` (from 1), in which the joints ``moving`` (from 1) move."""
+
+    number: int
+    moving: tuple[int, ...]
+    readings: Readings
+
+    @property
+    def start(self) -> float:
+        """s from the start of the cycle."""
+        return float(self.readings.t[0])
+
+    @property
+    def end(self) -> float:
+        """s from the start of the cycle."""
+        return float(self.readings.t[-1])
+
+
+def from_cycles(cycles: Sequence[Readings]) -> tuple[ExpectedInterval, ...]:
+    """The mean of healthy cycles of one task at one speed, cut by the change of their encoders.
+
+    Raises ``ModelError`` where there is no cycle or nothing moves.
+    """
+    if not cycles:
+        raise ModelError("no healthy cycle to learn from: the paper's method needs one or more of each task and speed")
+    t = min(cycles, key=lambda cycle: cycle.t[-1]).t
+    mean = Readings(
+        t,
+        np.asarray(np.mean([resampled(cycle, t).q for cycle in cycles], axis=0)),
+        np.asarray(np.mean([resampled(cycle, t).power for cycle in cycles], axis=0)),
+    )
+    runs = find_runs(Recording(mean.t, mean.q, mean.power))
+    if not runs:
+        raise ModelError("nothing moves in the healthy cycles: the paper's method compares intervals of motion")
+    return tuple(_interval(number, mean, run.first, run.last) for number, run in enumerate(runs, start=1))
+
+
+def from_variant(variant: Variant) -> tuple[ExpectedInterval, ...]:
+    """The same from a learned reference, whose intervals follow one another with their rests."""
+    out, start = [], -variant.intervals[0].rest
+    for number, interval in enumerate(variant.intervals, start=1):
+        start += interval.rest
+        t = np.arange(0.0, interval.duration, interval.power.step)
+        q = np.tile(np.asarray(interval.pose), (len(t), 1))
+        for joint, pattern in interval.position.items():
+            q[:, joint - 1] = pattern.at(t)
+        readings = Readings(np.asarray(start + t, dtype=np.float64), q, interval.power.at(t))
+        out.append(ExpectedInterval(number, interval.moving, readings))
+        start += interval.duration
+    return tuple(out)
+
+
+def resampled(readings: Readings, t: Float) -> Readings:
+    """Readings at other times t (n,) s, held at both ends."""
+    q = np.column_stack([np.interp(t, readings.t, column) for column in readings.q.T])
+    return Readings(t, q, np.interp(t, readings.t, readings.power))
+
+
+def fault_table(expected: Sequence[ExpectedInterval]) -> Codes:
+    """A table (intervals, joints) like I and II for a task of which no fault is known: 1 where a joint moves.
+
+    The signs of tables I and II only number the joints (odd 1, even -1); those of a residual say whether power rises.
+    """
+    joints = expected[0].readings.q.shape[1]
+    return np.array([[int(j in interval.moving) for j in range(1, joints + 1)] for interval in expected], np.int8)
+
+
+def _interval(number: int, mean: Readings, first: int, last: int) -> ExpectedInterval:
+    part = Readings(mean.t[first : last + 1], mean.q[first : last + 1], mean.power[first : last + 1])
+    moving = np.flatnonzero(np.ptp(part.q, axis=0) > LEAST_WAY) + 1
+    return ExpectedInterval(number, tuple(moving.tolist()), part)

@@ -1,0 +1,152 @@
+"""Finds the cycles of a running arm and judges their intervals as soon as each is over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.results import Interval
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, from_variant, resampled
+from cellwatt_plugins.faults.paper.judging import IntervalVerdict, judge_interval
+from cellwatt_plugins.faults.reference import Reference
+from cellwatt_plugins.faults.trace import Trace
+
+Float = NDArray[np.float64]
+
+POSE = math.radians(3.0)
+"""A joint starts a cycle where the reference does up to this, rad …"""
+ELSEWHERE = 2
+"""… but for so many joints, whose encoders may be faulty."""
+FAR = 0.1
+"""rad; a motion in which half of the joints are as far off is none of the reference."""
+AFTER = 0.12
+"""An interval is judged when it has been over for so long, s."""
+BEFORE = 0.2
+"""A cycle whose last so many s of rest were not seen may have begun earlier: it is not judged."""
+GAP = 0.1
+"""Nor is one in which frames are missing for longer than this, s."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A task at one speed, as it is expected to run."""
+
+    task: str
+    speed: float
+    intervals: tuple[ExpectedInterval, ...]
+
+    def begins_with(self, interval: Interval) -> bool:
+        """Whether a motion may be the first of this course: from its pose, with none but its joints."""
+        first = self.intervals[0]
+        off = np.abs(np.asarray(interval.pose) - first.readings.q[0]) > POSE
+        return bool(interval.moving) and set(interval.moving) <= set(first.moving) and int(off.sum()) <= ELSEWHERE
+
+    def misfit(self, readings: Readings, until: float) -> float:
+        """Sum over all joints of the mean distance, rad, to this course from its start to ``until`` s, each at most
+        ``FAR``: a faulty encoder does not decide."""
+        expected = self.intervals[0].readings
+        t = expected.t[expected.t <= until]
+        off = np.abs(resampled(readings, t).q - expected.q[: len(t)]).mean(axis=0)
+        return float(np.minimum(off, FAR).sum())
+
+
+@dataclass(frozen=True)
+class CycleSoFar:
+    """A cycle since ``start`` (ns) and what its intervals said until now; ``over`` when it was the last."""
+
+    course: Course
+    start: int
+    verdicts: tuple[IntervalVerdict, ...]
+    over: bool
+
+
+@dataclass
+class CycleFollower:
+    """Follows one arm from its intervals and its trace."""
+
+    courses: Sequence[Course]
+    tolerance: Tolerance
+    _start: int | None = None
+    _course: Course | None = None
+    _possible: Sequence[Course] = ()
+    _verdicts: list[IntervalVerdict] = field(default_factory=list)
+    _free_from: int = 0
+
+    def see(self, interval: Interval) -> None:
+        """A motion has begun: it may be the first of a cycle."""
+        if self._start is not None or interval.start < self._free_from or not interval.complete:
+            return
+        self._possible = [course for course in self.courses if course.begins_with(interval)]
+        if self._possible:
+            self._start = interval.start
+
+    def judge(self, trace: Trace) -> list[CycleSoFar]:
+        """The cycle under way after each interval that has ended within ``trace``."""
+        out: list[CycleSoFar] = []
+        while (start := self._start) is not None and len(trace):
+            now = (int(trace.time[-1]) - start) * 1e-9
+            if not self._decided(trace, now) or self._course is None:
+                break
+            expected = self._course.intervals[len(self._verdicts)]
+            if now < expected.end + AFTER:
+                break
+            readings = _readings(trace, start)
+            if not _known(readings, expected.start, expected.end):
+                self._end(start + round(expected.end * 1e9))
+                break
+            self._verdicts.append(judge_interval(expected, readings, self.tolerance))
+            over = len(self._verdicts) == len(self._course.intervals)
+            out.append(CycleSoFar(self._course, start, tuple(self._verdicts), over))
+            if over:
+                self._end(start + round(expected.end * 1e9))
+        return out
+
+    def earliest(self) -> int | None:
+        """Start of the cycle under way, ns: frames from there on are still needed."""
+        return self._start
+
+    def _decided(self, trace: Trace, now: float) -> bool:
+        """Whether the speed is known: that which fits best, for as long as the fastest takes for its first interval."""
+        if self._course is not None:
+            return True
+        assert self._start is not None
+        until = min(course.intervals[0].end for course in self._possible)
+        if now < until + AFTER:
+            return False
+        readings = _readings(trace, self._start)
+        misfits = [course.misfit(readings, until) for course in self._possible]
+        best = int(np.argmin(misfits))
+        if not _known(readings, -BEFORE, until) or misfits[best] > FAR * readings.q.shape[1] / 2:
+            self._end(self._start)
+            return False
+        self._course = self._possible[best]
+        return True
+
+    def _end(self, at: int) -> None:
+        self._start = self._course = None
+        self._possible, self._verdicts, self._free_from = (), [], at + 1
+
+
+def _readings(trace: Trace, start: int) -> Readings:
+    """What was measured from a second before ``start`` (ns) on; frames with something missing are left out."""
+    part = trace.between(start - 10**9, int(trace.time[-1]))
+    known = np.isfinite(part.power) & np.isfinite(part.position).all(axis=1)
+    return Readings(part.since(start)[known], part.position[known], part.power[known])
+
+
+def _known(readings: Readings, start: float, end: float) -> bool:
+    """Whether no stretch longer than ``GAP`` is missing between two times, s."""
+    inside = readings.t[(readings.t > start) & (readings.t < end)]
+    return bool(np.diff(np.concatenate([[start], inside, [end]])).max() <= GAP)
+
+
+def courses_of(reference: Reference) -> list[Course]:
+    """Every task of a reference at every speed that was learned."""
+    return [
+        Course(task.name, variant.speed, from_variant(variant)) for task in reference.tasks for variant in task.variants
+    ]

@@ -1,0 +1,166 @@
+"""The live side of the paper's method: frames and intervals in, alarms out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.frames import Frames, Layout
+from cellwatt.results import Alarm, Interval, Result
+from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.expected import fault_table
+from cellwatt_plugins.faults.paper.following import Course, CycleFollower, CycleSoFar, courses_of
+from cellwatt_plugins.faults.paper.judging import (
+    IntervalVerdict,
+    Isolation,
+    NamedFault,
+    by_agreement,
+    by_codes,
+    by_encoders,
+)
+from cellwatt_plugins.faults.paper.network import FaultNetwork
+from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.faults.stage import ToleranceSettings
+from cellwatt_plugins.faults.trace import Trace
+
+MARGIN = 2 * 10**9
+"""Frames kept before the cycle under way, ns."""
+
+_WHAT = {
+    "joint": "Joint {joint}: power differs by up to {watts:+.0f} W from healthy cycles: a fault in the joint",
+    "encoder": "The encoder of joint {joint} is off by up to {degrees:.1f}°, while power is as in healthy cycles",
+    "joint_and_encoder": "Joint {joint} is off its path by up to {degrees:.1f}° and power differs by up to "
+    "{watts:+.0f} W: a fault in the joint and in its encoder",
+}
+
+
+class PaperFaultsSettings(StageSettings):
+    """Compares whole cycles with healthy ones by the clock, as seed 002 does: fixed tolerances, fault tables."""
+
+    reference: Path
+    """File made by ``cellwatt reference``; relative to the cell's file."""
+    arm: str | None = None
+    """Source with the joints; as in the reference where left out."""
+    power: str | None = None
+    """Channel of the supply's power; as in the reference where left out."""
+    network: Path | None = None
+    """Network of a fault table (ONNX) for tasks with as many intervals; else codes are compared with the motion."""
+    tolerance: ToleranceSettings = ToleranceSettings()
+    """How far from the reference is still healthy."""
+
+
+class PaperFaultsStage(Stage[PaperFaultsSettings]):
+    """Gives alarms ``joint_fault``, ``encoder_fault``, ``joint_and_encoder_fault`` after intervals and cycles."""
+
+    Settings = PaperFaultsSettings
+    title = "faulty joints and encoders by the method of the paper: fixed tolerances, fault tables"
+    needs = ("segment",)
+
+    def __init__(self, name: str, settings: PaperFaultsSettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        path = cell.folder / settings.reference
+        reference = load(path)
+        self._positions = list(layout.joints("position", settings.arm or reference.arm))
+        self._source = layout.channels[self._positions[0]].source
+        if len(self._positions) != reference.joints:
+            found = f"source {self._source} has {len(self._positions)}"
+            raise ModelError(f"reference {path}: has {reference.joints} joints, {found}")
+        self._power = layout.index(settings.power or reference.power)
+        if layout.channels[self._power].unit != "W":
+            channel = layout.channels[self._power]
+            raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
+        t = settings.tolerance
+        self._follower = CycleFollower(courses_of(reference), Tolerance(t.position, t.power, t.floor))
+        self._network = FaultNetwork(cell.folder / settings.network) if settings.network else None
+        self._trace = Trace.empty(len(self._positions))
+        self._up: dict[tuple[int, str], Alarm] = {}
+        self._latest: int | None = None
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """Alarms that changed with this block."""
+        block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
+        self._trace = self._trace.with_more(block)
+        out: list[Alarm] = []
+        for result in upstream:
+            # An interval comes open, ending at the frame that confirmed it, and closed later.
+            if isinstance(result, Interval) and result.source == self._source and result.moving and not result.closed:
+                out += self._judged(self._trace.between(0, result.end))
+                self._latest = result.number
+                self._follower.see(result)
+        out += self._judged(self._trace)
+        if len(self._trace):
+            newest = int(self._trace.time[-1])
+            self._trace = self._trace.between((self._follower.earliest() or newest) - MARGIN, newest)
+        return out
+
+    def _judged(self, trace: Trace) -> list[Alarm]:
+        return [alarm for cycle in self._follower.judge(trace) for alarm in self._take(cycle)]
+
+    def _take(self, cycle: CycleSoFar) -> list[Alarm]:
+        """Alarms after one more interval: encoders at once, what only codes tell at the end of the cycle."""
+        named = by_encoders(cycle.verdicts)
+        if cycle.over and not named:
+            named = by_codes(cycle.verdicts, self._isolation(cycle.course))
+        last = cycle.verdicts[-1]
+        now = cycle.start + round(last.interval.end * 1e9)
+        fresh = [f for f in named if last.interval.number in f.intervals or (f.joint, f.kind) not in self._up]
+        out = [self._raised(fault, cycle, now) for fault in fresh]
+        if cycle.over:
+            still = {(fault.joint, fault.kind) for fault in named}
+            out += [self._cleared(key, now) for key in list(self._up) if key not in still]
+        return out
+
+    def _isolation(self, course: Course) -> Isolation:
+        if self._network is not None and self._network.intervals == len(course.intervals):
+            return self._network.joints
+        return by_agreement(fault_table(course.intervals))
+
+    def _raised(self, fault: NamedFault, cycle: CycleSoFar, now: int) -> Alarm:
+        shown = [v for v in cycle.verdicts if v.interval.number in fault.intervals]
+        key = (fault.joint, fault.kind)
+        since = self._up[key].since if key in self._up else cycle.start + round(shown[0].interval.start * 1e9)
+        evidence = _evidence(fault, cycle.course, shown)
+        degrees = math.degrees(evidence["position_residual_rad"])
+        where = f", in interval {', '.join(map(str, fault.intervals))} of {cycle.course.task}"
+        others = f"; it may as well be joint {' or '.join(map(str, fault.alternatives))}" if fault.alternatives else ""
+        what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, degrees=degrees)
+        alarm = Alarm(
+            id=f"{self.name}.{self._source}.joint_{fault.joint}.{fault.kind}_fault",
+            kind=f"{fault.kind}_fault",
+            severity="error",
+            active=True,
+            since=since,
+            time=now,
+            statement=f"{what}{where}{others}.",
+            source=self._source,
+            joint=fault.joint,
+            alternatives=fault.alternatives,
+            interval=self._latest,
+            evidence=evidence,
+        )
+        self._up[key] = alarm
+        return alarm
+
+    def _cleared(self, key: tuple[int, str], now: int) -> Alarm:
+        text = f"Joint {key[0]} is cleared: a whole cycle was as in the reference, or shows another fault"
+        return replace(self._up.pop(key), active=False, time=now, statement=text)
+
+
+def _evidence(fault: NamedFault, course: Course, shown: Sequence[IntervalVerdict]) -> Mapping[str, Any]:
+    """The figures behind a fault, units in their names."""
+    worst = max(shown, key=lambda verdict: abs(verdict.watts))
+    return {
+        "task": course.task,
+        "speed": course.speed,
+        "task_interval": shown[-1].interval.number,
+        "task_intervals": list(fault.intervals),
+        "codes": [verdict.code for verdict in shown],
+        "power_residual_W": round(worst.watts, 1),
+        "power_limit_W": round(worst.limit, 1),
+        "position_residual_rad": round(max(verdict.off_by[fault.joint - 1] for verdict in shown), 4),
+    }

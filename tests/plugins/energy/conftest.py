@@ -1,0 +1,38 @@
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[3] / "bench"))
+
+
+@pytest.fixture(scope="session")
+def measured(tmp_path_factory):
+    """A small campaign of an arm whose torque is off, and the key to it."""
+    from energy.arms import Case
+    from energy.plant import write_campaign
+
+    case = Case("small", 21, speeds=(150.0, 400.0, 1400.0), repetitions=3)
+    folder = tmp_path_factory.mktemp("measured")
+    return case, folder, write_campaign(case, folder)
+
+
+@pytest.fixture(scope="session")
+def outcome(measured):
+    """What disaggregation makes of it."""
+    from tests.plugins.energy.running import run_on
+
+    return run_on(measured[1])
+
+
+@pytest.fixture(scope="session")
+def variant(tmp_path_factory, measured):
+    """Makes other campaigns of the same kind."""
+    from energy.plant import write_campaign
+
+    def make(**changed):
+        folder = tmp_path_factory.mktemp("variant")
+        return folder, write_campaign(replace(measured[0], **changed), folder)
+
+    return make

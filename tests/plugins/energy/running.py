@@ -1,0 +1,27 @@
+"""Disaggregation of a folder that the plant wrote."""
+
+from cellwatt_plugins.energy.arm import load_arm
+from cellwatt_plugins.energy.campaign import disaggregate
+from cellwatt_plugins.energy.fixed import AtRest, steady_power
+from cellwatt_plugins.energy.recordings import read_reading, read_runs
+
+STATES = ("controller", "connected", "released")
+GROUPS = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration", "positive_mechanical")
+
+
+def run_on(folder):
+    arm = load_arm(folder / "robot.yaml")
+    rest = AtRest(*(steady_power(read_reading(folder / f"{state}.parquet")) for state in STATES))
+    return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints))
+
+
+def worst_error(key, findings):
+    """Per cent of the run's total, over all groups and runs."""
+    found = {run.run: run for run in findings.runs}
+    worst = 0.0
+    for true in key["runs"]:
+        both = {"electrical_losses_with_regeneration": true["electrical_losses"] + true["regeneration"]}
+        for group in (*GROUPS, "total"):
+            off = getattr(found[true["run"]], group) - (true | both)[group]
+            worst = max(worst, 100 * abs(off) / true["total"])
+    return worst

@@ -1,0 +1,92 @@
+"""Advice followed on the plant: what it said would be saved is saved."""
+
+import json
+
+import numpy as np
+import pytest
+from energy.live import RATE
+from energy.plant import production
+
+from cellwatt_plugins.energy.advice import Cycle, advise, least_gravity, motion_energy, speed_advice
+from cellwatt_plugins.energy.arm import load_arm
+from cellwatt_plugins.energy.balance import Stretch, stored_energy
+from cellwatt_plugins.energy.known import load_known
+
+
+@pytest.fixture(scope="module")
+def known(measured, outcome, tmp_path_factory):
+    path = tmp_path_factory.mktemp("known") / "energy.json"
+    path.write_text(json.dumps(outcome.findings.as_json()))
+    arm = load_arm(measured[1])
+    return arm, load_known(path, arm)
+
+
+def produced(measured, speed, repetitions=1, pause=2.0):
+    case, _, key = measured
+    seen, power, _ = production(case, key["fixed"], speed, 5.0, repetitions, pause, RATE)
+    return Stretch(1 / RATE, seen["position"], seen["velocity"], seen["torque"], power)
+
+
+def moving(whole, pause=2.0):
+    part = slice(round(pause * RATE), len(whole.power) - round(pause * RATE))
+    return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
+
+
+def test_the_energy_of_another_speed_is_what_the_arm_then_takes(measured, known):
+    """The same path at half the speed, as the plant measures it."""
+    fast, slow = moving(produced(measured, 400.0)), moving(produced(measured, 200.0))
+    scale = len(slow.power) / len(fast.power)
+    said = motion_energy(*known, fast, scale)
+    assert said == pytest.approx(slow.power.sum() / RATE, rel=0.02)
+    assert motion_energy(*known, fast, 1.0) == pytest.approx(fast.power.sum() / RATE, rel=0.01)
+
+
+def test_slower_in_the_same_cycle_time_saves_as_much_as_it_said(measured, known):
+    fast = moving(produced(measured, 1400.0))
+    seconds = len(fast.power) / RATE
+    advice = speed_advice(*known, Cycle(fast, 3.0))
+    assert advice.kind == "slower"
+    # Replayed: twice as long, waiting for as much less.
+    twice = moving(produced(measured, 1400.0 * seconds / (seconds + 1.5)))
+    rest = produced(measured, 400.0).power[: round(RATE)].mean()
+    cycle = fast.power.sum() / RATE + 3.0 * rest
+    slower = twice.power.sum() / RATE + (3.0 + seconds - len(twice.power) / RATE) * rest
+    assert cycle - slower > 0
+    assert advice.saving >= 0.9 * (cycle - slower)  # the best speed saves at least what this one does
+    assert advice.saving < cycle - seconds * measured[2]["fixed"]["controller"]
+
+
+def test_faster_where_the_next_cycle_follows_at_once(measured, known):
+    slow = moving(produced(measured, 150.0))
+    advice = speed_advice(*known, Cycle(slow, 0.0))
+    assert advice.kind == "faster"
+    faster = moving(produced(measured, 300.0))
+    assert advice.saving > 0.9 * (slow.power.sum() - faster.power.sum()) / RATE > 0
+
+
+def test_brakes_save_their_power_and_the_holding(measured, known):
+    fast = moving(produced(measured, 400.0))
+    found = {advice.kind: advice for advice in advise(*known, Cycle(fast, 60.0), brake_time=2.0)}
+    hold = produced(measured, 400.0).power[: round(2 * RATE)].mean() - sum(measured[2]["fixed"].values())
+    true = 58.0 * (measured[2]["fixed"]["brakes"] + hold)
+    assert found["brakes"].saving == pytest.approx(true, rel=0.05, abs=3 * found["brakes"].uncertainty)
+    assert not [a for a in advise(*known, Cycle(fast, 1.0), brake_time=2.0) if a.kind == "brakes"]
+
+
+def test_the_pose_of_least_gravity_asks_for_less_than_any_other(known):
+    arm, _ = known
+    pose = least_gravity(arm, np.zeros(arm.joints))
+    least = np.linalg.norm(arm.body.gravity_torque(pose[None, :]))
+    others = np.random.default_rng(5).uniform(-np.pi, np.pi, (300, arm.joints))
+    assert least <= np.linalg.norm(arm.body.gravity_torque(others), axis=1).min()
+
+
+def test_an_open_path_stores_what_it_lifts(measured, known):
+    arm, _ = known
+    whole = moving(produced(measured, 400.0))
+    half = slice(0, len(whole.power) // 3)
+    part = Stretch(whole.step, *(getattr(whole, n)[half] for n in ("position", "velocity", "torque", "power")))
+    torque = arm.body.inverse_dynamics(part.position, part.velocity, np.gradient(part.velocity, 1 / RATE, axis=0))
+    work = np.trapezoid((torque * part.velocity).sum(axis=1), dx=1 / RATE)
+    assert stored_energy(arm, part) == pytest.approx(work, abs=0.5)
+    assert abs(stored_energy(arm, whole)) < 0.01

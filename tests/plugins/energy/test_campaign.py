@@ -1,0 +1,91 @@
+"""Whole campaigns of arms whose energies are known; the plant shares no code with the product."""
+
+import numpy as np
+import pytest
+from energy.arms import make_arm
+
+from tests.plugins.energy.running import run_on, worst_error
+
+
+def test_every_group_is_within_a_percent(measured, outcome):
+    assert worst_error(measured[2], outcome.findings) < 1.0
+
+
+def test_fixed_powers(measured, outcome):
+    fixed = outcome.findings.fixed
+    for name, value in measured[2]["fixed"].items():
+        assert getattr(fixed, name) == pytest.approx(value, abs=0.2)
+
+
+def test_clocks(measured, outcome):
+    true = {run["run"]: run["offset"] for run in measured[2]["runs"]}
+    for run in outcome.findings.runs:
+        assert run.analyzer_offset_s == pytest.approx(true[run.run], abs=0.01)
+
+
+def test_torque_gains_of_the_joints_that_work(measured, outcome):
+    true = make_arm(measured[0]).gains
+    found = [joint.torque_gain for joint in outcome.findings.drives]
+    assert np.array(found)[:3] == pytest.approx(true[:3], rel=0.02)
+    assert any("corrected" in note for note in outcome.findings.notes)
+
+
+def test_regeneration_is_told_from_electrical_losses(measured, outcome):
+    found = {run.run: run for run in outcome.findings.runs}
+    for true in measured[2]["runs"]:
+        run = found[true["run"]]
+        assert run.regeneration == pytest.approx(true["regeneration"], abs=0.01 * true["total"])
+        assert run.regeneration <= run.regeneration_upper_bound
+    fastest = max(measured[2]["runs"], key=lambda run: run["regeneration"])
+    assert fastest["regeneration"] > 0.02 * fastest["total"]  # there was something to find
+    assert outcome.findings.returned == pytest.approx(0.5, abs=0.05)
+
+
+def test_groups_add_up(outcome):
+    for run in outcome.findings.runs:
+        parts = run.electronics + run.brakes + run.mechanical_losses + run.electrical_losses + run.regeneration
+        assert parts == pytest.approx(run.total, rel=1e-9)
+
+
+def test_errors_are_within_the_stated_uncertainty(measured, outcome):
+    found = {run.run: run for run in outcome.findings.runs}
+    pulls = []
+    for true in measured[2]["runs"]:
+        run = found[true["run"]]
+        for group in ("total", "mechanical_losses", "positive_mechanical"):
+            floor = 5e-4 * true["total"]
+            pulls.append(abs(getattr(run, group) - true[group]) / (run.uncertainty[group] + floor))
+    assert np.mean(np.array(pulls) < 2) > 0.85
+
+
+def test_torque_so_far_off_that_losses_would_be_negative(variant):
+    folder, key = variant(gear=0.005, speeds=(150.0, 900.0), gains=(0.75, 1.25), seed=28)
+    findings = run_on(folder).findings
+    assert all(run.mechanical_losses >= 0 for run in findings.runs)
+    assert any("would be negative" in note for note in findings.notes)
+    assert worst_error(key, findings) < 1.0
+
+
+def test_an_arm_without_brakes_that_cannot_be_unplugged(variant):
+    folder, key = variant(
+        joints=7, current=False, gear=0.3, brakes=0.0, separate=False, speeds=(200.0, 900.0), seed=24, payload=3.0
+    )
+    findings = run_on(folder).findings
+    assert findings.fixed.brakes == 0
+    assert all(run.brakes == 0 for run in findings.runs)
+    assert any("cannot be unplugged" in note for note in findings.fixed.notes)
+    assert worst_error(key, findings) < 1.0
+
+
+def test_payload_efficiency(measured, outcome):
+    total = {run["run"]: run["total"] for run in measured[2]["runs"]}
+    for speed, found in outcome.findings.payload_efficiency_percent.items():
+        loaded, empty = total[f"{speed}_5kg"], total[f"{speed}_0kg"]
+        assert found == pytest.approx(100 * (loaded - empty) / loaded, abs=0.5)
+
+
+def test_path_speed_by_the_encoders(measured, outcome):
+    """The same path: speeds are as the inverse of the times."""
+    runs = [run for run in outcome.findings.runs if run.payload_kg == 0]
+    lengths = [run.path_speed_mm_s * run.seconds for run in runs]
+    assert np.ptp(lengths) < 0.01 * np.mean(lengths)

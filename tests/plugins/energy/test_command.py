@@ -1,0 +1,119 @@
+import csv
+import json
+import shutil
+
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import ConfigError, RecordingError
+from cellwatt_plugins.energy.command import disaggregate
+from tests.plugins.energy.running import STATES
+
+
+def words(folder, out, *more):
+    states = [word for state in STATES for word in (f"--{state}", str(folder / f"{state}.parquet"))]
+    return ["--robot", str(folder / "robot.yaml"), *states, "--runs", str(folder / "runs"), "--out", str(out), *more]
+
+
+@pytest.fixture(scope="module")
+def written(measured, tmp_path_factory):
+    out = tmp_path_factory.mktemp("out")
+    done = CliRunner().invoke(disaggregate, words(measured[1], out), catch_exceptions=False)
+    assert done.exit_code == 0
+    return out, done.output
+
+
+def test_energy_json_keeps_the_contract(written, measured):
+    found = json.loads((written[0] / "energy.json").read_text())
+    fixed = found["fixed"]
+    for name, value in measured[2]["fixed"].items():
+        assert fixed[name] == pytest.approx(value, abs=0.2)
+        assert 0 < fixed[f"{name}_uncertainty"] < 0.2
+    assert {run["run"] for run in found["runs"]} == {run["run"] for run in measured[2]["runs"]}
+    for run in found["runs"]:
+        assert run["repetitions"] == 3
+        assert run["total"] > run["electronics"] > 0
+        assert set(run["uncertainty"]) >= {"total", "mechanical_losses", "regeneration", "positive_mechanical"}
+    assert set(found["payload_efficiency_percent"]) == {"150", "400", "1400"}
+
+
+def test_table_has_a_line_a_run(written, measured):
+    with (written[0] / "energy.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 6
+    true = {run["run"]: run for run in measured[2]["runs"]}
+    for row in rows:
+        assert float(row["total"]) == pytest.approx(true[row["run"]]["total"], rel=0.01)
+        assert float(row["total_uncertainty"]) > 0
+
+
+def test_what_a_person_reads(written):
+    assert "robot electronics" in written[1]
+    assert "torque as given is the true torque times" in written[1]
+
+
+def test_csv_files_do_as_well(measured, written, tmp_path):
+    folder = tmp_path / "campaign"
+    (folder / "runs").mkdir(parents=True)
+    for name in ("robot.yaml", "robot.urdf", *(f"{state}.parquet" for state in STATES)):
+        shutil.copy(measured[1] / name, folder / name)
+    for path in (measured[1] / "runs").glob("*.parquet"):
+        pyarrow.csv.write_csv(pyarrow.parquet.read_table(path), folder / "runs" / f"{path.stem}.csv")
+    done = CliRunner().invoke(disaggregate, words(folder, tmp_path, "--json", "--no-report"), catch_exceptions=False)
+    again, before = json.loads(done.output), json.loads((written[0] / "energy.json").read_text())
+    assert [run["total"] for run in again["runs"]] == pytest.approx([run["total"] for run in before["runs"]], rel=1e-4)
+    assert not (tmp_path / "report.html").exists()
+
+
+def fails(folder, tmp_path, error):
+    with pytest.raises(error) as caught:
+        CliRunner().invoke(disaggregate, words(folder, tmp_path / "out"), catch_exceptions=False)
+    return str(caught.value)
+
+
+@pytest.fixture
+def copy(measured, tmp_path):
+    folder = tmp_path / "campaign"
+    shutil.copytree(measured[1], folder)
+    return folder
+
+
+def test_a_missing_analyzer_file_is_named(copy, tmp_path):
+    (copy / "runs" / "150_0kg.analyzer.parquet").unlink()
+    assert "150_0kg.analyzer.parquet is not beside it" in fails(copy, tmp_path, RecordingError)
+
+
+def test_a_run_with_another_name_says_how_to_call_it(copy, tmp_path):
+    (copy / "runs" / "150_0kg.robot.parquet").rename(copy / "runs" / "slow.robot.parquet")
+    assert "call it SPEED_PAYLOADkg" in fails(copy, tmp_path, RecordingError)
+
+
+def test_a_missing_column_is_named(copy, tmp_path):
+    path = copy / "runs" / "150_0kg.robot.parquet"
+    pyarrow.parquet.write_table(pyarrow.parquet.read_table(path).drop_columns(["tau_2"]), path)
+    assert "no column tau_2" in fails(copy, tmp_path, RecordingError)
+
+
+def test_a_controller_that_was_not_measured(copy, tmp_path):
+    (copy / "controller.parquet").unlink()
+    assert "controller_separate: false" in fails(copy, tmp_path, RecordingError)
+    text = (copy / "robot.yaml").read_text().replace("controller_separate: true", "controller_separate: false")
+    (copy / "robot.yaml").write_text(text)
+    done = CliRunner().invoke(disaggregate, words(copy, tmp_path / "out", "--no-report"), catch_exceptions=False)
+    assert done.exit_code == 0
+    assert json.loads((tmp_path / "out" / "energy.json").read_text())["fixed"]["robot_electronics"] == 0
+
+
+def test_a_joint_without_resistance_is_refused(copy, tmp_path):
+    lines = (copy / "robot.yaml").read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if "winding_resistance" in line)
+    (copy / "robot.yaml").write_text("\n".join(lines[:at] + lines[at + 1 :]))
+    assert "joint_1 has no winding_resistance" in fails(copy, tmp_path, ConfigError)
+
+
+def test_an_empty_folder_is_told(copy, tmp_path):
+    for path in (copy / "runs").iterdir():
+        path.unlink()
+    assert "no runs there" in fails(copy, tmp_path, RecordingError)

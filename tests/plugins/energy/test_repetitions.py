@@ -1,0 +1,75 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from energy.plant import _timing
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.repetitions import encoder_noise, find_repetitions
+
+NOISE = 2e-5
+RATE = 100.0
+
+
+def motion(profile, legs, seconds, rest=1.0, corners=((0.4, -0.3), (0.1, 0.6)), late=0.0037):
+    """Closed paths of three legs each; begins ``late`` s after a sample."""
+    fine = 1e-3
+    points = np.array([[0.2, 0.9], *([x + 0.2, y + 0.9] for x, y in corners), [0.2, 0.9]])
+    still = np.tile(points[:1], (round(rest / fine), 1))
+    parts, starts, at = [still], [], len(still)
+    for length in legs:
+        starts.append((at * fine, (at + 3 * round(length * seconds / fine)) * fine))
+        for a, b in pairwise(points):
+            s = np.linspace(0, 1, round(length * seconds / fine) + 1)[1:]
+            parts.append(a + (b - a) * _timing(profile, s)[:, None])
+        parts.append(still)
+        at += 3 * round(length * seconds / fine) + len(still)
+    q = np.vstack(parts)
+    time = np.arange(late, len(q) * fine - fine, 1 / RATE)
+    grid = np.arange(len(q)) * fine
+    seen = np.stack([np.interp(time, grid, column) for column in q.T], axis=1)
+    seen += np.random.default_rng(1).normal(0, NOISE, seen.shape)
+    return Motion("run", time, seen, np.gradient(seen, 1 / RATE, axis=0), seen), starts
+
+
+@pytest.mark.parametrize("profile", ["quintic", "septic", "trapezoid"])
+@pytest.mark.parametrize("seconds", [0.4, 1.5, 6.0])
+def test_lengths_are_found_within_a_percent(profile, seconds):
+    recorded, true = motion(profile, [1, 1, 1], seconds)
+    found, notes = find_repetitions(recorded)
+    assert len(found) == 3
+    assert not notes
+    for repetition, (start, end) in zip(found, true, strict=True):
+        assert repetition.seconds == pytest.approx(end - start, rel=0.011)
+        assert repetition.start == pytest.approx(start, abs=0.006 * (end - start) + 0.01)
+
+
+def test_an_interrupted_repetition_is_left_out_and_named():
+    recorded, _ = motion("quintic", [1, 1.3, 1], 2.0)
+    found, notes = find_repetitions(recorded)
+    assert len(found) == 2
+    assert len(notes) == 1
+    assert "took 7.8" in notes[0]
+
+
+def test_what_is_cut_at_the_end_is_left_out():
+    recorded, _ = motion("quintic", [1, 1, 1], 2.0)
+    keep = recorded.time < recorded.time[-1] - 3.0
+    cut = Motion("run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep])
+    found, notes = find_repetitions(cut)
+    assert len(found) == 2
+    assert "begins or ends in motion" in notes[0]
+
+
+def test_no_repetition_says_what_to_do():
+    recorded, _ = motion("quintic", [1], 2.0)
+    keep = recorded.time < 4.0
+    cut = Motion("run", recorded.time[keep], recorded.position[keep], recorded.velocity[keep], recorded.torque[keep])
+    with pytest.raises(RecordingError, match="record from rest to rest"):
+        find_repetitions(cut)
+
+
+def test_encoder_noise_is_found_beside_motion():
+    recorded, _ = motion("quintic", [1, 1], 3.0)
+    assert encoder_noise(recorded.position) == pytest.approx(NOISE, rel=0.1)

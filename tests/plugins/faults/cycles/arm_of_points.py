@@ -1,0 +1,232 @@
+"""An arm of point masses on four joints: the truth of these tests, sharing no code with the plugin.
+
+Torque comes by virtual work, τ_j = Σ m (p̈ - g) · ∂p/∂q_j, with derivatives of the points' places taken numerically.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+RATE = 100.0
+AXES = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0]], float)
+ORIGINS = np.array([[0, 0, 0.3], [0, 0, 0.1], [0, 0, 0.4], [0.3, 0, 0.0]])
+MASS = np.array([8.0, 7.0, 4.0, 1.5])
+CENTRE = np.array([[0.01, 0.0, 0.05], [0.0, 0.02, 0.2], [0.15, 0.0, 0.02], [0.06, 0.01, 0.0]])
+SPREAD = np.array([0.08, 0.12, 0.09, 0.05])
+"""m from the centre to each of a link's six points, along and against its axes."""
+ROTOR = np.array([1.2, 1.2, 0.6, 0.15])
+COULOMB = np.array([7.0, 8.0, 5.0, 2.0])
+VISCOUS = np.array([4.0, 5.0, 3.0, 0.8])
+CONSTANT = np.array([25.0, 28.0, 20.0, 9.0])
+RESISTANCE = np.array([0.7, 0.7, 0.8, 1.6])
+STANDBY = 100.0
+HOME_A, HOME_B = np.array([0.3, -0.4, 0.5, 0.2]), np.array([-0.5, 0.2, -0.3, -0.4])
+TASK_A = ({0: 0.9}, {1: 0.6, 2: -0.7}, {3: 1.1}, {0: -0.7, 2: 0.5}, {0: -0.2, 1: -0.6, 2: 0.2, 3: -1.1})
+TASK_B = ({1: -0.5, 3: 0.9}, {0: 0.8}, {2: 0.8, 3: -0.4}, {0: -0.8, 1: 0.5, 2: -0.8, 3: -0.5})
+TASK_C = ({0: 0.5}, {2: 0.6, 3: 0.8}, {1: 0.4}, {0: -0.5, 1: -0.4}, {2: -0.6, 3: -0.8})
+
+
+@dataclass(frozen=True)
+class Fault:
+    """``what`` is spring (Nm/rad), friction (share), winding (share), drive_cut, belt_off, encoder_stuck,
+    encoder_scale (share) or encoder_offset (rad) on ``joint`` (0-based)."""
+
+    what: str
+    joint: int
+    size: float = 0.0
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A run of task A, B or C (never learned): ``pause`` s after its second move, ``part`` kg more from the second to
+    the third, ``warmth`` share of friction more."""
+
+    task: str = "A"
+    speed: float = 1.0
+    pause: float = 0.0
+    part: float = 0.0
+    warmth: float = 0.0
+    faults: tuple[Fault, ...] = ()
+
+
+@dataclass
+class Run:
+    """What was measured, and the start and end of each cycle, s."""
+
+    time: np.ndarray = field(default_factory=lambda: np.empty(0))
+    position: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    power: np.ndarray = field(default_factory=lambda: np.empty(0))
+    spans: list[tuple[float, float]] = field(default_factory=list)
+
+
+def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
+    """The cycles one after the other, with a rest and where needed a move between them."""
+    random = np.random.default_rng(seed)
+    homes = {"A": HOME_A, "B": HOME_B, "C": HOME_B}
+    out, here = Run(), homes[cycles[0].task]
+    positions, powers = [np.repeat(here[None], 80, axis=0)], [np.full(80, at_rest(here))]
+    for cycle in cycles:
+        home = homes[cycle.task]
+        if not np.allclose(here, home):
+            between = np.concatenate([move(here, home, 0.9), np.repeat(home[None], 40, axis=0)])
+            positions.append(between)
+            powers.append(supply(between, Cycle(), np.zeros(len(between))))
+        path, moves = way(cycle, random)
+        start = sum(map(len, positions))
+        held = ((moves >= 1) & (moves <= 2)).astype(float)
+        powers.append(supply(path, cycle, held))
+        positions.append(shown(path, cycle.faults))
+        out.spans.append((start / RATE, (start + len(path)) / RATE))
+        rest = int(random.integers(60, 120))
+        positions.append(np.repeat(home[None], rest, axis=0))
+        powers.append(np.full(rest, at_rest(home)))
+        here = home
+    out.position = np.concatenate(positions)
+    out.power = np.concatenate(powers) + noise * random.standard_normal(len(out.position))
+    out.position = out.position + noise * 3e-5 * random.standard_normal(out.position.shape)
+    out.time = np.arange(len(out.power)) / RATE
+    return out
+
+
+def way(cycle: Cycle, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Path (N, 4) rad of a cycle, and which move runs or ran last (N,), -1 before the first."""
+    pose = HOME_A if cycle.task == "A" else HOME_B
+    parts, moves = [np.repeat(pose[None], 10, axis=0)], [np.full(10, -1)]
+    for number, by in enumerate({"A": TASK_A, "B": TASK_B, "C": TASK_C}[cycle.task]):
+        target = pose + np.array([by.get(j, 0.0) for j in range(4)])
+        seconds = (0.55 + 0.4 * np.abs(target - pose).max()) / cycle.speed
+        rest = 0.3 / cycle.speed + 0.02 * random.standard_normal() + (cycle.pause if number == 1 else 0.0)
+        parts += [move(pose, target, seconds), np.repeat(target[None], round(rest * RATE), axis=0)]
+        moves.append(np.full(len(parts[-1]) + len(parts[-2]), number))
+        pose = target
+    return np.concatenate(parts), np.concatenate(moves)
+
+
+def move(start: np.ndarray, end: np.ndarray, seconds: float) -> np.ndarray:
+    """A minimum-jerk move."""
+    u = np.minimum(np.arange(1, round(seconds * RATE) + 1) / RATE / seconds, 1.0)[:, None]
+    return start + u**3 * (10 - 15 * u + 6 * u**2) * (end - start)
+
+
+def supply(path: np.ndarray, cycle: Cycle, held: np.ndarray) -> np.ndarray:
+    """Power (N,) W without noise."""
+    still = [f.joint for f in cycle.faults if f.what in ("drive_cut", "belt_off")]
+    q = path.copy()
+    q[:, still] = q[0, still]
+    v = np.gradient(q, 1 / RATE, axis=0)
+    friction = (COULOMB * np.tanh(v / 0.004) + VISCOUS * v) * (1 + cycle.warmth)
+    torque = links(q, cycle.part * held) + ROTOR * np.gradient(v, 1 / RATE, axis=0) + friction
+    resistance = RESISTANCE.copy()
+    for fault in cycle.faults:
+        j = fault.joint
+        if fault.what == "spring":
+            torque[:, j] += fault.size * (q[:, j] - q[0, j])
+        elif fault.what == "friction":
+            torque[:, j] += fault.size * friction[:, j]
+        elif fault.what == "winding":
+            resistance[j] *= 1 + fault.size
+    drives = torque * v + resistance * (torque / CONSTANT) ** 2
+    for j in still:
+        turning = np.gradient(path[:, j], 1 / RATE)
+        share = 0.4 if Fault("belt_off", j) in cycle.faults else 0.0
+        drives[:, j] = share * (COULOMB[j] * np.abs(turning) + VISCOUS[j] * turning**2)
+    return STANDBY + drives.sum(axis=1)
+
+
+def at_rest(pose: np.ndarray) -> float:
+    """Power W that holds the arm."""
+    torque = links(np.repeat(pose[None], 9, axis=0), np.zeros(9))[4]
+    return float(STANDBY + np.sum(RESISTANCE * (torque / CONSTANT) ** 2))
+
+
+def links(q: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Torques (N, 4) Nm of the links and of a part (N,) kg at the flange."""
+    out = np.zeros_like(q)
+    for link in range(4):
+        for point in points(link):
+            out += MASS[link] / 6 * of_point(q, link, point)
+    return out + part[:, None] * of_point(q, 3, np.array([0.12, 0.0, 0.0]))
+
+
+def of_point(q: np.ndarray, link: int, point: np.ndarray) -> np.ndarray:
+    """Torques (N, 4) Nm for 1 kg at a point of a link."""
+    force = np.gradient(np.gradient(place(q, link, point), 1 / RATE, axis=0), 1 / RATE, axis=0)
+    force[:, 2] += 9.81
+    out = np.zeros_like(q)
+    for j in range(link + 1):
+        step = np.zeros(4)
+        step[j] = 1e-5
+        lever = (place(q + step, link, point) - place(q - step, link, point)) / 2e-5
+        out[:, j] = np.einsum("ij,ij->i", force, lever)
+    return out
+
+
+def points(link: int) -> np.ndarray:
+    """(6, 3) m in the link's frame."""
+    return CENTRE[link] + SPREAD[link] * np.concatenate([np.eye(3), -np.eye(3)])
+
+
+def place(q: np.ndarray, link: int, point: np.ndarray) -> np.ndarray:
+    """(N, 3) m in the base's frame."""
+    where = np.repeat(point[None], len(q), axis=0)
+    for j in range(link, -1, -1):
+        where = ORIGINS[j] + turned(where, AXES[j], q[:, j])
+    return where
+
+
+def turned(where: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Rodrigues' rotation of (N, 3)."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    return where * c + np.cross(axis, where) * s + axis * (where @ axis)[:, None] * (1 - c)
+
+
+def shown(path: np.ndarray, faults: Sequence[Fault]) -> np.ndarray:
+    """What the encoders show."""
+    out = path.copy()
+    for fault in faults:
+        j = fault.joint
+        if fault.what in ("drive_cut", "belt_off"):
+            out[:, j] = path[0, j]
+        elif fault.what == "encoder_stuck":
+            out[len(path) // 2 :, j] = path[len(path) // 2, j]
+        elif fault.what == "encoder_scale":
+            out[:, j] = path[0, j] + (1 + fault.size) * (path[:, j] - path[0, j])
+        elif fault.what == "encoder_offset":
+            out[:, j] += fault.size
+    return out
+
+
+def describe(folder: Path, off: float = 1.05) -> Path:
+    """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``off`` the truth."""
+    joints = []
+    links_ = ['<link name="base"/>']
+    for j in range(4):
+        inertia = MASS[j] / 6 * 4 * SPREAD[j] ** 2
+        centre, origin, axis = (" ".join(f"{x:g}" for x in row) for row in (CENTRE[j], ORIGINS[j], AXES[j]))
+        parent = f"link_{j}" if j else "base"
+        links_.append(
+            f'<link name="link_{j + 1}"><inertial><origin xyz="{centre}"/><mass value="{MASS[j] * off:g}"/><inertia '
+            f'ixx="{inertia:g}" iyy="{inertia:g}" izz="{inertia:g}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="joint_{j + 1}" type="revolute"><parent link="{parent}"/><child link="link_{j + 1}"/>'
+            f'<origin xyz="{origin}"/><axis xyz="{axis}"/>'
+            '<limit lower="-6" upper="6" effort="900" velocity="9"/></joint>'
+        )
+        joints.append(
+            {
+                "name": f"joint_{j + 1}",
+                "torque_constant": float(CONSTANT[j]),
+                "rotor_inertia": float(ROTOR[j]),
+                "coulomb_friction": float(COULOMB[j] / off),
+                "viscous_friction": float(VISCOUS[j] * off),
+                "winding_resistance": float(RESISTANCE[j] * off),
+            }
+        )
+    (folder / "robot.urdf").write_text(f'<robot name="points">{"".join(links_)}</robot>')
+    content = {"robot": "points", "urdf": "robot.urdf", "joints": joints, "standby_power": STANDBY + 2.0}
+    (folder / "robot.yaml").write_text(yaml.safe_dump(content))
+    return folder / "robot.yaml"

@@ -1,0 +1,25 @@
+import pytest
+
+from cellwatt_plugins.faults.cycles.known import learn_known
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.robot import load_robot
+from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run
+
+HEALTHY = [Cycle(task.upper(), 0.6 if task.islower() else 1.0) for task in "AbBAaBABaAbB"]
+"""Lower case: slower."""
+
+
+@pytest.fixture(scope="session")
+def robot(tmp_path_factory):
+    return load_robot(describe(tmp_path_factory.mktemp("points")))
+
+
+@pytest.fixture(scope="session")
+def healthy():
+    measured = run(HEALTHY, seed=1)
+    return Recording(measured.time, measured.position, measured.power)
+
+
+@pytest.fixture(scope="session")
+def known(healthy, robot):
+    return learn_known(healthy, robot)

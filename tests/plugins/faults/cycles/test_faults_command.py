@@ -1,0 +1,98 @@
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import ModelError, RecordingError
+from cellwatt_plugins.faults.command import faults, reference
+from cellwatt_plugins.faults.cycles.known import restored, stored
+from cellwatt_plugins.faults.reference import load
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run
+from tests.plugins.faults.cycles.conftest import HEALTHY
+
+
+def table(path, measured):
+    columns = {f"q_{j + 1}": measured.position[:, j] for j in range(4)}
+    pq.write_table(pa.table({"t": measured.time, **columns, "power": measured.power}), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    where = tmp_path_factory.mktemp("cell")
+    describe(where)
+    table(where / "reference.parquet", run(HEALTHY, seed=1))
+    table(where / "test.parquet", run([Cycle("A"), Cycle("B", faults=(Fault("spring", 0, 50.0),))], seed=5))
+    learned = called(
+        reference, where / "reference.parquet", "--robot", where / "robot.yaml", "--out", where / "reference.yaml"
+    )
+    assert learned.exit_code == 0, learned.output
+    return where
+
+
+def called(command, *arguments):
+    return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+def judge(folder, *more):
+    known = ["--reference", folder / "reference.yaml", "--robot", folder / "robot.yaml"]
+    return called(faults, folder / "test.parquet", *known, *more)
+
+
+def test_the_pair_of_commands(folder, tmp_path):
+    result = judge(folder, "--out", tmp_path / "findings.json")
+    assert result.exit_code == 0, result.output
+    first, second = json.loads((tmp_path / "findings.json").read_text())["cycles"]
+    assert (first["status"], second["status"]) == ("healthy", "fault")
+    assert (second["task"], [(f["joint"], f["kind"]) for f in second["faults"]]) == ("task_2", [(1, "joint")])
+    assert set(second["faults"][0]) == {
+        "joint",
+        "kind",
+        "intervals",
+        "size_watt",
+        "confidence",
+        "alternatives",
+        "statement",
+    }
+    assert "2 cycles: 1 fault, 1 healthy" in result.output
+
+
+def test_as_json(folder):
+    assert len(json.loads(judge(folder, "--json").output)["cycles"]) == 2
+
+
+def test_the_file_keeps_what_was_learned(folder, known, robot):
+    kept = load(folder / "reference.yaml")
+    again = restored(*stored(known, robot), robot)
+    assert kept.power_model is not None
+    assert len(kept.cycles) == len(known.patterns)
+    assert np.allclose(again.arm.parameters.packed(), known.arm.parameters.packed())
+    assert np.abs(again.patterns[0].position - known.patterns[0].position).max() < 1e-5
+
+
+def test_a_reference_without_cycles_is_refused(folder, tmp_path):
+    called(reference, folder / "reference.parquet", "--out", tmp_path / "bare.yaml")
+    result = called(
+        faults, folder / "test.parquet", "--reference", tmp_path / "bare.yaml", "--robot", folder / "robot.yaml"
+    )
+    assert isinstance(result.exception, ModelError)
+    assert "learn it again with --robot" in str(result.exception)
+
+
+def test_another_robot_is_refused(folder, tmp_path):
+    text = (folder / "robot.yaml").read_text().replace("joint_4", "wrist")
+    (tmp_path / "robot.yaml").write_text(text)
+    (tmp_path / "robot.urdf").write_text((folder / "robot.urdf").read_text().replace("joint_4", "wrist"))
+    known = ["--reference", folder / "reference.yaml", "--robot", tmp_path / "robot.yaml"]
+    result = called(faults, folder / "test.parquet", *known)
+    assert isinstance(result.exception, ModelError)
+    assert "joint_4" in str(result.exception)
+
+
+def test_a_place_that_cannot_be_written(folder, tmp_path):
+    result = judge(folder, "--out", tmp_path / "no" / "findings.json")
+    assert isinstance(result.exception, RecordingError)
+    assert "cannot be written" in str(result.exception)

@@ -1,0 +1,87 @@
+import pytest
+
+from cellwatt_plugins.faults.cycles.findings import judge_recording
+from cellwatt_plugins.faults.cycles.recording import Recording
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+
+
+def judged(known, *cycles, seed=20):
+    """Findings with the healthy cycles around the ones in question left out."""
+    measured = run([Cycle("B"), *cycles, Cycle("A")], seed=seed)
+    found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    assert len(found) == len(cycles) + 2
+    for (start, end), cycle in zip(measured.spans, found, strict=True):
+        assert start - 0.1 < cycle.start < cycle.end < end + 0.1
+    assert [found[0].status, found[-1].status] == ["healthy", "healthy"]
+    return found[1:-1]
+
+
+def named(cycle):
+    return [(fault.joint, fault.kind) for fault in cycle.faults]
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2, 3])
+@pytest.mark.parametrize("what, size", [("spring", 40.0), ("friction", 1.0), ("drive_cut", 0.0), ("belt_off", 0.0)])
+def test_a_faulty_joint_is_named(known, what, size, joint):
+    small = {"spring": 0.25, "friction": 2.0}.get(what, 1.0) if joint == 3 else 1.0
+    (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size * small),)))
+    assert named(cycle) == [(joint + 1, "joint")]
+    assert cycle.status == "fault"
+    assert cycle.faults[0].confidence > 0.9
+
+
+def test_a_hot_winding_is_named(known):
+    (cycle,) = judged(known, Cycle("A", faults=(Fault("winding", 1, 6.0),)))
+    assert named(cycle) == [(2, "joint")]
+    assert "winding" in cycle.faults[0].statement
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2, 3])
+@pytest.mark.parametrize("what, size", [("encoder_stuck", 0.0), ("encoder_scale", 0.1), ("encoder_offset", 0.04)])
+def test_a_wrong_encoder_is_named(known, what, size, joint):
+    (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
+    assert named(cycle) == [(joint + 1, "encoder")]
+    assert "power is as in healthy cycles" in cycle.faults[0].statement
+
+
+def test_two_faults_at_once(known):
+    both = (Fault("friction", 1, 1.0), Fault("encoder_offset", 3, 0.05))
+    other = (Fault("spring", 0, 40.0), Fault("friction", 2, 1.2))
+    same = (Fault("friction", 1, 1.0), Fault("encoder_offset", 1, 0.05))
+    first, second, third = judged(known, *(Cycle("A", faults=faults) for faults in (both, other, same)))
+    assert named(first) == [(2, "joint"), (4, "encoder")]
+    assert named(second) == [(1, "joint"), (3, "joint")]
+    assert named(third) == [(2, "joint_and_encoder")]
+
+
+def test_it_says_where_and_how_much(known):
+    truth, healthy = run([Cycle("A", faults=(Fault("friction", 1, 1.0),))], noise=0.0), run([Cycle("A")], noise=0.0)
+    (cycle,) = judged(known, Cycle("A", faults=(Fault("friction", 1, 1.0),)))
+    assert cycle.faults[0].intervals == (2, 5)
+    assert cycle.faults[0].size_watt == pytest.approx(abs(truth.power - healthy.power).max(), rel=0.15)
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.0])
+def test_what_is_harmless_is_no_fault(known, speed):
+    changes = [
+        Cycle("A", speed * 1.04),
+        Cycle("A", speed * 0.96),
+        Cycle("B", speed, pause=2.5),
+        Cycle("B", speed, warmth=0.15),
+        Cycle("A", speed, part=0.6),
+        Cycle("A", speed),
+    ]
+    found = judged(known, *changes)
+    assert [cycle.faults for cycle in found] == [()] * 6
+    notes = [cycle.note for cycle in found]
+    assert "4% faster" in notes[0]
+    assert "4% slower" in notes[1]
+    assert "paused for 2.5 s" in notes[2]
+    assert "the arm is colder" in notes[3]
+    assert notes[5] == ""
+
+
+def test_a_task_that_was_never_learned_is_new(known):
+    found = judged(known, Cycle("C"), Cycle("C"))
+    assert [cycle.status for cycle in found] == ["new_task", "new_task"]
+    assert not any(cycle.faults for cycle in found)

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import find_runs, jumps, position_noise, without_jumps
+from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
+
+
+def recorded(measured):
+    return Recording(measured.time, measured.position, measured.power)
+
+
+def test_every_move_is_a_run_between_its_poses():
+    found = find_runs(recorded(run([Cycle("A"), Cycle("A", 0.6)], seed=2)))
+    poses = [HOME_A]
+    for by in TASK_A * 2:
+        poses.append(poses[-1] + [by.get(j, 0.0) for j in range(4)])
+    assert len(found) == 10
+    assert np.allclose([r.before for r in found], poses[:-1], atol=2e-3)
+    assert np.allclose([r.after for r in found], poses[1:], atol=2e-3)
+
+
+def test_an_encoder_that_jumps_is_no_motion():
+    measured = run([Cycle("A")], seed=3)
+    measured.position[10:, 2] += 0.4
+    measured.position[-15:, 2] -= 0.4
+    found = find_runs(recorded(measured))
+    assert len(found) == 5
+    assert found[0].before[2] == pytest.approx(HOME_A[2] + 0.4, abs=1e-3)
+
+
+def test_jumps_are_told_from_fast_motion():
+    way = np.column_stack([np.linspace(0, 1.0, 20), np.repeat([0.0, 0.3], 10)])
+    assert np.flatnonzero(jumps(way)[:, 0]).size == 0
+    assert np.flatnonzero(jumps(way)[:, 1]).tolist() == [9]
+    assert np.allclose(without_jumps(way)[:, 1], 0.0)
+
+
+def test_noise_is_measured_in_motion():
+    random = np.random.default_rng(0)
+    way = np.sin(np.linspace(0, 6, 2000))[:, None] + 1e-3 * random.standard_normal((2000, 1))
+    assert position_noise(way)[0] == pytest.approx(1e-3, rel=0.1)

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper.bevf import PowerEquation, bode_response, fit, pattern, rms
+from cellwatt_plugins.faults.paper.rational import Rational
+from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, Run, run
+from tests.plugins.faults.paper.patterns import pattern_of
+
+PAIR = Rational(np.array([-0.4 + 2j, -0.4 - 2j]), np.array([6 + 3j, 6 - 3j]), 100.0)
+
+
+@pytest.fixture(scope="module")
+def task():
+    return pattern_of(PICK_AND_PLACE)
+
+
+def test_bode_gives_the_phase_of_a_response_of_least_phase():
+    t = np.arange(0, 40, 0.01)
+    truth = PAIR.at(1j * t)
+    found = bode_response(np.abs(truth))
+    assert np.abs(found) == pytest.approx(np.abs(truth), rel=1e-6)
+    assert np.abs(np.angle(found) - np.angle(truth)).max() < 0.002
+
+
+def test_the_magnitude_of_a_pole_pair_is_found_again():
+    t = np.arange(0, 40, 0.02)
+    equation = fit(t, np.abs(PAIR.at(1j * t)), order=2)
+    assert equation.response.poles.real == pytest.approx([-0.4, -0.4], abs=0.01)
+    assert sorted(equation.response.poles.imag) == pytest.approx([-2, 2], abs=0.01)
+    assert equation.response.constant == pytest.approx(100.0, rel=1e-3)
+
+
+def test_equation_17_as_printed_by_hand():
+    equation = PowerEquation(PAIR, 10.0, ())
+    by_hand = [
+        np.sqrt(45) / np.sqrt((t - 2) ** 2 + 0.16) + np.sqrt(45) / np.sqrt((t + 2) ** 2 + 0.16) + 100
+        for t in (0.0, 2.0, 5.0)
+    ]
+    assert equation.p1(np.array([0.0, 2.0, 5.0])) == pytest.approx(by_hand)
+
+
+def test_equation_18_as_printed_by_hand():
+    equation = PowerEquation(PAIR, 10.0, ())
+    own = np.arctan(3 / 6) + np.arctan(-3 / 6)
+    by_hand = [own - np.arctan((t - 2) / 0.4) - np.arctan((t + 2) / 0.4) + np.arctan(100) for t in (0.0, 2.0, 5.0)]
+    assert equation.p2(np.array([0.0, 2.0, 5.0])) == pytest.approx(by_hand)
+
+
+def test_one_pole_alone_is_what_17_says():
+    """With a single pole and no constant the sum of moduli is the modulus: there (17) is exact."""
+    one = Rational(np.array([-0.5 + 3j]), np.array([4 - 3j]), 0.0)
+    t = np.linspace(0, 6, 50)
+    equation = PowerEquation(one, 6.0, ())
+    assert equation.p1(t) == pytest.approx(equation.power(t))
+
+
+def test_17_of_a_whole_fit_lies_above_the_pattern(task):
+    """The triangle inequality: a sum of moduli is never below the modulus of the sum."""
+    t, power = task
+    equation = fit(t, power, order=24)
+    assert np.all(equation.p1(t) >= equation.power(t))
+    assert rms(power, equation.p1(t)) > 10 * rms(power, equation.power(t))
+
+
+def test_the_equation_kept_is_the_best_of_all_iterations(task):
+    t, power = task
+    equation = fit(t, power, order=34)
+    assert len(equation.rms) == 12
+    assert rms(power, equation.power(t)) == pytest.approx(min(equation.rms), rel=1e-9)
+    assert equation.order == 34
+
+
+def test_the_equation_holds_for_a_cycle_it_has_not_seen_and_between_its_samples(task):
+    t, power = task
+    equation = fit(t, power, order=44)
+    other = run(Run(PICK_AND_PLACE, seed=77, noise=0.0))
+    truth = other.power[: len(t)]
+    assert rms(truth, equation.power(t)) < 1.0
+    middle, between = (t[1:] + t[:-1]) / 2, (truth[1:] + truth[:-1]) / 2
+    assert rms(between, equation.power(middle)) < 1.0
+
+
+def test_rms_is_eq_19():
+    assert rms(np.array([1.0, 2.0, 5.0]), np.array([1.0, 4.0, 4.0])) == pytest.approx(np.sqrt(5 / 3))
+
+
+def test_pattern_is_the_mean_as_far_as_all_cycles_go():
+    assert pattern([np.array([1.0, 2.0, 3.0]), np.array([3.0, 6.0])]).tolist() == [2.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("count", "level", "order", "problem"),
+    [
+        (500, 100.0, 23, "even number"),
+        (40, 100.0, 24, "needs more than 48 points"),
+        (500, -5.0, 24, "above 0 W"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(count, level, order, problem):
+    with pytest.raises(ModelError, match=problem):
+        fit(np.arange(count) / 100, np.full(count, level), order=order)

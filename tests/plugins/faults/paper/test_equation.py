@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+import yaml
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper import equation as file
+from cellwatt_plugins.faults.paper.bevf import fit
+from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE
+from tests.plugins.faults.paper.patterns import pattern_of
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    t, power = pattern_of(PICK_AND_PLACE, cycles=4)
+    return t, fit(t, power, order=24, iterations_done=4)
+
+
+def test_the_file_gives_the_same_power(fitted, tmp_path):
+    t, equation = fitted
+    file.save(equation, tmp_path / "task.yaml")
+    again = file.load(tmp_path / "task.yaml")
+    assert np.array_equal(again.power(t), equation.power(t))
+    assert (again.order, again.duration, len(again.rms)) == (24, equation.duration, 4)
+
+
+def test_a_person_can_evaluate_it_as_the_file_says(fitted, tmp_path):
+    t, equation = fitted
+    file.save(equation, tmp_path / "task.yaml")
+    told = yaml.safe_load((tmp_path / "task.yaml").read_text())
+    p, r = ([complex(*pair) for pair in told[name]] for name in "pr")
+    assert told["power"] == "abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s"
+    for at in (0, 100, len(t) - 1):
+        by_hand = abs(told["K"] + sum(r[k] / (1j * t[at] - p[k]) for k in range(told["order"])))
+        assert by_hand == pytest.approx(equation.power(t)[at])
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"cellwatt_power_equation": 2}, "cellwatt_power_equation: .*found '2'"),
+        ({"order": 23}, "order 23 needs as many p and r, found 24 and 24"),
+        ({"K": float("nan")}, "K: "),
+        ({"p": [[0.0, 1.0]] * 24}, "pole on the imaginary axis"),
+        ({"extra": 1}, "extra: "),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_place(fitted, tmp_path, change, problem):
+    path = tmp_path / "task.yaml"
+    file.save(fitted[1], path)
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | change))
+    with pytest.raises(ModelError, match=problem):
+        file.load(path)
+
+
+@pytest.mark.parametrize(("text", "problem"), [("{", "not a YAML file"), ("[1, 2]", "content: "), ("", "content: ")])
+def test_what_is_no_equation_is_refused(tmp_path, text, problem):
+    (tmp_path / "task.yaml").write_text(text)
+    with pytest.raises(ModelError, match=problem):
+        file.load(tmp_path / "task.yaml")
+
+
+def test_a_file_that_is_not_there_and_a_folder_that_is_not_there(fitted, tmp_path):
+    with pytest.raises(ModelError, match=r"none\.yaml: cannot be read"):
+        file.load(tmp_path / "none.yaml")
+    with pytest.raises(ModelError, match="cannot be written"):
+        file.save(fitted[1], tmp_path / "nowhere" / "task.yaml")

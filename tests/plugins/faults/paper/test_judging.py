@@ -1,0 +1,134 @@
+import math
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.expected import Readings, fault_table, from_cycles
+from cellwatt_plugins.faults.paper.judging import by_agreement, by_network, codes_of, judge, judge_interval
+from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Run, period, run
+
+TEN_PER_CENT = Tolerance(power=0.10, floor=0.0)
+
+
+def cycles_of(plan):
+    told = run(plan)
+    length = period(plan.moves, plan.speed)
+    parts = [(told.t >= start - 0.3) & (told.t < start + length - 0.3) for start in told.starts]
+    return [Readings(told.t[m] - start, told.q[m], told.power[m]) for m, start in zip(parts, told.starts, strict=True)]
+
+
+def expected_of(moves, speed=1.0):
+    return from_cycles(cycles_of(Run(moves, 6, speed, lead=1.0, seed=1)))
+
+
+@pytest.fixture(scope="module")
+def pick_and_place():
+    return expected_of(PICK_AND_PLACE)
+
+
+@pytest.fixture(scope="module")
+def polishing():
+    return expected_of(POLISHING)
+
+
+def one(moves, *faults, speed=1.0, seed=5):
+    return cycles_of(Run(moves, 1, speed, faults, lead=1.0, seed=seed))[0]
+
+
+def named(expected, cycle):
+    faults = judge(expected, cycle, by_agreement(fault_table(expected)), TEN_PER_CENT)
+    return {fault.joint: fault.kind for fault in faults}
+
+
+@pytest.mark.parametrize("moves", [PICK_AND_PLACE, POLISHING])
+def test_intervals_are_those_of_the_plan(moves):
+    expected = expected_of(moves)
+    assert [interval.moving for interval in expected] == [tuple(sorted(move.by)) for move in moves]
+    start = 0.0
+    for interval, move in zip(expected, moves, strict=True):
+        assert interval.start == pytest.approx(start, abs=0.1)
+        assert interval.end == pytest.approx(start + move.seconds, abs=0.1)
+        start += move.seconds + move.rest
+
+
+def test_the_table_of_a_new_task_says_who_moves_when(pick_and_place):
+    rows = [[int(j in move.by) for j in range(1, 7)] for move in PICK_AND_PLACE]
+    assert fault_table(pick_and_place).tolist() == rows
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_healthy_cycles_have_no_fault(pick_and_place, polishing, seed):
+    assert named(pick_and_place, one(PICK_AND_PLACE, seed=seed)) == {}
+    assert named(polishing, one(POLISHING, seed=seed)) == {}
+
+
+def test_scenario_2_two_joints_and_scenario_3_an_encoder_too(polishing):
+    cut, belt = Fault("cut", 2), Fault("belt_off", 5)
+    assert named(polishing, one(POLISHING, cut, belt)) == {2: "joint", 5: "joint"}
+    creep = Fault("encoder_creep", 2, 0.1)
+    assert named(polishing, one(POLISHING, cut, belt, creep)) == {2: "joint_and_encoder", 5: "joint"}
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 6])
+def test_rule_1_an_encoder_alone(pick_and_place, joint):
+    faulty = one(PICK_AND_PLACE, Fault("encoder_offset", joint, math.radians(4)))
+    assert named(pick_and_place, faulty) == {joint: "encoder"}
+
+
+def test_an_encoder_below_the_tolerance_is_healthy(pick_and_place):
+    assert named(pick_and_place, one(PICK_AND_PLACE, Fault("encoder_offset", 3, math.radians(0.7)))) == {}
+
+
+def test_friction_is_named_by_the_intervals_in_which_its_joint_moves(pick_and_place):
+    faults = judge(
+        pick_and_place,
+        one(PICK_AND_PLACE, Fault("friction", 5, 15.0)),
+        by_agreement(fault_table(pick_and_place)),
+        TEN_PER_CENT,
+    )
+    assert [(fault.joint, fault.kind, fault.intervals) for fault in faults] == [(5, "joint", (2, 4, 5, 6))]
+    assert faults[0].watts > 15
+
+
+def test_joints_that_always_move_together_are_alternatives(polishing):
+    """Joints 3 and 4 move in the same intervals of Table II: only its signs tell them apart."""
+    faults = judge(
+        polishing,
+        one(POLISHING, Fault("friction", 3, 20.0)),
+        by_network(fault_table(polishing)),
+        TEN_PER_CENT,
+    )
+    assert [(fault.joint, fault.alternatives) for fault in faults] == [(3, (4,))]
+
+
+def test_the_network_and_the_comparison_agree_on_a_table_of_its_own(pick_and_place):
+    table = fault_table(pick_and_place)
+    for column in table.T:
+        assert by_network(table)(column) == by_agreement(table)(column)
+    assert by_network(table)(np.zeros(6, np.int8)) == ()
+
+
+def test_more_power_is_plus_and_less_is_minus(pick_and_place):
+    healthy = one(PICK_AND_PLACE)
+    more = Readings(healthy.t, healthy.q, healthy.power * 1.2)
+    less = Readings(healthy.t, healthy.q, healthy.power * 0.8)
+    assert codes_of(pick_and_place, more, TEN_PER_CENT).tolist() == [1] * 6
+    assert codes_of(pick_and_place, less, TEN_PER_CENT).tolist() == [-1] * 6
+    verdict = judge_interval(pick_and_place[2], more, TEN_PER_CENT)
+    assert verdict.watts == pytest.approx(0.2 * pick_and_place[2].readings.power.max(), rel=0.1)
+    assert verdict.off == ()
+
+
+def test_another_speed_is_a_fault_to_this_method(pick_and_place):
+    """Its limit (section VI): a new initialization for each task or change in its conditions."""
+    assert named(pick_and_place, one(PICK_AND_PLACE, speed=0.9)) != {}
+
+
+def test_nothing_to_learn_from_is_refused():
+    with pytest.raises(ModelError, match="no healthy cycle"):
+        from_cycles([])
+    t = np.arange(100) / 50
+    with pytest.raises(ModelError, match="nothing moves"):
+        from_cycles([Readings(t, np.zeros((100, 6)), np.full(100, 90.0))])

@@ -1,0 +1,102 @@
+"""Seed 002: the order and rms behaviour of BEVF (Fig. 10 to 12), and Table III by the trained network."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cellwatt.emulation import ArmSignals
+from cellwatt_plugins.faults.paper import rivals
+from cellwatt_plugins.faults.paper.bevf import ITERATIONS, ORDERS, fit, rms
+from cellwatt_plugins.faults.paper.network import SURE, FaultNetwork, train
+from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING
+from tests.plugins.faults.paper import irb1200
+from tests.plugins.faults.paper.patterns import pattern_of
+
+# Table III as printed: rows are the faults of joints 1 to 6 and "free", columns Y1 to Y7.
+TABLE_III = """
+0.987 0.000 0.004 0.000 0.005 0.004 0.001
+0.000 0.972 0.004 0.000 0.005 0.006 0.007
+0.000 0.004 0.984 0.004 0.004 0.004 0.004
+0.000 0.003 0.004 0.990 0.004 0.004 0.004
+0.003 0.004 0.004 0.004 0.967 0.011 0.995
+0.000 0.008 0.004 0.004 0.004 0.959 0.000
+0.005 0.002 0.002 0.002 0.954 0.000 0.997
+"""
+
+
+@pytest.fixture(scope="module")
+def pick_and_place():
+    return pattern_of(irb1200.PICK_AND_PLACE)
+
+
+@pytest.fixture(scope="module")
+def fits(pick_and_place):
+    t, power = pick_and_place
+    return {order: fit(t, power, order=order) for order in ORDERS}
+
+
+def test_rms_falls_with_the_order(pick_and_place, fits):
+    """Fig. 10 and 11; the paper's own pattern gave 19.26, 6.44 and 0.27 W."""
+    t, power = pick_and_place
+    found = [rms(power, fits[order].power(t)) for order in ORDERS]
+    assert all(low < 0.8 * high for high, low in pairwise(found))
+    assert found[-1] < 0.02 * np.std(power)
+
+
+def test_rms_falls_with_the_iterations(fits):
+    """Fig. 11: most of it at once; never back to where it began."""
+    for equation in fits.values():
+        assert len(equation.rms) == ITERATIONS
+        assert equation.rms[3] < equation.rms[0]
+        assert max(equation.rms[4:]) < equation.rms[0]
+        assert equation.rms[-1] < 1.1 * min(equation.rms)
+
+
+@pytest.mark.timeout(120)
+def test_order_44_beats_every_other_fit_tenfold(pick_and_place, fits):
+    """Fig. 12."""
+    t, power = pick_and_place
+    ours = rms(power, fits[44].power(t))
+    others = {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()}
+    assert len(others) == 4
+    assert min(others.values()) >= 10 * ours, (ours, others)
+
+
+@pytest.mark.timeout(120)
+def test_the_same_on_the_arm_of_the_demo():
+    """Another plant by another hand: the mean of its cycles, of which each is 7.8 s."""
+    t = np.arange(0, ArmSignals().period, 1 / 123)
+    power = np.mean([ArmSignals(seed=seed).at(t)["supply.power"] for seed in range(80)], axis=0)
+    found = [rms(power, fit(t, power, order=order).power(t)) for order in ORDERS]
+    assert found[2] < found[1] < found[0]
+    others = {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()}
+    assert min(others.values()) >= 10 * found[2], (found, others)
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.5])
+def test_both_speeds_of_fig_19_have_patterns_of_their_own(speed):
+    """A pattern of 4 s is no stretched pattern of 8 s: speed is part of the reference."""
+    t, power = pattern_of(irb1200.POLISHING, speed=speed)
+    other_t, other = pattern_of(irb1200.POLISHING, speed=1.5 - speed)
+    stretched = np.interp(t / t[-1], other_t / other_t[-1], other)
+    equation = fit(t, power, order=44)
+    assert rms(power, stretched) > 5 * rms(power, equation.power(t))
+
+
+@pytest.mark.parametrize("table", [PICK_AND_PLACE, POLISHING], ids=["table_I", "table_II"])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_table_III(table, seed):
+    """The right output is 0.95 or more, and the largest; so is Y7 for a healthy cycle."""
+    network = FaultNetwork(train(table, seed=seed))
+    outputs = network.outputs(np.vstack([table.T, np.zeros(len(table), np.int8)]))
+    assert outputs.shape == (7, 7)
+    assert np.diag(outputs).min() >= SURE
+    assert (outputs - np.diag(np.diag(outputs))).max() <= 0.05
+    assert outputs.argmax(axis=1).tolist() == list(range(7))
+
+
+def test_table_III_as_printed_cannot_tell_joint_5_from_a_healthy_arm():
+    """Its rows for joint 5 and for "free" have the code 0000101: by the largest output both are Y7."""
+    printed = np.array([line.split() for line in TABLE_III.strip().splitlines()], dtype=float)
+    assert printed.argmax(axis=1).tolist() == [0, 1, 2, 3, 6, 5, 6]
