@@ -93,7 +93,7 @@ def temperature_dependent_friction(s: Setting, joint: int) -> Truth:
     s.body.joints.frictions.append(term(share))
     s.shows_temperature = bool(s.rng.random() < 0.5)
     return {
-        "cold_factor": 1 + share,
+        "cold_factor": share,
         "scale": scale,
         "recorded": s.shows_temperature,
         "time_constant": float(heat.time_constant[joint]),

@@ -10,8 +10,8 @@ from cellwatt_plugins.mismatch.findings import Parameter
 from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
-RATES = tuple(sign * r for r in (0.0002, 0.0005, 0.001, 0.002, 0.004) for sign in (1, -1))
-"""s a second."""
+APART = tuple(sign * s for s in (0.004, 0.01, 0.025, 0.06, 0.15) for sign in (1, -1))
+"""s by which the clocks have come apart at the end of the longest run: drifts that are tried."""
 
 
 class ClockDrift(Effect):
@@ -25,7 +25,8 @@ class ClockDrift(Effect):
     confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(r,) for r in RATES]
+        longest = max(float(run.time[-1] - run.time[0]) for run in runs)
+        return [(apart / longest,) for apart in APART]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         longest = max(float(run.time[-1] - run.time[0]) for run in runs)
@@ -35,10 +36,11 @@ class ClockDrift(Effect):
         return (shifted(run.time, run.torque, shape[0] * (run.time - run.time[0])) - run.torque)[:, :, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(-0.02, 0.02)]
+        slow, fast = 0.3 * shape[0], 3.0 * shape[0]
+        return [(min(slow, fast), max(slow, fast))]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"rate": estimate.shaped(0, "s/s")}
+        return {"rate": estimate.scaled("s/s")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         rate = parameters["rate"]

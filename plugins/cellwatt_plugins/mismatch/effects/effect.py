@@ -50,6 +50,13 @@ class Estimate:
         k = len(self.coefficients) + i
         return Parameter(float(self.shape[i]), float(np.sqrt(self.covariance[k, k])), unit)
 
+    def scaled(self, unit: str) -> Parameter:
+        """The first shape parameter times the first coefficient, where columns are nearly linear in that shape."""
+        k, factor, value = len(self.coefficients), self.coefficients[0], self.shape[0]
+        slope = np.zeros(len(self.covariance))
+        slope[0], slope[k] = value, factor
+        return Parameter(float(factor * value), float(np.sqrt(slope @ self.covariance @ slope)), unit)
+
 
 class Effect(ABC):
     """One kind of physics that a simulation may lack."""

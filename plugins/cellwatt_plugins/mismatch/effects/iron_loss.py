@@ -31,6 +31,9 @@ class IronLoss(Effect):
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return np.abs(run.qd) ** shape[0]
 
+    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+        return bool(np.mean(coefficients) > 0)
+
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         own = np.sqrt(np.diag(super().prior(runs, joint, columns, size).covariance))
         joints = len(own)

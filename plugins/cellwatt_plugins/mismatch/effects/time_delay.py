@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
 from cellwatt_plugins.mismatch.findings import Parameter
@@ -45,7 +46,7 @@ class TimeDelay(Effect):
         return [(-0.2, 0.2)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"delay": estimate.shaped(0, "s")}
+        return {"delay": estimate.scaled("s")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         delay = parameters["delay"]
@@ -57,5 +58,5 @@ class TimeDelay(Effect):
 
 
 def shifted(time: Float, values: Float, delay: float | Float) -> Float:
-    """Values (N, n) as they were ``delay`` s before, a number or (N,); the ends are held."""
-    return np.column_stack([np.interp(time - delay, time, values[:, i]) for i in range(values.shape[1])])
+    """Values (N, n) as they were ``delay`` s before, a number or (N,), by cubic splines; the ends are held."""
+    return np.asarray(CubicSpline(time, values)(np.clip(time - delay, time[0], time[-1])))
