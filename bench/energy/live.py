@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt import CellInfo, FrameChannel, Frames, Layout
-from cellwatt.results import Alarm, Prediction, Task
+from cellwatt.results import Alarm, Energy, Task
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 
@@ -55,7 +55,7 @@ def measure_live(case: Case, key: dict, folder: Path, speed: float, payload: flo
     seen, power, means = production(case, key["fixed"], speed, payload, 6, 2.0, RATE)
     results = run_stages(frames_of(seen, power), folder)
     tasks = [r for r in results if isinstance(r, Task)]
-    told = {r.time[0]: r.outputs for r in results if isinstance(r, Prediction)}
+    told = {r.end: r for r in results if isinstance(r, Energy)}
     errors: dict[str, float] = {}
     for task in tasks:
         first, last = (round((t - BEGIN) * RATE * 1e-9) for t in (task.start, task.end))
@@ -68,9 +68,10 @@ def measure_live(case: Case, key: dict, folder: Path, speed: float, payload: flo
         }
         total = float(power[first:last].sum() / RATE)
         for name, value in true.items():
-            off = 100 * abs(told[task.end][name][0] - value) / total
+            said = told[task.end].positive_mechanical if name.startswith("positive") else told[task.end].groups[name]
+            off = 100 * abs(said - value) / total
             errors[name] = max(errors.get(name, 0.0), off)
-        off = 100 * abs(told[task.end]["unexplained"][0]) / total
+        off = 100 * abs(told[task.end].groups["unexplained"]) / total
         errors["unexplained"] = max(errors.get("unexplained", 0.0), off)
     alarms = sorted({r.kind for r in results if isinstance(r, Alarm)})
     return {"tasks": len(tasks), "alarms": alarms, **{k: round(v, 3) for k, v in errors.items()}}

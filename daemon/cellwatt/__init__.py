@@ -20,7 +20,7 @@ from cellwatt.errors import (
     WrongDeviceError,
 )
 from cellwatt.frames import FrameChannel, Frames, Layout
-from cellwatt.results import Alarm, Event, Interval, Prediction, Result, Task
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 from cellwatt.sink import CellView, Sink, SinkSettings
 from cellwatt.stage import CellInfo, Stage, StageSettings
 
@@ -38,6 +38,7 @@ __all__ = [
     "ConnectError",
     "DeviceError",
     "Driver",
+    "Energy",
     "Event",
     "FrameChannel",
     "Frames",

@@ -65,6 +65,31 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True)
+class Energy:
+    """Where the energy of one task went.
+
+    ``task``, ``variant`` and ``repetition`` are those of the ``Task`` that ended; ``start``/``end`` ns UTC. ``total``
+    J is what was measured; ``groups`` J, consumer by consumer, add up to it, and ``unexplained`` is the group of what
+    no consumer accounts for. ``uncertainty`` J, one standard deviation, is how far that may be from 0 where all is
+    well. ``positive_mechanical`` J is what the motors gave, braking not counted, and ``motion_efficiency_percent``
+    its share of ``total``. ``total_per_part`` J is ``None`` where nobody said how many parts the task makes.
+    """
+
+    source: str
+    task: str
+    variant: VariantKey
+    repetition: int
+    start: int
+    end: int
+    total: float
+    groups: Mapping[str, float]
+    uncertainty: float
+    positive_mechanical: float
+    motion_efficiency_percent: float
+    total_per_part: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Alarm:
     """Something is wrong, or no longer wrong (``active`` false).
 
@@ -87,7 +112,7 @@ class Alarm:
     evidence: Mapping[str, Any] = field(default_factory=dict)
 
 
-Result = Interval | Task | Prediction | Alarm
+Result = Interval | Task | Energy | Prediction | Alarm
 
 
 @dataclass(frozen=True, slots=True)

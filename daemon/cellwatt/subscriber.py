@@ -47,7 +47,7 @@ __all__ = ["EVERYTHING", "Gap", "Health", "LinkSettings", "Message", "Subscriber
 
 log = logging.getLogger(__name__)
 
-EVERYTHING: Final = ("raw", "frame", "interval", "task", "prediction", "alarm", "event", "health")
+EVERYTHING: Final = ("raw", "frame", "interval", "task", "energy", "prediction", "alarm", "event", "health")
 """All topics of a cell."""
 _TICK: Final = 0.05  # s, between two looks at what is missing
 _TIMEOUT: Final = 5.0  # s, for the answer to one question

@@ -25,9 +25,10 @@ class LiveCell:
     alarms: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     intervals: deque[Mapping[str, Any]] = field(default_factory=lambda: deque(maxlen=6))
     task: Mapping[str, Any] | None = None
+    energy: Mapping[str, Any] | None = None
 
     def add(self, kind: str, message: Mapping[str, Any]) -> None:
-        """Take a message of kind health, alarm, interval or task; others are ignored."""
+        """Take a message of kind health, alarm, interval, task or energy; others are ignored."""
         if kind == "health":
             self.status = message
         elif kind == "alarm":
@@ -39,12 +40,15 @@ class LiveCell:
             self.intervals.append(message)
         elif kind == "task":
             self.task = message
+        elif kind == "energy":
+            self.energy = message
 
     def render(self, title: str = "") -> RenderableType:
         """Everything on one screen."""
         if not self.status:
             return Text("waiting for the cell's first health message …", style="dim")
-        return Group(self._head(title), self._sources(), self._motion(), self._alarms())
+        energy = [self._energy(self.energy)] if self.energy else []
+        return Group(self._head(title), self._sources(), self._motion(), *energy, self._alarms())
 
     def _head(self, title: str) -> Text:
         s = self.status
@@ -90,6 +94,13 @@ class LiveCell:
         if self.task:
             text.append(f"  {self.task['name']} × {self.task['repetition']} ({self.task['variant']})", style="bold")
         return text
+
+    def _energy(self, energy: Mapping[str, Any]) -> Text:
+        text = Text("energy  ", style="bold")
+        text.append(f" {energy['task']} × {energy['repetition']}  {energy['total']:.0f} J ", style="bold")
+        text.append(f"± {energy['uncertainty']:.1f} J  ", style="dim")
+        ranked = sorted(energy["groups"].items(), key=lambda group: -abs(group[1]))
+        return text.append(" · ".join(f"{name.replace('_', ' ')} {value:.1f}" for name, value in ranked if value))
 
     def _alarms(self) -> RenderableType:
         if not self.alarms:

@@ -22,7 +22,7 @@ from cellwatt.frames import Frames
 from cellwatt.publish import ZenohSettings
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Message, Subscriber
 
-QUIET = ("interval", "task", "prediction", "alarm", "event", "health")
+QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
 """Topics for people; ``raw`` and ``frame`` are for programs."""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from functools import cache
 from typing import Any, Final
@@ -20,17 +20,19 @@ from pydantic_core import to_json
 from cellwatt.errors import ProtocolError
 from cellwatt.publish.keys import ALARM, EVENT, prediction_topic
 from cellwatt.publish.mark import Mark
-from cellwatt.results import Alarm, Event, Interval, Prediction, Result, Task
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 
 TYPES: Final[Mapping[str, type[Result | Event]]] = {
     "interval": Interval,
     "task": Task,
+    "energy": Energy,
     "prediction": Prediction,
     ALARM: Alarm,
     EVENT: Event,
 }
 """What the messages of a kind of topic hold."""
 
+_NUMBERS: Final = ("speed", "total", "uncertainty", "positive_mechanical", "motion_efficiency_percent")
 _NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")
 
 
@@ -88,13 +90,14 @@ def _plain(value: Any) -> Any:
 
 
 def _with_nan(body: dict[str, Any]) -> dict[str, Any]:
-    changed: dict[str, Any] = {name: _numbers(body[name]) for name in _NUMBER_LISTS if name in body}
+    changed: dict[str, Any] = {name: math.nan for name in _NUMBERS if body.get(name, 0.0) is None}
+    changed |= {name: _numbers(body[name]) for name in _NUMBER_LISTS if name in body}
     if "outputs" in body:
         changed["outputs"] = {name: _numbers(values) for name, values in body["outputs"].items()}
-    if body.get("speed", 0.0) is None:
-        changed["speed"] = math.nan
+    if "groups" in body:
+        changed["groups"] = dict(zip(body["groups"], _numbers(body["groups"].values()), strict=True))
     return body | changed
 
 
-def _numbers(values: list[float | None]) -> tuple[float, ...]:
+def _numbers(values: Iterable[float | None]) -> tuple[float, ...]:
     return tuple(math.nan if value is None else value for value in values)

@@ -11,7 +11,7 @@ import pydantic_core
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.batch import Tick
-from cellwatt.results import Alarm, Event, Interval, Prediction, Task
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +22,14 @@ class Health:
     status: Mapping[str, Any]
 
 
-Message = Tick | Event | Interval | Task | Prediction | Alarm | Health
+Message = Tick | Event | Interval | Task | Energy | Prediction | Alarm | Health
 
 TOPICS: Mapping[type[Message], str] = {
     Tick: "/tick",
     Event: "/event",
     Interval: "/interval",
     Task: "/task",
+    Energy: "/energy",
     Prediction: "/prediction",
     Alarm: "/alarm",
     Health: "/health",
@@ -46,7 +47,7 @@ def schema(kind: type[Message]) -> bytes:
 def time_of(message: Message) -> int:
     """The instant a message is filed under, UTC ns."""
     match message:
-        case Interval() | Task():
+        case Interval() | Task() | Energy():
             return message.end
         case Prediction():
             return message.time[-1] if message.time else 0

@@ -26,9 +26,9 @@ from cellwatt.record.messages import TOPICS, Health
 from cellwatt.record.rows import FrameRows, SampleRows
 from cellwatt.record.scan import Damage, read_at
 from cellwatt.record.summary import Survey, survey
-from cellwatt.results import Alarm, Event, Interval, Prediction, Result, Task
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 
-RESULTS = (Interval, Task, Prediction, Alarm)
+RESULTS = (Interval, Task, Energy, Prediction, Alarm)
 
 T = TypeVar("T")
 
@@ -139,7 +139,7 @@ class Recording:
         )
 
     def results(self) -> Iterator[Result]:
-        """Intervals, tasks, predictions and alarms in the order of their recording."""
+        """Intervals, tasks, energies, predictions and alarms in the order of their recording."""
         return self._of(RESULTS, lambda t: t.kind in RESULTS)
 
     def events(self) -> Iterator[Event]:

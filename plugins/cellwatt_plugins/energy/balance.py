@@ -15,7 +15,16 @@ from cellwatt_plugins.energy.known import Known
 
 Float = NDArray[np.float64]
 
-
+GROUPS = (
+    "electronics",
+    "brakes",
+    "stored",
+    "mechanical_losses",
+    "electrical_losses",
+    "regeneration",
+    "unexplained",
+)
+"""Where the energy of a task goes: together they are its total."""
 SAMPLED = 0.003
 """Share of a task's energy by which torque and velocity, taken once a frame, may miss it: one standard deviation."""
 
@@ -52,8 +61,8 @@ class TaskEnergy:
     """One standard deviation of ``unexplained``."""
 
     def groups(self) -> dict[str, float]:
-        """All of them by name."""
-        return {name: float(getattr(self, name)) for name in self.__dataclass_fields__}
+        """What adds up to ``total``, by name."""
+        return {name: float(getattr(self, name)) for name in GROUPS}
 
 
 def task_energy(arm: Arm, known: Known, stretch: Stretch, drift: float = 0.0, unsure: float = 0.0) -> TaskEnergy:

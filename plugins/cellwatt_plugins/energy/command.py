@@ -1,4 +1,7 @@
-"""``cellwatt disaggregate``."""
+"""``cellwatt disaggregate``.
+
+Pinocchio and scipy are imported when it runs, so that a missing one is told with the extra that has it.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,36 @@ import csv
 import json
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
-from threadpoolctl import threadpool_limits
 
-from cellwatt.errors import RecordingError, why
-from cellwatt_plugins.energy.arm import Arm, load_arm
-from cellwatt_plugins.energy.campaign import Outcome
-from cellwatt_plugins.energy.campaign import disaggregate as run_campaign
+from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
-from cellwatt_plugins.energy.report import write_report
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.energy.arm import Arm
+    from cellwatt_plugins.energy.campaign import Outcome
 
 FILE = click.Path(exists=True, path_type=Path)
 
 
-@click.command()
+class _Disaggregate(click.Command):
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            package = (error.name or "").partition(".")[0]
+            if package.startswith("cellwatt"):
+                raise
+            raise CellwattError(
+                f"disaggregate needs {package}: install it with pip install 'cellwatt[energy]'"
+            ) from error
+
+
+@click.command(cls=_Disaggregate)
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
     "--controller",
@@ -50,6 +66,11 @@ def disaggregate(
     Files are Parquet or CSV: t (s) and power (W) of the analyzer; t, q_1 …, qd_1 …, tau_1 … (rad, rad/s, Nm) of the
     robot. Each run repeats one closed path, from rest to rest. Writes energy.json, energy.csv and report.html.
     """
+    from threadpoolctl import threadpool_limits
+
+    from cellwatt_plugins.energy.arm import load_arm
+    from cellwatt_plugins.energy.campaign import disaggregate as run_campaign
+
     arm = load_arm(robot)
     rest = _at_rest(arm, controller, connected, released)
     recorded = read_runs(runs, arm.joints)
@@ -82,6 +103,8 @@ def _write(outcome: Outcome, out: Path, report: bool) -> None:
         (out / "energy.json").write_text(json.dumps(found.as_json(), indent=1))
         write_table(found, out / "energy.csv")
         if report:
+            from cellwatt_plugins.energy.report import write_report
+
             write_report(outcome, out / "report.html")
     except OSError as error:
         raise RecordingError(f"{out}: cannot be written: {why(error)}") from error

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
 from cellwatt_plugins.energy.accumulate import Accumulated
@@ -30,6 +31,9 @@ RETURNED = (0.5, 0.5)
 """What is believed of ``returned`` before measuring: mean and one standard deviation."""
 SHARPEST = 0.05
 """W: no run counts as measured better than this, since no model of a drive is."""
+SHIFT = 0.05
+"""s: how far the clocks may still be off while the drive is fitted, one standard deviation. A shift makes part of the
+friction look like inertia, so that it must be free for the factors on the torque to be as certain as they are told."""
 NEIGHBOURS = 10.0
 """What the model misses is alike in so many neighbouring values, and again in each repetition."""
 
@@ -134,7 +138,7 @@ def _weighed(one: Observed, drive: Drive, noise: float) -> float:
 
 
 def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
-    """Design (M, 2 + 4 n) and measured power (M,): columns fixed, weights, returned."""
+    """Design (M, 3 + 4 n) and measured power (M,): columns fixed, weights, returned, and a shift of the clocks."""
     bus = bus_power(drive, one.feature)
     share = np.where(bus > 0, 1.0, drive.returned)[:, None]
     columns = np.hstack([np.ones((len(bus), 1)), one.feature * share, np.minimum(bus, 0.0)[:, None]])
@@ -143,24 +147,33 @@ def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
     used = inside(reading, one.offset.seconds, sums)
     start, end = (edge[used] for edge in windows(reading, one.offset.seconds))
     design = sums.between(start, end) / reading.step
+    supply = modelled(one.run, one.feature, drive)
+    h = reading.step / 10
+    slope = (supply.between(start - h, end - h) - supply.between(start + h, end + h)) / (2 * h * reading.step)
     # Linear about the present value of ``returned``, whose column is how power changes with it.
-    return design, reading.power[used] + drive.returned * design[:, -1]
+    value = reading.power[used] + drive.returned * design[:, -1]
+    return np.column_stack([design, slope]), value
 
 
 def _solve(
     tables: Sequence[tuple[Float, Float]], scatter: Sequence[float], drive: Drive, belief: Belief
 ) -> tuple[Drive, Float]:
     prior_design, prior_value = _prior(drive, belief)
-    design = np.vstack([*(d / s for (d, _), s in zip(tables, scatter, strict=True)), prior_design])
-    value = np.concatenate([*(v / s for (_, v), s in zip(tables, scatter, strict=True)), prior_value])
-    n = len(drive.torque)
-    lower = np.concatenate([[0.0], np.full(n, 0.2), np.zeros((KINDS - 1) * n + 1)])
-    upper = np.concatenate([np.full(1 + KINDS * n, np.inf), [1.0]])
+    shared, n = prior_design.shape[1], len(drive.torque)
+    shifts = block_diag(*(d[:, shared:] / s for (d, _), s in zip(tables, scatter, strict=True)))
+    common = np.vstack([d[:, :shared] / s for (d, _), s in zip(tables, scatter, strict=True)])
+    known = block_diag(prior_design, np.eye(len(tables)) / SHIFT)
+    design = np.vstack([np.hstack([common, shifts]), known])
+    values = [v / s for (_, v), s in zip(tables, scatter, strict=True)]
+    value = np.concatenate([*values, prior_value, np.zeros(len(tables))])
+    free = np.full(len(tables), np.inf)
+    lower = np.concatenate([[0.0], np.full(n, 0.2), np.zeros((KINDS - 1) * n + 1), -free])
+    upper = np.concatenate([np.full(1 + KINDS * n, np.inf), [1.0], free])
     scale = np.linalg.norm(design, axis=0)
     solved = lsq_linear(design / scale, value, (lower * scale, upper * scale), method="bvls")
     information = (design / scale).T @ (design / scale)
     covariance = np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
-    return _drive(solved.x / scale), covariance
+    return _drive((solved.x / scale)[:shared]), covariance[:shared, :shared]
 
 
 def _prior(drive: Drive, belief: Belief) -> tuple[Float, Float]:

@@ -16,12 +16,12 @@ from cellwatt_plugins.energy.consumers import (
     electronics_energy,
     motion_efficiency,
 )
-from cellwatt_plugins.energy.drive import Drive, bus_power
+from cellwatt_plugins.energy.drive import Drive, bus_power, supply_power
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Identified, Observed, residual
 from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.repetitions import Repetition
-from cellwatt_plugins.energy.split import mechanical, total_energy
+from cellwatt_plugins.energy.split import edges, mechanical, total_energy
 
 Float = NDArray[np.float64]
 
@@ -104,37 +104,47 @@ def _uncertainty(
     drawn = [mechanical(one, draw, repetitions) for draw in draws]
     own = mechanical(one, identified.drive, repetitions)
     totals = total_energy(one, identified.drive, repetitions)
-    seconds = float(np.mean([r.seconds for r in repetitions]))
-    edge = float(np.mean([r.uncertainty for r in repetitions]))
+    each = np.array([r.seconds for r in repetitions])
+    seconds, edge = float(each.mean()), float(np.mean([r.uncertainty for r in repetitions]))
     power_e = float(np.hypot(fixed.controller_uncertainty, fixed.robot_electronics_uncertainty))
-    several = max(len(repetitions), 1)
-
-    def combined(each: Sequence[Float], scatter: Float) -> float:
-        by_parameters = float(np.std([values.mean() for values in each]))
-        return float(np.hypot(by_parameters, np.std(scatter, ddof=1) / np.sqrt(several) if several > 1 else 0.0))
-
-    rest = fixed.electronics + fixed.brakes
-    total = float(np.hypot(np.std(totals, ddof=1) / np.sqrt(several) if several > 1 else 0.0, edge * rest))
-    electronics = float(np.hypot(power_e * seconds, edge * fixed.electronics))
-    brakes = float(np.hypot(fixed.brakes_uncertainty * seconds, edge * fixed.brakes))
-    losses = combined([d.losses.sum(axis=1) for d in drawn], own.losses.sum(axis=1))
-    regeneration = combined([d.regeneration for d in drawn], own.regeneration)
-    # The edges move total, electronics and brakes alike, so that they cancel in what is left.
-    left = float(np.hypot(np.hypot(power_e, fixed.brakes_uncertainty) * seconds, losses))
-    positive = combined([d.positive for d in drawn], own.positive)
+    rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, identified.drive, repetitions)
+    losses = _combined([d.losses.sum(axis=1) for d in drawn], own.losses.sum(axis=1))
+    regeneration = _combined([d.regeneration for d in drawn], own.regeneration)
+    positive = _combined([d.positive for d in drawn], own.positive)
+    # Edges move total, electronics and brakes alike; what remains of them is the power that holds the arm there.
+    by_power = float(np.hypot(power_e, fixed.brakes_uncertainty)) * seconds
+    scatter = _scatter(totals - rest * each - own.losses.sum(axis=1))
+    left = float(np.linalg.norm([by_power, edge * (at_edges - rest), losses, scatter]))
     return {
         "seconds": edge,
-        "total": total,
-        "electronics": electronics,
-        "brakes": brakes,
+        "total": float(np.hypot(_scatter(totals), edge * at_edges)),
+        "electronics": float(np.hypot(power_e * seconds, edge * fixed.electronics)),
+        "brakes": float(np.hypot(fixed.brakes_uncertainty * seconds, edge * fixed.brakes)),
         "mechanical_losses": losses,
         "electrical_losses_with_regeneration": left,
         "electrical_losses": float(np.hypot(left, regeneration)),
         "regeneration": regeneration,
-        "regeneration_upper_bound": combined([d.negative for d in drawn], own.negative),
+        "regeneration_upper_bound": _combined([d.negative for d in drawn], own.negative),
         "positive_mechanical": positive,
         "motion_efficiency_percent": motion_efficiency(positive, float(totals.mean())),
     }
+
+
+def _scatter(values: Float) -> float:
+    """Standard error of the mean over the repetitions."""
+    return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
+
+
+def _combined(drawn: Sequence[Float], own: Float) -> float:
+    """What a group's mean over the repetitions (R,) is uncertain by, from the draws' and from its own scatter."""
+    return float(np.hypot(np.std([values.mean() for values in drawn]), _scatter(own)))
+
+
+def _power_at_edges(one: Observed, drive: Drive, repetitions: Sequence[Repetition]) -> float:
+    """What the arm draws at rest where repetitions begin and end, W: an edge that is off moves so much energy."""
+    motion = one.run.motion
+    at = np.clip(np.searchsorted(motion.time, np.concatenate(edges(repetitions))), 0, len(motion.time) - 1)
+    return float(supply_power(drive, bus_power(drive, one.feature[at])).mean())
 
 
 def _refusal(one: Observed, drive: Drive, best: dict[str, float], spread: dict[str, float | None]) -> str:

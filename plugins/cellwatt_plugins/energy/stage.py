@@ -1,6 +1,6 @@
 """The live side of energy: frames and tasks in, the split of every task and advice out.
 
-Pinocchio and scipy are imported where a stage is made, not where its settings are read.
+Pinocchio is imported where a stage is made, not where its settings are read.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pydantic import Field
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Seconds
-from cellwatt.results import Alarm, Interval, Prediction, Result, Task
+from cellwatt.results import Alarm, Energy, Interval, Result, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ ODD = 3.0
 """Standard deviations by which a task's energy may be in no group …"""
 CONFIRM = 3
 """… and so many tasks in a row before it is told."""
-UNITS = {"motion_efficiency_percent": "%"}
 
 
 class EnergySettings(StageSettings):
@@ -52,14 +51,14 @@ class EnergySettings(StageSettings):
     """Source with the joints; may be left out where only one has joints."""
     power: str = "supply.power"
     """Channel of the power that the whole robot draws."""
-    parts: float = Field(default=1.0, gt=0)
-    """Parts that one task makes: energy per part is told too."""
+    parts: float | None = Field(default=None, gt=0)
+    """Parts that one task makes, where energy per part is to be told too."""
     brake_time: Seconds = Field(default=2.0, ge=0)
     """Time lost with putting brakes on and off, for the advice to park with brakes on."""
 
 
 class EnergyStage(Stage[EnergySettings]):
-    """Gives a ``Prediction`` a task, with its groups in J, and alarms ``energy_balance`` and ``energy_advice``."""
+    """Gives the ``Energy`` of each task, and alarms ``energy_balance`` and ``energy_advice_…``."""
 
     Settings = EnergySettings
     title = "where the energy of every task goes, and what would save some"
@@ -67,8 +66,13 @@ class EnergyStage(Stage[EnergySettings]):
 
     def __init__(self, name: str, settings: EnergySettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
-        from cellwatt_plugins.energy.arm import load_arm
-        from cellwatt_plugins.energy.known import load_known
+        try:
+            from cellwatt_plugins.energy.arm import load_arm
+            from cellwatt_plugins.energy.known import load_known
+        except ModuleNotFoundError as error:
+            raise ConfigError(
+                f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[energy]'"
+            ) from error
 
         self._arm = load_arm(cell.folder / settings.robot)
         self._known = load_known(cell.folder / settings.balance, self._arm)
@@ -78,7 +82,6 @@ class EnergyStage(Stage[EnergySettings]):
         self._source = layout.channels[self._columns[0]].source
         self._time = np.empty(0, np.int64)
         self._values = np.empty((0, len(self._columns)))
-        self._sequence = 0
         self._drift, self._unsure = 0.0, self._known.electronics_uncertainty
         self._last: dict[str, Task] = {}
         self._odd: dict[str, int] = {}
@@ -105,7 +108,6 @@ class EnergyStage(Stage[EnergySettings]):
         if len(frames):
             self._time = np.concatenate([self._time, frames.time])
             self._values = np.vstack([self._values, frames.values[:, self._columns]])
-            self._sequence = frames.sequence + len(frames)
             keep = self._time > self._time[-1] - LONGEST
             self._time, self._values = self._time[keep], self._values[keep]
         out: list[Result] = []
@@ -117,14 +119,14 @@ class EnergyStage(Stage[EnergySettings]):
         return out
 
     def _stretch(self, start: int, end: int) -> Stretch | None:
-        """Frames of some time (ns), or nothing where too many are missing."""
+        """Frames of some time (ns), or nothing where too many are missing or the meter shows no power."""
         from cellwatt_plugins.energy.balance import Stretch
 
         first, last = np.searchsorted(self._time, [start, end])
         values = self._values[first:last]
         expected = (end - start) // self.layout.step
         whole = np.isfinite(values).all(axis=1)
-        if expected < 3 or whole.sum() < (1 - MISSING) * expected:
+        if expected < 3 or whole.sum() < (1 - MISSING) * expected or values[whole, -1].sum() <= 0:
             return None
         grid = np.arange(start, end, self.layout.step)
         times = self._time[first:last][whole]
@@ -163,15 +165,21 @@ class EnergyStage(Stage[EnergySettings]):
             out += self._advice(task, before, stretch)
         return out
 
-    def _told(self, task: Task, energy: TaskEnergy) -> Prediction:
-        groups = energy.groups() | {"total_per_part": energy.total / self.settings.parts}
-        behind = int(np.searchsorted(self._time[::-1] * -1, -task.end))
-        return Prediction(
-            model=f"{self.name}_{task.name}",
-            sequence=max(0, self._sequence - 1 - behind),
-            time=(task.end,),
-            outputs={group: (value,) for group, value in groups.items()},
-            units={group: UNITS.get(group, "J") for group in groups},
+    def _told(self, task: Task, energy: TaskEnergy) -> Energy:
+        parts = self.settings.parts
+        return Energy(
+            source=task.source,
+            task=task.name,
+            variant=task.variant,
+            repetition=task.repetition,
+            start=task.start,
+            end=task.end,
+            total=energy.total,
+            groups=energy.groups(),
+            uncertainty=energy.uncertainty,
+            positive_mechanical=energy.positive_mechanical,
+            motion_efficiency_percent=energy.motion_efficiency_percent,
+            total_per_part=None if parts is None else energy.total / parts,
         )
 
     def _balance(self, task: Task, energy: TaskEnergy) -> list[Result]:

@@ -2,13 +2,16 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from cellwatt import Alarm, Event, Interval, Prediction, ProtocolError, Task
+from cellwatt import Alarm, Energy, Event, Interval, Prediction, ProtocolError, Task
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import TYPES, decode_item, encode_item, encode_json, health, topic_of
 from cellwatt.publish.schemas import schemas, write
@@ -18,8 +21,10 @@ SCHEMAS = Path(__file__).resolve().parents[3] / "docs" / "schemas"
 INTERVAL = Interval("arm", 3, EPOCH, EPOCH + 10, (1, 4), (0.5, -1.0), (0.0, 1.0), (0.75, 2.0), complete=False)
 TASK = Task("arm", "task_1", "1-14", "speed=0.60", 0.6, EPOCH, EPOCH + 9, (1, 2, 3), 4)
 PREDICTION = Prediction("power", 100, (1, 2), {"power": (1.5, 2.5)}, {"power": "W"})
+SPLIT = {"electronics": 60.0, "brakes": 5.5, "unexplained": -0.25}
+ENERGY = Energy("arm", "task_1", "speed=0.60", 4, EPOCH, EPOCH + 9, 65.25, SPLIT, 0.5, 12.5, 19.2, 32.625)
 EVENT = Event(EPOCH, None, "reloaded", "settings", {"sources": 2})
-ITEMS: list[Any] = [INTERVAL, TASK, PREDICTION, alarm(2), EVENT]
+ITEMS: list[Any] = [INTERVAL, TASK, ENERGY, replace(ENERGY, total_per_part=None), PREDICTION, alarm(2), EVENT]
 MARK = Mark(EPOCH, 17, 1, EPOCH)
 
 
@@ -32,7 +37,15 @@ def test_results_survive_the_wire(item: Any) -> None:
 
 
 def test_topics() -> None:
-    assert [topic_of(i) for i in ITEMS] == ["interval", "task", "prediction/power", "alarm", "event"]
+    assert [topic_of(i) for i in ITEMS] == [
+        "interval",
+        "task",
+        "energy",
+        "energy",
+        "prediction/power",
+        "alarm",
+        "event",
+    ]
 
 
 def test_alarm_is_the_object_that_the_docs_show() -> None:
@@ -64,6 +77,35 @@ def test_what_is_not_finite_is_null_and_comes_back_as_nan() -> None:
     task = decode_item("task", encode_item(Task("a", "t", "s", "v", math.nan, 1, 2, (), 0), MARK))
     assert isinstance(task, Task)
     assert math.isnan(task.speed)
+    odd = replace(ENERGY, total=math.nan, uncertainty=math.inf, groups={"brakes": math.nan, "electronics": 1.0})
+    energy = decode_item("energy", encode_item(odd, MARK))
+    assert isinstance(energy, Energy)
+    assert math.isnan(energy.total)
+    assert math.isnan(energy.uncertainty)
+    assert math.isnan(energy.groups["brakes"])
+    assert energy.groups["electronics"] == 1.0
+
+
+NUMBER = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    st.builds(
+        Energy,
+        start=st.integers(0, 2**62),
+        end=st.integers(0, 2**62),
+        total=NUMBER,
+        groups=st.dictionaries(st.text(max_size=20), NUMBER, max_size=8),
+        uncertainty=NUMBER,
+        positive_mechanical=NUMBER,
+        motion_efficiency_percent=NUMBER,
+        total_per_part=st.none() | NUMBER,
+    )
+)
+def test_any_energy_survives_the_wire_to_the_bit(energy: Energy) -> None:
+    back = decode_item("energy", encode_item(energy, MARK))
+    assert back == energy
+    assert repr(back) == repr(energy)  # minus zero is another number to the eye alone
 
 
 def test_evidence_may_hold_what_stages_work_with() -> None:
@@ -83,6 +125,8 @@ def test_evidence_may_hold_what_stages_work_with() -> None:
         ("interval", b'{"pose": 3}'),
         ("prediction", b'{"outputs": []}'),
         ("energy", b"{}"),
+        ("energy", b'{"groups": []}'),
+        ("speed", b"{}"),
     ],
 )
 def test_messages_that_break_their_schema_are_refused(kind: str, payload: bytes) -> None:

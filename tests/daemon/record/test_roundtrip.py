@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from cellwatt import Alarm, Batch, Channel, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
+from cellwatt import Alarm, Batch, Channel, Energy, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
 from cellwatt.record import Health, Recorder, Recording, RecordSettings
 
 from .making import (
@@ -128,6 +128,19 @@ RESULTS = [
         "arm", 1, SESSION, SESSION + 5, (1, 3), (0.5, -0.25), (0.0, 1.0), (0.1, 0.2), closed=False, complete=False
     ),
     Task("arm", "task_1", "ab12", "speed=0.60", 0.6, SESSION, SESSION + 9, (1, 2, 3), 4),
+    Energy(
+        "arm",
+        "task_1",
+        "speed=0.60",
+        4,
+        SESSION,
+        SESSION + 9,
+        65.25,
+        {"brakes": 65.0, "unexplained": 0.25},
+        0.5,
+        9.0,
+        14.0,
+    ),
     Prediction("power", 7, (SESSION, SESSION + 20), {"power": (1.5, float("inf"))}, {"power": "W"}),
     Alarm("a1", "joint_fault", "error", True, SESSION, SESSION + 1, "elbow", "arm", 3, (2,), 9, {"power_W": 12.5}),
 ]
@@ -144,8 +157,38 @@ def test_results_events_and_health_come_back(tmp_path):
     assert list(recording.entries()) == []
 
 
+ANY = st.floats(width=64)
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    energies=st.lists(
+        st.builds(
+            Energy,
+            repetition=st.integers(0, 2**40),
+            start=st.integers(0, 2**63 - 1),
+            end=st.integers(0, 2**63 - 1),
+            total=ANY,
+            groups=st.dictionaries(st.text(max_size=20), ANY, max_size=8),
+            uncertainty=ANY,
+            positive_mechanical=ANY,
+            motion_efficiency_percent=ANY,
+            total_per_part=st.none() | ANY,
+        ),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_energies_come_back_to_the_bit(energies, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rec")
+    write_chunks(folder, [energies])
+    recording = Recording.open(folder)
+    assert [repr(energy) for energy in recording.results()] == [repr(energy) for energy in energies]
+    assert recording.counts == {"/energy": len(energies)}
+
+
 def test_numbers_that_json_lacks_stay_valid_json(tmp_path):
-    alarm = replace(RESULTS[3], evidence={"residual_W": float("nan"), "count": np.int64(3), "axes": np.arange(2)})
+    alarm = replace(RESULTS[-1], evidence={"residual_W": float("nan"), "count": np.int64(3), "axes": np.arange(2)})
     write_chunks(tmp_path, [[alarm]])
     with (tmp_path / name_of()).open("rb") as file:
         ((_, _, message),) = make_reader(file).iter_messages("/alarm")

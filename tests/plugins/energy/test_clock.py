@@ -3,7 +3,7 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.accumulate import Accumulated
-from cellwatt_plugins.energy.clock import align
+from cellwatt_plugins.energy.clock import align, refine
 from cellwatt_plugins.energy.recordings import Reading
 
 STEP = 0.01
@@ -33,7 +33,7 @@ def test_offset_to_a_fraction_of_a_sample(offset):
 def test_its_uncertainty_is_honest():
     grid = np.arange(0, 12, STEP)
     model = Accumulated(0.0, STEP, power(grid))
-    found = [align(measured(0.4, seed), model) for seed in range(30)]
+    found = [refine(measured(0.4, seed), model, 0.43) for seed in range(30)]
     pull = [(one.seconds - 0.4) / one.uncertainty for one in found]
     assert 0.5 < np.std(pull) < 1.6
 

@@ -1,14 +1,19 @@
 import csv
 import json
 import shutil
+import subprocess
+import sys
 
+import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
+from cellwatt.commands import EXIT_ERROR
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.energy.command import disaggregate
+from cellwatt_plugins.energy.recordings import read_runs
 from tests.plugins.energy.running import STATES
 
 
@@ -54,17 +59,16 @@ def test_what_a_person_reads(written):
     assert "torque as given is the true torque times" in written[1]
 
 
-def test_csv_files_do_as_well(measured, written, tmp_path):
-    folder = tmp_path / "campaign"
-    (folder / "runs").mkdir(parents=True)
-    for name in ("robot.yaml", "robot.urdf", *(f"{state}.parquet" for state in STATES)):
-        shutil.copy(measured[1] / name, folder / name)
-    for path in (measured[1] / "runs").glob("*.parquet"):
-        pyarrow.csv.write_csv(pyarrow.parquet.read_table(path), folder / "runs" / f"{path.stem}.csv")
-    done = CliRunner().invoke(disaggregate, words(folder, tmp_path, "--json", "--no-report"), catch_exceptions=False)
-    again, before = json.loads(done.output), json.loads((written[0] / "energy.json").read_text())
-    assert [run["total"] for run in again["runs"]] == pytest.approx([run["total"] for run in before["runs"]], rel=1e-4)
-    assert not (tmp_path / "report.html").exists()
+def test_csv_files_do_as_well(measured, tmp_path):
+    for path in (measured[1] / "runs").glob("1400_*.parquet"):
+        pyarrow.csv.write_csv(pyarrow.parquet.read_table(path), tmp_path / f"{path.stem}.csv")
+    again, before = read_runs(tmp_path, 6), {run.name: run for run in read_runs(measured[1] / "runs", 6)}
+    assert [run.name for run in again] == ["1400_0kg", "1400_5kg"]
+    for one in again:
+        other = before[one.name]
+        for name in ("time", "position", "velocity", "torque"):
+            assert np.allclose(getattr(one.motion, name), getattr(other.motion, name), rtol=1e-6, atol=0)
+        assert np.array_equal(one.reading.power, other.reading.power)
 
 
 def fails(folder, tmp_path, error):
@@ -101,9 +105,15 @@ def test_a_controller_that_was_not_measured(copy, tmp_path):
     assert "controller_separate: false" in fails(copy, tmp_path, RecordingError)
     text = (copy / "robot.yaml").read_text().replace("controller_separate: true", "controller_separate: false")
     (copy / "robot.yaml").write_text(text)
-    done = CliRunner().invoke(disaggregate, words(copy, tmp_path / "out", "--no-report"), catch_exceptions=False)
+    for path in (copy / "runs").glob("150_*"):
+        path.unlink()  # two speeds say as much of this
+    given = words(copy, tmp_path / "out", "--json", "--no-report")
+    done = CliRunner().invoke(disaggregate, given, catch_exceptions=False)
     assert done.exit_code == 0
-    assert json.loads((tmp_path / "out" / "energy.json").read_text())["fixed"]["robot_electronics"] == 0
+    found = json.loads(done.output)
+    assert found["fixed"]["robot_electronics"] == 0
+    assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
+    assert not (tmp_path / "out" / "report.html").exists()
 
 
 def test_a_joint_without_resistance_is_refused(copy, tmp_path):
@@ -117,3 +127,16 @@ def test_an_empty_folder_is_told(copy, tmp_path):
     for path in (copy / "runs").iterdir():
         path.unlink()
     assert "no runs there" in fails(copy, tmp_path, RecordingError)
+
+
+def test_without_its_packages_it_names_the_extra(measured, tmp_path):
+    code = """
+import sys
+sys.modules["scipy"] = None
+from cellwatt.commands import main
+main()
+"""
+    given = [sys.executable, "-c", code, "disaggregate", *words(measured[1], tmp_path / "out")]
+    done = subprocess.run(given, capture_output=True, text=True, check=False)
+    assert done.returncode == EXIT_ERROR
+    assert done.stderr == "cellwatt: disaggregate needs scipy: install it with pip install 'cellwatt[energy]'\n"

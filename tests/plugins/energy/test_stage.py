@@ -1,26 +1,30 @@
 """The live stage on production of the arm whose campaign the tests ran; true groups are the plant's."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from energy import live
 from energy.live import BEGIN, RATE, frames_of, run_stages
 from energy.plant import production
 
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Layout
+from cellwatt.record import Recording
 from cellwatt.registry import stage as find_stage
-from cellwatt.results import Alarm, Prediction, Task
+from cellwatt.results import Alarm, Energy, Task
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
+from tests.daemon.record.making import write_chunks
 
 GROUPS = {
     "mechanical_losses": "mechanical",
     "electrical_losses": "electrical",
     "regeneration": "chopper",
-    "positive_mechanical": "positive",
 }
 
 
@@ -44,6 +48,12 @@ def results(folder, produced):
     return run_stages(frames_of(seen, power), folder, parts=2.0)
 
 
+def recorded(results, frames, folder):
+    """A recording of them, read back."""
+    write_chunks(folder, [[frames, *results]])
+    return Recording.open(folder)
+
+
 def of(results, kind):
     return [result for result in results if isinstance(result, kind)]
 
@@ -54,32 +64,39 @@ def test_it_is_found_by_name():
 
 
 def test_every_task_is_split(results, produced):
-    tasks, told = of(results, Task), of(results, Prediction)
+    tasks, told = of(results, Task), of(results, Energy)
     assert len(told) == len(tasks) >= 5
-    for task, prediction in zip(tasks, told, strict=True):
-        first, last = (round((t - BEGIN) * RATE * 1e-9) for t in (task.start, task.end))
-        total = produced[1][first:last].sum() / RATE
-        assert prediction.time == (task.end,)
-        assert prediction.model == f"energy_{task.name}"
-        assert prediction.outputs["total"][0] == pytest.approx(total)
-        assert prediction.outputs["total_per_part"][0] == pytest.approx(total / 2)
+    for task, energy in zip(tasks, told, strict=True):
+        for name in ("source", "variant", "repetition", "start", "end"):
+            assert getattr(energy, name) == getattr(task, name)
+        assert energy.task == task.name
+        part = slice(*(round((t - BEGIN) * RATE * 1e-9) for t in (task.start, task.end)))
+        total = produced[1][part].sum() / RATE
+        assert energy.total == pytest.approx(total)
+        assert energy.total_per_part == pytest.approx(total / 2)
         for group, name in GROUPS.items():
-            true = produced[2][name][first:last].sum() / RATE
-            assert prediction.outputs[group][0] == pytest.approx(true, abs=0.01 * total)
+            true = produced[2][name][part].sum() / RATE
+            assert energy.groups[group] == pytest.approx(true, abs=0.01 * total)
+        positive = produced[2]["positive"][part].sum() / RATE
+        assert energy.positive_mechanical == pytest.approx(positive, abs=0.01 * total)
+        assert energy.motion_efficiency_percent == pytest.approx(100 * positive / total, abs=1.0)
 
 
 def test_groups_add_up_to_what_was_measured(results):
-    names = ("electronics", "brakes", "stored", "mechanical_losses", "electrical_losses", "regeneration", "unexplained")
-    for prediction in of(results, Prediction):
-        outputs = {name: values[0] for name, values in prediction.outputs.items()}
-        assert sum(outputs[name] for name in names) == pytest.approx(outputs["total"], rel=1e-9)
-        assert abs(outputs["unexplained"]) < 3 * outputs["uncertainty"] + 0.002 * outputs["total"]
+    for energy in of(results, Energy):
+        assert sum(energy.groups.values()) == pytest.approx(energy.total, rel=1e-9)
+        assert abs(energy.groups["unexplained"]) < 3 * energy.uncertainty
     assert not [alarm for alarm in of(results, Alarm) if alarm.kind == "energy_balance"]
 
 
-def test_sequence_is_that_of_the_tasks_last_frame(results):
-    for prediction in of(results, Prediction):
-        assert prediction.sequence == pytest.approx((prediction.time[0] - BEGIN) * RATE * 1e-9, abs=2)
+def test_a_replay_gives_the_same_to_the_bit_however_frames_are_cut(results, folder, produced, tmp_path, monkeypatch):
+    recording = recorded(results, frames_of(produced[0], produced[1]), tmp_path)
+    told = of(results, Energy)
+    assert of(recording.results(), Energy) == told
+    for block in (live.BLOCK, 7, 400):
+        monkeypatch.setattr(live, "BLOCK", block)
+        again = run_stages(recording.frames_table(), folder, parts=2.0)
+        assert [repr(energy) for energy in of(again, Energy)] == [repr(energy) for energy in told]
 
 
 def test_advice_is_given_once_with_its_saving(results):
@@ -94,14 +111,12 @@ def test_advice_is_given_once_with_its_saving(results):
 def test_electronics_that_drift_are_followed(folder, produced):
     """A fan takes 4 W more: rests show it, and the split of later tasks counts it to the electronics."""
     seen, power, _ = produced
-    told = of(run_stages(frames_of(seen, power + 4.0), folder), Prediction)
-    before = of(run_stages(frames_of(seen, power), folder), Prediction)
-    seconds = before[-1].outputs["electronics"][0] / before[-1].outputs["total"][0]
-    assert seconds > 0
-    more = [a.outputs["electronics"][0] - b.outputs["electronics"][0] for a, b in zip(told, before, strict=True)]
+    told = of(run_stages(frames_of(seen, power + 4.0), folder), Energy)
+    before = of(run_stages(frames_of(seen, power), folder), Energy)
+    more = [a.groups["electronics"] - b.groups["electronics"] for a, b in zip(told, before, strict=True)]
     assert more[-1] > more[0] > 0
-    left = [prediction.outputs["unexplained"][0] for prediction in told]
-    assert abs(left[-1]) < abs(left[0])
+    assert abs(told[-1].groups["unexplained"]) < abs(told[0].groups["unexplained"])
+    assert told[-1].total_per_part is None  # nobody said how many parts
 
 
 def test_a_consumer_that_is_in_no_group_is_told_and_cleared(folder, produced):
@@ -122,7 +137,15 @@ def test_a_task_whose_power_is_missing_is_not_split(folder, produced):
     broken[len(power) // 2 :] = np.nan
     results = run_stages(frames_of(seen, broken), folder)
     whole = [task for task in of(results, Task) if task.end < BEGIN + len(power) // 2 * 1e9 / RATE]
-    assert len(of(results, Prediction)) == len(whole) < len(of(results, Task))
+    assert len(of(results, Energy)) == len(whole) < len(of(results, Task))
+
+
+def test_a_meter_that_is_off_says_nothing(folder, produced):
+    seen, power, _ = produced
+    results = run_stages(frames_of(seen, np.zeros_like(power)), folder)
+    assert of(results, Task)
+    assert not of(results, Energy)
+    assert not of(results, Alarm)
 
 
 def made(folder, layout, robot=None, **settings):
@@ -144,3 +167,22 @@ def test_what_does_not_fit_is_refused(folder, produced, tmp_path):
     fewer = tuple(c for c in layout.channels if "joint_6" not in c.name)
     with pytest.raises(ConfigError, match="5 channels"):
         made(folder, Layout(fewer, RATE))
+
+
+def test_without_its_packages_it_names_the_extra(folder):
+    code = f"""
+import sys
+sys.modules["pinocchio"] = None
+from cellwatt.errors import ConfigError
+from cellwatt.frames import Layout
+from cellwatt.stage import CellInfo
+from pathlib import Path
+from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
+settings = EnergySettings(robot="robot.yaml", balance="out/energy.json")
+try:
+    EnergyStage("live", settings, Layout((), 50.0), CellInfo("s", "c", None, Path({str(folder)!r})))
+except ConfigError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "stage 'live' needs the package pinocchio: pip install 'cellwatt[energy]'\n"

@@ -29,7 +29,14 @@ CURVES = {
     "mechanical": "mechanical power",
     "electrical": "electrical losses and chopper",
 }
-OVER_TIME = "The first repetition; measured values are of all repetitions."
+OVER_TIME = (
+    "The first repetition, and measured values of all. Each is a mean over the analyzer's interval: where power "
+    "changes faster, dots lie inside the peaks."
+)
+JOINTS = (
+    "Identified over all runs together: the factor on torque, resistance, switching and iron losses by measured power; "
+    "friction (viscous, Coulomb, offset, windage) by the corrected torque."
+)
 PAPER_FASTEST = 250.0
 """mm/s: the fastest speed of the paper, drawn over time beside the fastest of the campaign."""
 
@@ -45,7 +52,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
             _section("Share of each consumer", "Percent of the run's energy.", _legend(GROUPS), _bars(found, "%")),
             _section(
                 "Over time",
-                "The first repetition; measured values of all repetitions.",
+                OVER_TIME,
                 _legend(CURVES),
                 *_curves(outcome),
             ),
@@ -53,7 +60,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
             _section("Payload efficiency", "ε_P = 100 (E_RL − E_RNL) / E_RL.", tables.payload_table(found))
             if found.payload_efficiency_percent
             else "",
-            _section("Joints", "Identified over all runs together.", tables.joint_table(found)),
+            _section("Joints", JOINTS, tables.joint_table(found)),
             _notes(found),
         ]
     )
@@ -79,7 +86,7 @@ def headline(found: Findings) -> str:
 
 
 def _columns_told(found: Findings) -> str:
-    share = f"{100 * found.returned:.0f} ± {100 * found.returned_uncertainty:.0f} %"
+    share = f"{100 * found.returned:.0f} ± {tables.unsure(100 * found.returned_uncertainty)} %"
     return (
         "J with one standard deviation, and percent of the total. L_E* = L_E + E_RB; “at most” is the negative "
         f"mechanical energy that seed 003 takes for E_RB. Of what the motors give back to the bus the electronics "
@@ -104,7 +111,7 @@ def _bars(found: Findings, unit: str) -> str:
         parts = dict(zip(GROUPS, (scale * size for size in sizes), strict=True))
         electronics = 100 * run.electronics / run.total
         note = f"{run.total * scale:.0f} W" if unit == "W" else f"electronics {electronics:.0f} %"
-        bars.append(Bar(f"{run.speed_mm_s:g}, {run.payload_kg:g} kg", parts, note))
+        bars.append(Bar(_name(run), parts, note))
     return stacked(bars, unit, "energy by consumer")
 
 

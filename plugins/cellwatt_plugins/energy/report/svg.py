@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 
 WIDTH = 1040
-LABEL = 110
+LABEL = 140
 ROW = 22
 PLOT_HEIGHT = 240
 MOST_POINTS = 400

@@ -17,30 +17,42 @@ def fixed_table(robot: str, fixed: Fixed) -> str:
         (fixed.brakes, fixed.brakes_uncertainty),
     ]
     head = ["Robot", "P<sub>RC</sub> controller", "P<sub>RE</sub> robot", "P<sub>E</sub> both", "P<sub>MB</sub> brakes"]
-    row = [escape(robot), *(f"{value:.2f} ± {unsure:.2f} W" for value, unsure in cells)]
+    row = [escape(robot), *(f"{value:.2f} ± {unsure(spread)} W" for value, spread in cells)]
     return table(head, [row])
 
 
 def run_table(runs: Sequence[RunEnergy]) -> str:
     """Table III: energies of a repetition in J and in percent of the total."""
-    head = ["Run", "Time s", "E<sub>R</sub> J", "E<sub>E</sub>", "E<sub>MB</sub>", "L<sub>M</sub>", "L<sub>E</sub>*"]
-    head += ["L<sub>E</sub>", "E<sub>RB</sub>", "at most", "E<sub>M+</sub>", "ε<sub>M+</sub> %"]
-    return table(head, [_row(run) for run in runs])
+    named = [
+        ("Run", ""),
+        ("T", "time, s"),
+        ("E<sub>R</sub>", "total"),
+        ("E<sub>E</sub>", "electronics"),
+        ("E<sub>MB</sub>", "brakes"),
+        ("L<sub>M</sub>", "mechanical<br>losses"),
+        ("L<sub>E</sub>*", "electrical losses<br>and chopper"),
+        ("L<sub>E</sub>", "electrical<br>losses"),
+        ("E<sub>RB</sub>", "chopper"),
+        ("at most", "chopper"),
+        ("E<sub>M+</sub>", "positive<br>mechanical"),
+        ("ε<sub>M+</sub>", "%"),
+    ]
+    return table([f"{symbol}<br><small>{name}</small>" for symbol, name in named], [_row(run) for run in runs])
 
 
 def _row(run: RunEnergy) -> list[str]:
     def both(name: str) -> str:
-        value, unsure = getattr(run, name), run.uncertainty.get(name)
+        value, spread = getattr(run, name), run.uncertainty.get(name)
         if value is None:
             return "<span class=quiet>not told</span>"
         share = f"<small>{100 * value / run.total:.1f} %</small>"
-        return f"{value:.1f}<small> ± {unsure or 0.0:.1f}</small><br>{share}"
+        return f"{value:.1f}<small> ± {unsure(spread or 0.0)}</small><br>{share}"
 
     names = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration")
     return [
         f"{run.speed_mm_s:g} mm/s, {run.payload_kg:g} kg<br><small>{run.repetitions} repetitions</small>",
         f"{run.seconds:.2f}",
-        f"{run.total:.1f}<small> ± {run.uncertainty.get('total') or 0.0:.1f}</small>",
+        f"{run.total:.1f}<small> ± {unsure(run.uncertainty.get('total') or 0.0)}</small>",
         *(both(name) for name in (*names, "electrical_losses", "regeneration")),
         f"{run.regeneration_upper_bound:.1f}",
         f"{run.positive_mechanical:.1f}",
@@ -68,6 +80,11 @@ def joint_table(findings: Findings) -> str:
         for drive, friction in zip(findings.drives, findings.friction, strict=True)
     ]
     return table(head, rows)
+
+
+def unsure(spread: float) -> str:
+    """An uncertainty, never shown as 0 where it is not: 0.01 at least."""
+    return f"{spread:.1f}" if spread >= 1 else f"{spread:.2f}" if spread >= 0.01 else "0.01" if spread > 0 else "0"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

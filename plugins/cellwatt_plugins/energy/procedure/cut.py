@@ -1,0 +1,169 @@
+"""The files that ``cellwatt disaggregate`` reads, cut from a recording of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError, why
+from cellwatt_plugins.energy.arm import Arm
+from cellwatt_plugins.energy.procedure.log import STATES, Log, Programme
+from cellwatt_plugins.energy.procedure.loops import Loop, find_loops, sample_step
+from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows
+from cellwatt_plugins.energy.recordings import Motion
+
+Float = NDArray[np.float64]
+
+RATE: Final = 100.0
+"""Hz that are kept of the arm at least: what is faster teaches nothing more."""
+MARGIN: Final = 1.0
+"""s of the analyzer before and after the arm: a value of it stands for a time a little earlier."""
+BESIDE: Final = 0.9
+"""Share of the rests before the first and after the last repetition that is kept."""
+
+
+@dataclass(frozen=True)
+class CutRun:
+    """One file pair, or why there is none."""
+
+    run: str
+    repetitions: int
+    """Complete repetitions that it holds."""
+    asked: int
+    refused: tuple[str, ...]
+    """A sentence on each repetition that cannot be used."""
+    written: bool
+
+    def in_words(self) -> str:
+        """For a person."""
+        done = f"{self.run}: {self.repetitions} of {self.asked} repetitions"
+        told = "" if self.written else ", too few: not written, run it again"
+        return "\n".join([done + told, *(f"  {sentence}" for sentence in self.refused)])
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Repetitions of one speed and payload, one after the other, that can all be used."""
+
+    loops: tuple[Loop, ...]
+    motion: Motion
+    rows: Rows
+
+
+def cut_states(recorded: Recorded, log: Log, out: Path) -> list[str]:
+    """Write controller, connected and released as far as they were read. Raises ``RecordingError``."""
+    written: list[str] = []
+    for name in STATES:
+        if (span := log.states.get(name)) is not None:
+            power = recorded.power(span)
+            _write(out / f"{name}.parquet", _seconds(power.time, span.start), {"power": power.values[:, 0]})
+            written.append(name)
+    return written
+
+
+def cut_programme(
+    recorded: Recorded, arm: Arm, programme: Programme, speeds: Sequence[float], repetitions: int, least: int, out: Path
+) -> list[CutRun]:
+    """Write the runs of one program to ``out/runs``; each needs ``least`` whole repetitions in a row.
+
+    Raises ``RecordingError`` where not one repetition is recognised.
+    """
+    rows, power = recorded.motion(programme), recorded.power(programme)
+    motion = _motion(rows, programme.start, arm.joints)
+    loops, notes = find_loops(arm, motion, speeds)
+    if not loops:
+        raise RecordingError(f"payload {programme.payload:g} kg: {notes[0]}")
+    measured = _seconds(power.time, programme.start)
+    loops = [_with_power(loop, measured) for loop in loops]
+    stray = tuple(_sentence(loop) for loop in loops if not loop.speed)
+    runs = []
+    for i, speed in enumerate(speeds):
+        name = f"{speed:g}_{programme.payload:g}kg"
+        best = _longest(loops, speed)
+        refused = tuple(_sentence(loop) for loop in loops if loop.speed == speed and loop.problem)
+        also = (*stray, *notes) if i == 0 else ()
+        enough = len(best) >= least
+        if enough:
+            _write_run(Stretch(tuple(best), motion, power), programme, name, out / "runs")
+        runs.append(CutRun(name, len(best), repetitions, (*refused, *also), enough))
+    return runs
+
+
+def report(runs: Sequence[CutRun], states: Sequence[str]) -> dict[str, Any]:
+    """For ``--json``."""
+    return {"states": list(states), "runs": [asdict(run) for run in runs]}
+
+
+def _motion(rows: Rows, start: int, joints: int) -> Motion:
+    position, velocity, torque = rows.values.reshape(len(rows.time), 3, joints).transpose(1, 0, 2)
+    return Motion("the recording", _seconds(rows.time, start), position, velocity, torque)
+
+
+def _with_power(loop: Loop, measured: Float) -> Loop:
+    """Refuses a repetition during which the analyzer was silent."""
+    inside = measured[(measured > loop.start - MARGIN) & (measured < loop.end + MARGIN)]
+    edges = np.concatenate([[loop.start - MARGIN], inside, [loop.end + MARGIN]])
+    silent, step = float(np.diff(edges).max()), float(np.median(np.diff(measured)))
+    if loop.problem or silent <= 5 * step:
+        return loop
+    return replace(loop, problem=f"the analyzer's values are missing for {silent:.1f} s")
+
+
+def _longest(loops: Sequence[Loop], speed: float) -> list[Loop]:
+    """The most repetitions of a speed, one after the other, that can all be used."""
+    best: list[Loop] = []
+    now: list[Loop] = []
+    for loop in loops:
+        now = [*now, loop] if loop.speed == speed and not loop.problem else []
+        best = max(best, now, key=len)
+    return best
+
+
+def _sentence(loop: Loop) -> str:
+    return f"the repetition at t = {loop.start:.1f} s is refused: {loop.problem}"
+
+
+def _write_run(stretch: Stretch, programme: Programme, name: str, folder: Path) -> None:
+    motion, power = stretch.motion, stretch.rows
+    first, last = _edges(stretch)
+    every = max(1, int(1 / (sample_step(motion.time) * RATE) + 1e-6))
+    part = slice(first, last, every)
+    columns = {
+        f"{stem}_{i + 1}": values[part, i]
+        for stem, values in (("q", motion.position), ("qd", motion.velocity), ("tau", motion.torque))
+        for i in range(values.shape[1])
+    }
+    begin = float(motion.time[first])
+    _write(folder / f"{name}.robot.parquet", motion.time[part] - begin, columns)
+    measured = _seconds(power.time, programme.start)
+    inside = (measured >= begin - MARGIN) & (measured <= float(motion.time[last - 1]) + MARGIN)
+    _write(folder / f"{name}.analyzer.parquet", measured[inside] - begin, {"power": power.values[inside, 0]})
+
+
+def _edges(stretch: Stretch) -> tuple[int, int]:
+    """Samples from within the rest before the first repetition to within the rest after the last."""
+    motion, loops = stretch.motion, stretch.loops
+    pauses = [b.start - a.end for a, b in pairwise(loops)]
+    kept = BESIDE * (float(np.median(pauses)) if pauses else 1.0)
+    begin, end = np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept])
+    return int(begin), int(end)
+
+
+def _seconds(time: NDArray[np.int64], start: int) -> Float:
+    return np.asarray((time - start) * 1e-9)
+
+
+def _write(path: Path, time: Float, columns: dict[str, Float]) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.table({"t": time, **columns}), path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error

@@ -1,0 +1,124 @@
+"""The pose at which the brakes' power is read: where gravity asks the least of the motors (seed 003, eq. 15)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import qmc
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.energy.procedure.touching import CLEARANCE, Clearance
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+Float = NDArray[np.float64]
+
+STARTS: Final = 32
+"""Places of a Sobol sequence from which the search begins."""
+PUSH: Final = 1e4
+"""Nm/m: what a centimetre too little of clearance weighs beside gravity's torque."""
+STEPS: Final = 100
+PUSHED: Final = 20
+"""Evaluations of one descent; those near the arm itself or the floor are slow."""
+SAME: Final = 0.02
+"""Nm, or share: minima that differ by less are the same."""
+
+
+@dataclass(frozen=True)
+class RestPose:
+    """θ_GZ and what is left of gravity there."""
+
+    q: Float
+    """(n,) rad."""
+    torque: Float
+    """(n,) Nm that hold the arm there."""
+    starts: int
+    reached: int
+    """Starts that ended at a place as good; where few do, others may be better: take more starts."""
+    clearance: float
+    """m to the nearest: another link, or the floor."""
+
+    @property
+    def residual(self) -> float:
+        """‖G(θ_GZ)‖, Nm."""
+        return float(np.linalg.norm(self.torque))
+
+
+def limits_of(robot: RobotDescription, body: RigidBody) -> Float:
+    """(n, 2) rad: the description's limits, else the URDF's. Raises ``ConfigError`` where a joint has neither."""
+    low, high = body.model.lowerPositionLimit, body.model.upperPositionLimit
+    limits = np.array(
+        [
+            (
+                low[i] if joint.lower_limit is None else joint.lower_limit,
+                high[i] if joint.upper_limit is None else joint.upper_limit,
+            )
+            for i, joint in enumerate(robot.joints)
+        ]
+    )
+    for joint, (lower, upper) in zip(robot.joints, limits, strict=True):
+        if not (np.isfinite([lower, upper]).all() and lower < upper):
+            raise ConfigError(f"{robot.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in rad")
+    # A whole turn either way says it all; further out poses only come again.
+    return np.asarray(np.clip(limits, -np.pi, np.pi))
+
+
+def rest_pose(body: RigidBody, limits: Float, clearance: Clearance, starts: int = STARTS) -> RestPose:
+    """θ_GZ = arg min ‖G(θ)‖ within ``limits`` (n, 2) rad, clear of the arm itself and the floor (eq. 15).
+
+    The least of the minima from ``starts`` places. Raises ``ConfigError`` where none of them is clear.
+    """
+    edge = 1e-6 * np.ptp(limits, axis=1)
+    lower, upper = limits[:, 0] + edge, limits[:, 1] - edge
+    shares = qmc.Sobol(len(limits), scramble=False).random(starts)
+    places = [np.clip(np.zeros(len(limits)), lower, upper), *(lower + shares[1:] * (upper - lower))]
+
+    found = [_descend(body, place, (lower, upper), clearance) for place in places]
+    free = [q for q in found if clearance.free(q)]
+    if not free:
+        raise ConfigError(
+            "no pose of least gravity is clear of the arm itself and the floor: correct capsules and floor, "
+            "or the joints' limits, in robot.yaml"
+        )
+    norms = np.array([float(np.linalg.norm(body.gravity_torque(q[None, :]))) for q in free])
+    best = norms <= norms.min() * (1 + SAME) + SAME
+    # Of poses as good, the one whose joints are nearest to the middle of their ranges.
+    middle = limits.mean(axis=1)
+    chosen = min((q for q, good in zip(free, best, strict=True) if good), key=lambda q: float(np.abs(q - middle).max()))
+    return RestPose(
+        q=chosen,
+        torque=body.gravity_torque(chosen[None, :])[0],
+        starts=starts,
+        reached=int(best.sum()),
+        clearance=float(clearance.gaps(chosen).min(initial=np.inf)),
+    )
+
+
+def _descend(body: RigidBody, start: Float, bounds: tuple[Float, Float], clearance: Clearance) -> Float:
+    """The minimum of ‖G‖ that is reached from a place; where it is not clear, the nearest that is."""
+
+    def gravity(q: Float) -> Float:
+        return np.asarray(pin.computeGeneralizedGravity(body.model, data, q)).copy()
+
+    def slope(q: Float) -> Float:
+        return np.asarray(pin.computeGeneralizedGravityDerivatives(body.model, data, q)).copy()
+
+    def with_push(q: Float) -> Float:
+        return np.concatenate([gravity(q), PUSH * np.maximum(1.05 * CLEARANCE - clearance.gaps(q), 0.0)])
+
+    data = body.model.createData()
+    there = np.asarray(least_squares(gravity, start, slope, bounds, max_nfev=STEPS).x)
+    if clearance.free(there):
+        return there
+    return np.asarray(least_squares(with_push, there, bounds=bounds, max_nfev=PUSHED).x)
+
+
+def place_of(body: RigidBody, q: Float) -> Float:
+    """Where the last joint's frame is (3,) m in the base's frame: to look whether the cell has room there."""
+    data = body.model.createData()
+    pin.forwardKinematics(body.model, data, q)
+    return np.array(data.oMi[body.joints].translation)

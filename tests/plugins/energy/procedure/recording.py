@@ -1,0 +1,97 @@
+"""What the plant's arms do, as a recording of cellwatt and as a feed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt import Batch, Channel, Stream
+from cellwatt.record import Header
+from cellwatt.record.encoder import Encoder
+from cellwatt.record.header import FileName
+from cellwatt.record.openfile import OpenFile
+from cellwatt_plugins.energy.procedure.log import AtRest, Log, Programme
+
+SESSION = 1_795_000_000_000_000_000
+BLOCK = 5000
+CHUNK = 1_000_000
+SUPPLY = Stream("measured", (Channel("supply.voltage", "V"), Channel("supply.power", "W")), 10.0, "host")
+
+
+def arm_stream(joints, by_current, rate):
+    third = ("current", "A") if by_current else ("torque", "Nm")
+    kinds = (("position", "rad"), ("velocity", "rad/s"), third)
+    channels = tuple(Channel(f"joint_{i}.{name}", unit) for name, unit in kinds for i in range(1, joints + 1))
+    return Stream("arm", channels, rate, "device")
+
+
+class Taped:
+    """Puts spans one after the other into a recording, on the cell's time."""
+
+    def __init__(self, folder: Path, arm, noise=0.08, lag=0.1, seed=1):
+        self.folder, self.arm = folder, arm
+        self.rng = np.random.default_rng(seed)
+        self.noise, self.lag = noise, lag
+        self.now = SESSION
+        self.log = Log(robot=arm.made.name)
+        self.stream = arm_stream(arm.made.joints, arm.made.by_current, 500.0)
+        self._arm, self._supply = [], []
+
+    def state(self, name, power, seconds=60.0):
+        """A reading at rest; the arm says nothing."""
+        end = self.now + round(seconds * 1e9)
+        self._power(np.full(round(seconds * 500), power))
+        self.log = self.log.with_state(name, AtRest(start=self.now, end=end, power=power, uncertainty=0.01, drift=0.0))
+        self.now = end + 30_000_000_000
+
+    def programme(self, payload, rows, watts):
+        """One program: rows (N, 3 n) and power (N,) at 500 Hz."""
+        time = self.now + np.arange(len(rows)) * 2_000_000
+        values = rows.copy()
+        if self.arm.made.by_current:
+            values[:, 2 * self.arm.made.joints :] /= self.arm.constant
+        self._arm.append((time, values))
+        self._power(watts)
+        end = int(time[-1])
+        self.log = self.log.with_programme(Programme(payload=payload, start=self.now, end=end))
+        self.now = end + 30_000_000_000
+
+    def _power(self, watts):
+        """Means over 0.1 s, each stamped ``lag`` s after the middle of its time."""
+        means = watts[: len(watts) // 50 * 50].reshape(-1, 50).mean(axis=1)
+        time = self.now + round(self.lag * 1e9) + 50_000_000 + np.arange(len(means)) * 100_000_000
+        noisy = means + self.rng.normal(0, self.noise, len(means))
+        self._supply.append((time, np.column_stack([np.full(len(means), 230.0), noisy])))
+
+    def without(self, source, start, end):
+        """Forgets a source's samples between two times, s after the last program's start."""
+        kept = self._arm if source == "arm" else self._supply
+        time, values = kept[-1]
+        begun = self.log.programmes[-1].start
+        gone = (time > begun + start * 1e9) & (time < begun + end * 1e9)
+        kept[-1] = (time[~gone], values[~gone])
+
+    def write(self):
+        """The recording's folder."""
+        header = Header("plant", "cell", SESSION, number=1, streams={"arm": (self.stream,), "supply": (SUPPLY,)})
+        file = OpenFile(self.folder / str(FileName(SESSION, 1, "cell")), header)
+        encoder = Encoder(file)
+        blocks = [*_blocks("arm", self.stream, self._arm), *_blocks("supply", SUPPLY, self._supply)]
+        for batch in sorted(blocks, key=lambda b: int(b.time[0])):
+            encoder.add(batch)
+            if file.waiting > CHUNK:
+                file.write_chunk()
+        file.write_chunk()
+        file.finish()
+        file.publish()
+        return self.folder
+
+
+def _blocks(source, stream, parts):
+    count = 0
+    for time, values in parts:
+        for i in range(0, len(time), BLOCK):
+            t, v = time[i : i + BLOCK], values[i : i + BLOCK]
+            yield Batch(source, stream, count, int(t[-1]), t, np.full(len(t), 1000), v, np.zeros(len(t), np.uint8))
+            count += len(t)

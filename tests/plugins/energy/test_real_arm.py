@@ -1,0 +1,67 @@
+"""The split on five short moves of a real UR3e (Hein Lab, MIT): power of its 48 V bus, torque from its currents."""
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.energy.balance import Stretch, task_energy
+from cellwatt_plugins.energy.clock import Offset
+from cellwatt_plugins.energy.drive import bus_power, motion_features, supply_power
+from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify, residual
+from cellwatt_plugins.energy.known import Known
+from tests.science.test_energy_split import DATA, recorded_ur3e
+
+pytestmark = pytest.mark.skipif(
+    not (DATA / "ur3e_power").is_dir(), reason="the recordings of the UR3e are not beside the checkout"
+)
+BELIEF = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
+
+
+@pytest.fixture(scope="module")
+def arm_and_moves(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        arm, runs = recorded_ur3e(tmp_path_factory.mktemp("ur3e"), patch)
+    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04, 1.0), 1) for run in runs]
+
+
+def fit(arm, moves):
+    return identify(moves, begin(arm, BELIEF.fixed[0]), BELIEF)
+
+
+def known_from(identified):
+    """What a campaign of these moves would tell the live side; power at rest was not recorded."""
+    missed = []
+    for one in identified.observed:
+        used, left = residual(one, identified.drive)
+        missed.append(left.sum() / one.run.reading.power[used].sum())
+    error = float(np.sqrt(np.mean(np.square(missed))))
+    return Known("ur3e", identified.drive, identified.drive.fixed, 0.0, 0.0, 0.0, error, (0.0,) * 6)
+
+
+def stretch_of(one):
+    """The move on one grid, its power where the clocks say it was."""
+    motion, reading = one.run.motion, one.run.reading
+    power = np.interp(motion.time, reading.time - one.offset.seconds, reading.power)
+    return Stretch(motion.step, motion.position, motion.velocity, motion.torque, power)
+
+
+def test_groups_add_up_to_what_was_measured_within_the_stated_uncertainty(arm_and_moves):
+    arm, moves = arm_and_moves
+    whole = fit(arm, moves)
+    known = known_from(whole)
+    for one in whole.observed:
+        energy = task_energy(arm, known, stretch_of(one))
+        assert sum(energy.groups().values()) == pytest.approx(energy.total, rel=1e-9)
+        assert abs(energy.unexplained) < 2 * energy.uncertainty < 0.03 * energy.total
+        assert energy.mechanical_losses > 0
+        assert energy.electrical_losses > 0
+
+
+def test_a_move_left_out_is_met_within_the_uncertainty_of_the_fit(arm_and_moves):
+    arm, moves = arm_and_moves
+    for i, one in enumerate(fit(arm, moves).observed):
+        others = fit(arm, moves[:i] + moves[i + 1 :])
+        stretch = stretch_of(one)
+        energy = task_energy(arm, known_from(others), stretch)
+        drawn = others.drawn(np.random.default_rng(1), 100)
+        said = [supply_power(drive, bus_power(drive, one.feature)).sum() * stretch.step for drive in drawn]
+        assert abs(energy.unexplained) < 2 * np.hypot(np.std(said), energy.uncertainty) < 0.15 * energy.total

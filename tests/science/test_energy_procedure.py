@@ -1,0 +1,106 @@
+"""Seed 003 from the recording to the report: four arms that draw what Tables II and III say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.energy.arm import load_arm
+from cellwatt_plugins.energy.campaign import disaggregate
+from cellwatt_plugins.energy.fixed import AtRest, steady_power
+from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states
+from cellwatt_plugins.energy.procedure.recorded import Recorded
+from cellwatt_plugins.energy.recordings import read_reading, read_runs
+
+GROUPS = (
+    "electronics",
+    "brakes",
+    "mechanical_losses",
+    "electrical_losses_with_regeneration",
+    "positive_mechanical",
+    "total",
+)
+REPETITIONS = 3
+BENCH = Path(__file__).resolve().parents[2] / "bench"
+
+
+@pytest.fixture(autouse=True)
+def _bench(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCH))
+
+
+def measured(robot, folder, seed=1):
+    """A campaign of an arm through the recording: the arm, and what disaggregation makes of the files cut from it."""
+    from tests.plugins.energy.procedure.plant import ROBOTS, Arm
+    from tests.plugins.energy.procedure.recording import Taped
+
+    plant = Arm(ROBOTS[robot])
+    arm = load_arm(plant.describe(folder))
+    taped = Taped(folder, plant, seed=seed)
+    made, speeds = plant.made, tuple(plant.made.total)
+    if made.separate:
+        taped.state("controller", made.controller)
+    taped.state("connected", made.controller + made.electronics)
+    taped.state("released", made.fixed + 0.1)
+    for payload in (0.0, plant.cube.payload):
+        taped.programme(payload, *plant.programme(payload, speeds, REPETITIONS, taped.rng))
+    recorded = Recorded(taped.write(), arm)
+    cut_states(recorded, taped.log, folder)
+    for programme in taped.log.programmes:
+        runs = cut_programme(recorded, arm, programme, speeds, REPETITIONS, REPETITIONS, folder)
+        assert all(run.written and not run.refused for run in runs)
+    return plant, disaggregated(arm, folder)
+
+
+def disaggregated(arm, folder):
+    states = {path.stem: steady_power(read_reading(path)) for path in folder.glob("*ed.parquet")}
+    controller = folder / "controller.parquet"
+    alone = steady_power(read_reading(controller)) if controller.exists() else states["connected"]
+    rest = AtRest(alone, states["connected"], states["released"])
+    return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints)).findings
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(
+            "UR5e",
+            marks=pytest.mark.xfail(reason="disaggregate lays the analyzer's clock of slow runs one corner off: 1.9 %"),
+        ),
+        "UR10e",
+        "FR3",
+        "Gen3",
+    ],
+)
+def test_what_an_arm_truly_spent(robot, tmp_path):
+    plant, findings = measured(robot, tmp_path)
+    worst, epsilon = 0.0, 0.0
+    for run in findings.runs:
+        true = plant.truth(run.speed_mm_s, run.payload_kg)
+        for group in GROUPS:
+            worst = max(worst, 100 * abs(getattr(run, group) - true[group]) / true["total"])
+        epsilon = max(epsilon, abs(run.motion_efficiency_percent - 100 * true["positive_mechanical"] / true["total"]))
+    for speed, found in findings.payload_efficiency_percent.items():
+        empty, loaded = (plant.truth(float(speed), payload)["total"] for payload in (0.0, plant.cube.payload))
+        epsilon = max(epsilon, abs(found - 100 * (loaded - empty) / loaded))
+    assert worst < 1.0
+    assert epsilon < 0.3
+
+
+@pytest.mark.parametrize("robot", ["UR5e", "UR10e", "FR3", "Gen3"])
+def test_the_emulated_arms_draw_what_the_tables_say(robot):
+    """Within 1 % of the run's energy in Table III, at the time that the cube takes."""
+    from tests.plugins.energy.procedure.plant import ROBOTS, Arm
+
+    plant = Arm(ROBOTS[robot])
+    for speed, energies in plant.made.total.items():
+        for payload, energy in zip((0.0, plant.cube.payload), energies, strict=True):
+            true = plant.truth(speed, payload)
+            pace = true["seconds"] * speed / 50 / plant.made.table_seconds
+            assert true["total"] / pace == pytest.approx(energy, rel=0.01)
+            assert pace == pytest.approx(1.0, abs=0.01)
+    assert np.isfinite(plant.rates).all()
