@@ -38,6 +38,8 @@ class Truth:
     moves: int
     first_acts: tuple[int, ...]
     """Move (from 1) in which each fault first moves the power by a tenth of its most, or its encoder off the path."""
+    ends: tuple[float, ...]
+    """When each move ended, s."""
 
 
 @dataclass
@@ -144,7 +146,8 @@ def run_cycle(rng: np.random.Generator, cell: Cell, task: Task, plan: Plan, take
     )
     take.q.append(q)
     take.power.append(power)
-    take.truths.append(Truth(plan, start, take.seconds, watts, len(task.seconds), acts))
+    ends = tuple(start + STEP * float(np.flatnonzero(path.move == m)[-1]) for m in range(len(task.seconds)))
+    take.truths.append(Truth(plan, start, take.seconds, watts, len(task.seconds), acts, ends))
 
 
 def first_move(path: Path, fault: Fault, off: Array, watts: Array) -> int:

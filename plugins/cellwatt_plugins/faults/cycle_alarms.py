@@ -1,4 +1,4 @@
-"""Alarms from whole cycles: raised by the cycle in which a fault is found, cleared by healthy ones."""
+"""Alarms from cycles: raised by the cycle in which a fault is found, cleared by healthy ones."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ class CycleAlarms:
     clear_after: int
     _up: dict[tuple[int, str], Alarm] = field(default_factory=dict)
     _clean: dict[tuple[int, str], int] = field(default_factory=dict)
+    _early: set[tuple[int, str]] = field(default_factory=set)
     _new: Alarm | None = None
 
     def take(self, cycle: CycleFinding, number: int, epoch: int) -> list[Alarm]:
@@ -44,21 +45,37 @@ class CycleAlarms:
             text = "The arm runs as in the reference again"
             out.append(replace(self._new, active=False, time=span.end, statement=text))
             self._new = None
-        found = {(fault.joint, f"{fault.kind}_fault"): fault for fault in cycle.faults}
-        for key, fault in found.items():
-            since = self._up[key].since if key in self._up else span.start
-            self._up[key] = self._alarm(key[1], fault, cycle, _Span(since, span.end))
-            self._clean[key] = 0
-            out.append(self._up[key])
-        return [*out, *self._clear(found, span, number)]
+        found = _by_key(cycle)
+        out += [self._raise(key, fault, cycle, span) for key, fault in found.items()]
+        out += self._clear(found, span, number)
+        self._early.clear()
+        return out
+
+    def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
+        """Alarms that a cycle under way raises: those that are not up yet."""
+        span = _Span(epoch + _ns(cycle.start), epoch + _ns(cycle.end))
+        fresh = {key: fault for key, fault in _by_key(cycle).items() if key not in self._up}
+        self._early |= set(fresh)
+        return [self._raise(key, fault, cycle, span) for key, fault in fresh.items()]
+
+    def _raise(self, key: tuple[int, str], fault: FaultFinding, cycle: CycleFinding, span: _Span) -> Alarm:
+        """Raise an alarm, or give it the newest figures."""
+        since = self._up[key].since if key in self._up else span.start
+        self._up[key] = self._alarm(key[1], fault, cycle, _Span(since, span.end))
+        self._clean[key] = 0
+        return self._up[key]
 
     def _clear(self, found: Mapping[tuple[int, str], FaultFinding], span: _Span, number: int) -> list[Alarm]:
         out = []
         for key in [key for key in self._up if key not in found]:
             self._clean[key] += 1
-            if self._clean[key] >= self.clear_after:
+            if key in self._early:
+                text = f"Joint {key[0]} is cleared: the whole cycle is explained otherwise"
+            elif self._clean[key] >= self.clear_after:
                 text = f"Joint {key[0]}: {self._clean[key]} cycles without this fault, the last is number {number}"
-                out.append(replace(self._up.pop(key), active=False, time=span.end, statement=text))
+            else:
+                continue
+            out.append(replace(self._up.pop(key), active=False, time=span.end, statement=text))
         return out
 
     def _say_new(self, span: _Span) -> list[Alarm]:
@@ -98,6 +115,10 @@ class CycleAlarms:
                 "confidence": fault.confidence,
             },
         )
+
+
+def _by_key(cycle: CycleFinding) -> dict[tuple[int, str], FaultFinding]:
+    return {(fault.joint, f"{fault.kind}_fault"): fault for fault in cycle.faults}
 
 
 def _ns(seconds: float) -> int:

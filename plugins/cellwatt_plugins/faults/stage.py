@@ -121,6 +121,10 @@ class FaultsStage(Stage[FaultsSettings]):
         self._forget()
         return out
 
+    def close(self) -> Sequence[Result]:
+        """Alarms of the last cycle, where whole cycles are judged."""
+        return [] if self._cycles is None else self._cycles.close()
+
     def _watched(self, path: Path, robot: Path) -> CycleStage:
         """The judge of whole cycles, which needs packages that the rest does not."""
         try:

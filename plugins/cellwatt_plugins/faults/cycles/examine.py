@@ -33,19 +33,24 @@ CERTAIN = 3.0
 
 @dataclass(frozen=True)
 class Blame:
-    """A fault of ``joint`` (0-based) that moves the power by ``watts`` (N,); ``alternatives`` explain it as well."""
+    """A fault of ``joint`` (0-based) that moves the power by ``watts`` (N,); ``alternatives`` explain it as well.
+
+    ``confidence`` that it is this joint, and ``certainty`` that it is any.
+    """
 
     joint: int
     what: str
     watts: Float
     confidence: float
     alternatives: tuple[int, ...]
+    certainty: float
 
 
 @dataclass(frozen=True)
 class Verdict:
     """What was found in a cycle: ``tau`` (N,) s of the pattern and ``residual`` (N,) W against healthy power;
-    ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in healthy cycles."""
+    ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in healthy cycles;
+    ``misfit``, variance that nothing explains, relative to the noise's."""
 
     tau: Float
     residual: Float
@@ -53,17 +58,20 @@ class Verdict:
     encoders: dict[int, float]
     part: float
     warm: float
+    misfit: float
 
 
 def examine(recording: Recording, match: Match, pattern: Pattern, arm: Arm, until: float = math.inf) -> Verdict:
     """The verdict of one cycle, as far as the pattern's time ``until`` s."""
     samples = sample(recording, match, pattern, arm, until)
-    inside = _inside(pattern, samples.tau)
+    inside = _inside(pattern, samples.tau, until)
     answers = [explain(arm, samples, r, inside) for r in readings(recording, match, pattern, arm, samples)]
     best = _most_likely(answers)
     part, left = 0.0, best.reading.residual
     blames = [
-        Blame(joint, cause, samples.residual - best.reading.residual, _stands(answers, joint), ())
+        Blame(
+            joint, cause, samples.residual - best.reading.residual, _stands(answers, joint), (), _stands(answers, joint)
+        )
         for joint, cause in best.reading.causes
         if cause != "encoder"
     ]
@@ -74,17 +82,18 @@ def examine(recording: Recording, match: Match, pattern: Pattern, arm: Arm, unti
         if effect.joint is None:
             part = PART * float(sizes[0])
             continue
-        confidence, alternatives = _standing(next(rivals), effect.joint)
-        blames.append(Blame(effect.joint, effect.what, watts, confidence, alternatives))
+        blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint)))
     largest = max((np.abs(blame.watts).max() for blame in blames), default=0.0)
     named = tuple(b for b in blames if np.abs(b.watts).max() >= max(LEAST, BESIDE * largest))
     encoders = {j: 1.0 - _stands(answers, j) for j, cause in best.reading.causes if cause == "encoder"}
-    return Verdict(samples.tau, samples.residual, named, encoders, part, _warm(arm, samples, best, left))
+    warm = _warm(arm, samples, best, left)
+    return Verdict(samples.tau, samples.residual, named, encoders, part, warm, best.misfit)
 
 
-def _inside(pattern: Pattern, tau: Float) -> Float:
-    """(N, M + 1) 1 from the start of each move on, and from the end of the last."""
-    edges = [start for start, _ in pattern.moves] + [pattern.moves[-1][1]]
+def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
+    """(N, M + 1) 1 from the start of each move on, and from the end of the last; of those before ``until`` s."""
+    moves = [(start, end) for start, end in pattern.moves if start < until]
+    edges = [start for start, _ in moves] + [moves[-1][1]]
     return np.column_stack([(tau >= edge).astype(np.float64) for edge in edges])
 
 
@@ -105,12 +114,13 @@ def _stands(answers: Sequence[Answer], joint: int) -> float:
     return float(weight[stands].sum() / weight.sum())
 
 
-def _standing(rivals: dict[int, float], joint: int) -> tuple[float, tuple[int, ...]]:
-    """Confidence in a joint against all others and none, and the joints that are close to it."""
+def _standing(rivals: dict[int, float], joint: int) -> tuple[float, tuple[int, ...], float]:
+    """Confidence in a joint against all others and none, the joints that are close to it, and certainty of any."""
     top = max(rivals.values())
     weights = {other: math.exp(score - top) for other, score in rivals.items()}
     close = tuple(o for o, s in sorted(rivals.items()) if o not in (-1, joint) and s > rivals[joint] - CLOSE)
-    return weights[joint] / sum(weights.values()), close
+    every = sum(weights.values())
+    return weights[joint] / every, close, 1.0 - weights[-1] / every
 
 
 def _warm(arm: Arm, samples: Samples, best: Answer, left: Float) -> float:

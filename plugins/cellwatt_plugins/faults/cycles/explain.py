@@ -40,7 +40,8 @@ class Answer:
     """The best explanation in one reading.
 
     ``effects`` with their ``sizes``; ``score``, its log odds up to a constant of the cycle; ``rivals`` one a fault
-    among the effects: log odds of each joint (0-based) in its place, and of none (-1).
+    among the effects: log odds of each joint (0-based) in its place, and of none (-1); ``misfit`` what is left
+    unexplained, as variance relative to the noise's.
     """
 
     reading: Reading
@@ -48,6 +49,7 @@ class Answer:
     sizes: tuple[Float, ...]
     score: float
     rivals: tuple[dict[int, float], ...]
+    misfit: float
 
 
 def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float) -> Answer:
@@ -84,6 +86,7 @@ def _linear(effects: Sequence[Effect], reading: Reading, residual: Float, sigma:
         sizes=tuple(np.split(search.fit(best).sizes, cuts)) if best else (),
         score=search.score(best) + _likelihood(products, sigma, harmless),
         rivals=tuple(search.rivals(best, k) for k in best if not effects[k].harmless),
+        misfit=search.misfit(best) / max(1, len(residual)),
     )
 
 
@@ -123,6 +126,12 @@ class _Search:
         if not chosen:
             return Fit(0.0, np.empty(0), np.empty(0))
         return fit(self.products, np.concatenate([self._columns[k] for k in chosen]))
+
+    def misfit(self, chosen: Sequence[int]) -> float:
+        """Sum of squares, in standard deviations, that a set leaves."""
+        columns = np.concatenate([self._columns[k] for k in chosen]) if chosen else np.empty(0, np.intp)
+        sizes, inner = self.fit(chosen).sizes, self.products.inner[np.ix_(columns, columns)]
+        return self.products.misfit - float(2 * self.products.pull[columns] @ sizes - sizes @ inner @ sizes)
 
     def score(self, chosen: Sequence[int]) -> float:
         """Log odds over no effect at all; minus infinity where a size has the wrong sign."""

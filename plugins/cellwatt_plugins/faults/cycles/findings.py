@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, find_cycles
-from cellwatt_plugins.faults.cycles.pattern import Pattern
+from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
@@ -27,6 +27,14 @@ OFF = 0.3
 """An encoder is off in moves in which its deviation exceeds this share of its greatest."""
 SHARE = 0.1
 """A fault shows in moves in which its power exceeds this share of its greatest."""
+
+MEASURED = 0.8
+"""Share of a cycle's power that must have been measured."""
+NOT_JUDGED = "not judged: power is missing in more than a fifth of the cycle"
+CERTAIN = 0.999
+"""Probability of a fault from which it is told before its cycle is over."""
+UNEXPLAINED = 1.5
+"""Variance left, relative to the noise's, from which the explanation of a cycle under way is not the right one yet."""
 
 
 @dataclass(frozen=True)
@@ -72,28 +80,61 @@ def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
     return CycleFinding(start, end, "new", None, "new_task", note, ())
 
 
+def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFinding:
+    """What is said of a known cycle that is under way, as far as its last move that has been seen.
+
+    Only what is certain to be a fault is told, though it may leave the choice between joints; and nothing while
+    power still differs from what the best explanation says.
+    """
+    pattern = known.patterns[match.pattern]
+    last = int(np.searchsorted([end for _, end in pattern.moves], match.warp.tau[-1] - pattern.step))
+    end = pattern.moves[last][1]
+    if _measured(recording, match) < MEASURED:
+        return _finding(match, pattern, NOT_JUDGED, (), end)
+    verdict = examine(recording, match, pattern, known.arm, end + MARGIN)
+    if verdict.misfit > UNEXPLAINED:
+        return _finding(match, pattern, "", (), end)
+    blames = tuple(blame for blame in verdict.blames if blame.certainty >= CERTAIN)
+    encoders = {joint: sure for joint, sure in verdict.encoders.items() if sure >= CERTAIN}
+    certain = replace(verdict, blames=blames, encoders=encoders)
+    return _finding(match, pattern, "", _faults(recording, match, pattern, certain), end)
+
+
 def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFinding:
     """What is said of one known cycle."""
     pattern = known.patterns[match.pattern]
+    if _measured(recording, match) < MEASURED:
+        return _finding(match, pattern, NOT_JUDGED, (), pattern.moves[-1][1])
     verdict = examine(recording, match, pattern, known.arm)
     faults = _faults(recording, match, pattern, verdict)
-    note = note_on(match, verdict)
+    return _finding(match, pattern, note_on(match, verdict), faults, pattern.moves[-1][1])
+
+
+def _measured(recording: Recording, match: Match) -> float:
+    """Share of a cycle's samples that have power."""
+    first, last = np.searchsorted(recording.time, [match.warp.t[0], match.warp.t[-1]])
+    return float(np.mean(~np.isnan(recording.power[first : last + 1])))
+
+
+def _finding(match: Match, pattern: Pattern, note: str, faults: tuple[FaultFinding, ...], end: float) -> CycleFinding:
+    """A finding on a cycle as far as time ``end`` s of its pattern."""
     status: Status = "fault" if faults else "changed" if note else "healthy"
-    start, end = match.warp.to_recording(np.array([pattern.moves[0][0], pattern.moves[-1][1]]))
+    start, stop = match.warp.to_recording(np.array([pattern.moves[0][0], end]))
     speed = round(pattern.speed * match.pace, 3)
-    return CycleFinding(float(start), float(end), pattern.task, speed, status, note, faults)
+    return CycleFinding(float(start), float(stop), pattern.task, speed, status, note, faults)
 
 
 def _faults(recording: Recording, match: Match, pattern: Pattern, verdict: Verdict) -> tuple[FaultFinding, ...]:
     blamed = {blame.joint: blame for blame in verdict.blames}
+    gone = pattern.time[pattern.time <= verdict.tau[-1]]
     out = []
     for joint in sorted({*blamed, *verdict.encoders}):
         blame, encoder = blamed.get(joint), verdict.encoders.get(joint)
         kind: Kind = "joint" if encoder is None else "encoder" if blame is None else "joint_and_encoder"
-        deviation = _deviation(recording, match, pattern, joint)
+        deviation = _deviation(recording, match, pattern, joint)[: len(gone)]
         moves = set() if blame is None else _shows(pattern, verdict.tau, np.abs(blame.watts), SHARE)
         if encoder is not None:
-            moves |= _shows(pattern, pattern.time, deviation, OFF)
+            moves |= _shows(pattern, gone, deviation, OFF)
         watts = 0.0 if blame is None else float(np.abs(blame.watts).max())
         confidence = min(c for c in (encoder, blame.confidence if blame else None) if c is not None)
         out.append(

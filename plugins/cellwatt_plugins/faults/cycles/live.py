@@ -1,15 +1,16 @@
-"""Cycles judged as they end, by the same formulas as a recording."""
+"""Cycles judged as they run and as they end, by the same formulas as a recording."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_cycle, stranger
+from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, judge_cycle, stranger
 from cellwatt_plugins.faults.cycles.known import Known
-from cellwatt_plugins.faults.cycles.match import Match, find_cycles
+from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
@@ -22,6 +23,11 @@ LATEST = 15.0
 """… or has not for this long."""
 STILL = 0.01
 """rad: what an encoder at rest covers at most."""
+BRIEF = 0.16
+AT_ONCE = 0.003
+"""s of rest after a move, and rad that encoders cover in it, from which the cycle so far is judged."""
+PIECE = 0.04
+"""Frames are taken in pieces of this, s, so that no rest is missed between them."""
 SETTLED = 0.4
 """A cycle is over this long after its last move, s."""
 MARGIN = 0.5
@@ -32,32 +38,58 @@ GAP = 2.5
 """A hole in the positions of more than so many steps begins a new recording: no cycle goes across."""
 
 
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What is said of a cycle that is ``over``; of one under way only its faults so far."""
+
+    finding: CycleFinding
+    over: bool
+
+
 class CycleWatch:
-    """Takes frames of one arm on an even grid of ``step`` s; gives what is said of each cycle once it is over."""
+    """Takes frames of one arm on an even grid of ``step`` s; tells faults after the move that shows them, and what is
+    said of each cycle once it is over."""
 
     def __init__(self, known: Known, step: float) -> None:
         self._known, self._step = known, step
         longest = max(float(pattern.time[-1]) for pattern in known.patterns)
         self._keep = PATIENCE * longest
-        self._looked, self._moved = -np.inf, False
+        self._looked, self._moved, self._fresh_move = -np.inf, False, False
         self._time: Float = np.empty(0)
         self._power: Float = np.empty(0)
         self._position: Float = np.empty((0, len(known.patterns[0].repeat)))
 
-    def feed(self, time: Float, position: Float, power: Float) -> list[CycleFinding]:
-        """Findings that n more frames complete: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
+    def feed(self, time: Float, position: Float, power: Float) -> list[Told]:
+        """What n more frames make known: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
         there = ~np.isnan(position).any(axis=1)
         time, position, power = time[there], position[there], power[there]
-        if not len(time):
-            return []
-        found: list[CycleFinding] = []
+        size = max(1, round(PIECE / self._step))
+        pieces = (slice(begin, begin + size) for begin in range(0, len(time), size))
+        return [told for piece in pieces for told in self._take(time[piece], position[piece], power[piece])]
+
+    def close(self) -> list[Told]:
+        """What the end of the frames settles."""
+        return self._look(ended=True)
+
+    def _take(self, time: Float, position: Float, power: Float) -> list[Told]:
+        found: list[Told] = []
         if len(self._time) and time[0] - self._time[-1] > GAP * self._step:
             found = self._look(ended=True)
             self._forget()
         self._time = np.concatenate([self._time, time])
-        self._position = np.concatenate([self._position, position.reshape(len(time), -1)])
+        self._position = np.concatenate([self._position, position])
         self._power = np.concatenate([self._power, power])
+        if self._move_has_ended():
+            found += self._glance()
         return [*found, *self._look(ended=False)] if self._worth_a_look(len(time)) else found
+
+    def _move_has_ended(self) -> bool:
+        """Whether the arm has come to a brief rest since the last move."""
+        width = max(2, round(BRIEF / self._step))
+        still = bool(np.all(np.ptp(self._position[-width:], axis=0) <= AT_ONCE))
+        ended = self._fresh_move and still
+        self._fresh_move = not still
+        return ended
 
     def _worth_a_look(self, fresh: int) -> bool:
         """Whether the arm has come to rest since the last look; ``fresh`` frames are new."""
@@ -70,11 +102,22 @@ class CycleWatch:
         self._moved, self._looked = not still, float(self._time[-1])
         return True
 
-    def _forget(self) -> None:
-        self._drop(len(self._time) + round(MARGIN / self._step))
-        self._looked, self._moved = -np.inf, False
+    def _glance(self) -> list[Told]:
+        """Faults that the cycle under way shows already."""
+        if len(self._time) < 2 * round(SETTLED / self._step):
+            return []
+        recording = Recording(self._time, self._position, self._power)
+        match = begun_cycle(recording, find_runs(recording), self._known.patterns)
+        if match is None:
+            return []
+        finding = judge_begun(recording, match, self._known)
+        return [Told(finding, over=False)] if finding.faults else []
 
-    def _look(self, *, ended: bool) -> list[CycleFinding]:
+    def _forget(self) -> None:
+        self._drop(len(self._time))
+        self._looked, self._moved, self._fresh_move = -np.inf, False, False
+
+    def _look(self, *, ended: bool) -> list[Told]:
         """Cycles that are over, with what came before them; their frames are dropped."""
         if len(self._time) < 2 * round(SETTLED / self._step):
             return []
@@ -82,18 +125,20 @@ class CycleWatch:
         runs = find_runs(recording)
         matches = find_cycles(recording, runs, self._known.patterns)
         over = list(takewhile(lambda match: ended or self._is_over(match, runs), matches))
-        last = over[-1].last if over else -1
+        last = len(runs) - 1 if ended else over[-1].last if over else -1
         if not over and len(runs) and self._time[-1] - self._time[runs[0].first] > self._keep:
             # Nothing claims these runs: the older half of them is told as strange and dropped.
             last = len(runs) // 2
         if last < 0:
-            self._drop(runs[0].first if runs else len(self._time))
+            self._drop(runs[0].first - self._margin if runs else len(self._time) - self._margin)
             return []
         strange = new_tasks(runs[: last + 1], over, self._known.patterns)
         found = [judge_cycle(recording, m, self._known) for m in over]
         found += [stranger(recording, runs[first : end + 1]) for first, end in strange]
-        self._drop(runs[last].last)
-        return sorted(found, key=lambda finding: finding.start)
+        # What is told of must leave nothing behind that would be a run again.
+        following = runs[last + 1].first if last + 1 < len(runs) else len(self._time)
+        self._drop(max(runs[last].last, following - self._margin))
+        return [Told(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
         """Whether nothing more of a cycle can come: a last move that encoders do not show may still be due."""
@@ -102,7 +147,11 @@ class CycleWatch:
             return match.last + 1 < len(runs)
         return float(self._time[-1]) > float(match.warp.t[-1]) + SETTLED
 
+    @property
+    def _margin(self) -> int:
+        return round(MARGIN / self._step)
+
     def _drop(self, before: int) -> None:
-        """Forget frames up to a sample, but for a margin."""
-        first = max(0, before - round(MARGIN / self._step))
+        """Forget frames up to a sample."""
+        first = max(0, before)
         self._time, self._position, self._power = self._time[first:], self._position[first:], self._power[first:]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -26,6 +26,8 @@ MOST_ODD = 2
 """Joints that may be off their path in a known cycle."""
 FEWEST_SEEN = 0.5
 """Share of a cycle's moves that must be seen."""
+FEWEST_BEGUN = 1
+"""Moves of a cycle under way that must be seen, and one more for each joint off its path."""
 EVEN = 0.03
 """A move that the pattern's timing misses by more than this, s, was interrupted."""
 SLOWEST, FASTEST = 0.2, 2.5
@@ -70,29 +72,70 @@ def find_cycles(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
     return found
 
 
-def _match_at(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int) -> Match | None:
-    """The cycle that begins with a run: with the fewest joints off their path, at the pace most like its pattern's."""
+def begun_cycle(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern]) -> Match | None:
+    """The known cycle that is under way after the last run, as far as it has gone; None where it may be of two tasks.
+
+    Its last move is that of the last run, so it must have ended.
+    """
+    recording = replace(recording, position=without_jumps(recording.position))
     for number in range(MOST_ODD + 1):
-        options: list[Match] = []
-        for odd in combinations(range(recording.joints), number):
-            for index, pattern in enumerate(patterns):
-                steps = _walk(runs, pattern, at, odd)
-                if steps is not None:
-                    match = _timed(recording, runs, pattern, index, steps, odd)
-                    options += [] if match is None else [match]
-        if options:
-            return max(options, key=lambda m: (-len(m.broken), m.last - m.first, -abs(math.log(m.pace))))
+        for at in range(len(runs)):
+            options = _options(recording, runs, patterns, at, number, whole=False)
+            options = [match for match in options if match.last == len(runs) - 1]
+            if options:
+                one_task = len({patterns[match.pattern].task for match in options}) == 1
+                return _best(options) if one_task else None
     return None
 
 
-def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int]) -> list[_Step] | None:
-    """Run by run through the moves of a pattern, looking only at joints that are not ``odd``."""
+def _match_at(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int) -> Match | None:
+    """The cycle that begins with a run: with the fewest joints off their path, at the pace most like its pattern's."""
+    for number in range(MOST_ODD + 1):
+        if options := _options(recording, runs, patterns, at, number, whole=True):
+            return _best(options)
+    return None
+
+
+def _best(options: Iterable[Match]) -> Match:
+    return max(options, key=lambda m: (-len(m.broken), m.last - m.first, -abs(math.log(m.pace))))
+
+
+def _options(
+    recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern], at: int, number: int, *, whole: bool
+) -> list[Match]:
+    """Cycles, whole or begun, that begin with a run while ``number`` joints are off their path."""
+    out: list[Match] = []
+    for index, pattern in enumerate(patterns):
+        far = _far(runs[at], pattern)
+        others = [joint for joint in range(recording.joints) if joint not in far]
+        for more in combinations(others, number - len(far)) if len(far) <= number else ():
+            odd = tuple(sorted((*far, *more)))
+            steps = _walk(runs, pattern, at, odd, whole=whole)
+            match = None if steps is None else _timed(recording, runs, pattern, index, steps, odd)
+            out += [] if match is None else [match]
+    return out
+
+
+def _far(run: Run, pattern: Pattern) -> list[int]:
+    """Joints (0-based) too far from where the pattern begins, even if its first move is not seen."""
+    limit = np.maximum(POSE, REPEAT * pattern.repeat) + WAY
+    far: list[int] = np.flatnonzero(np.abs(run.before - pattern.poses[0][0]) > limit).tolist()
+    return far
+
+
+def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *, whole: bool) -> list[_Step] | None:
+    """Run by run through the moves of a pattern, looking only at joints that are not ``odd``.
+
+    Where no ``whole`` cycle is wanted, as far as runs go.
+    """
     keep = np.array([j for j in range(len(pattern.repeat)) if j not in odd])
     limit = np.maximum(POSE, REPEAT * pattern.repeat)[keep]
     before, after = pattern.poses[0][:, keep], pattern.poses[1][:, keep]
     shown: list[bool] = np.any(pattern.ways[:, keep] > WAY, axis=1).tolist()
     steps: list[_Step] = []
     for move in range(len(shown)):
+        if at == len(runs) and not whole:
+            break
         begins = at < len(runs) and _is(runs[at].before[keep], before[move], limit)
         still = begins and _is(runs[at].before[keep], runs[at].after[keep], limit)
         if not shown[move]:
@@ -104,7 +147,8 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int]) ->
             return None
         steps.append(_Step(move, (at, end)))
         at = end + 1
-    return steps if sum(s.runs is not None for s in steps) >= max(2, FEWEST_SEEN * len(steps)) else None
+    fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN + len(odd)
+    return steps if sum(s.runs is not None for s in steps) >= fewest else None
 
 
 def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], after: Float, limit: Float) -> int | None:

@@ -54,11 +54,12 @@ class Reading:
 
 def readings(recording: Recording, match: Match, pattern: Pattern, arm: Arm, samples: Samples) -> Iterator[Reading]:
     """Every combination of causes."""
+    gone = pattern.time <= samples.tau[-1]
     options: list[list[tuple[int, Cause]]] = []
     for joint in match.odd:
         shown = np.interp(samples.time, recording.time, recording.position[:, joint])
         options.append([(joint, "encoder")])
-        if np.ptp(shown) < STILL * np.ptp(pattern.position[:, joint]):
+        if np.ptp(shown) < STILL * np.ptp(pattern.position[gone, joint]):
             options[-1] += [(joint, "drive_cut"), (joint, "belt_off")]
     for causes in product(*options):
         yield _reading(arm, samples, causes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from cellwatt.errors import ModelError
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.known import restored
-from cellwatt_plugins.faults.cycles.live import CycleWatch
+from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
 from cellwatt_plugins.faults.reference import Reference
 from cellwatt_plugins.robot import load_robot
 
@@ -37,9 +38,19 @@ class CycleStage:
             return []
         if self._epoch is None:
             self._epoch = int(time[0])
-        out: list[Alarm] = []
         seconds = np.asarray((time - self._epoch) * 1e-9, np.float64)
-        for cycle in self._watch.feed(seconds, position, power):
-            self._count += 1
-            out += self._alarms.take(cycle, self._count, self._epoch)
+        return self._alarmed(self._watch.feed(seconds, position, power), self._epoch)
+
+    def close(self) -> list[Alarm]:
+        """Alarms that the end of the frames settles."""
+        return [] if self._epoch is None else self._alarmed(self._watch.close(), self._epoch)
+
+    def _alarmed(self, told: Sequence[Told], epoch: int) -> list[Alarm]:
+        out: list[Alarm] = []
+        for cycle in told:
+            self._count += cycle.over
+            if cycle.over:
+                out += self._alarms.take(cycle.finding, self._count, epoch)
+            else:
+                out += self._alarms.take_early(cycle.finding, epoch)
         return out

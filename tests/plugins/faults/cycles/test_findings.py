@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.findings import judge_recording
@@ -85,3 +86,12 @@ def test_a_task_that_was_never_learned_is_new(known):
     found = judged(known, Cycle("C"), Cycle("C"))
     assert [cycle.status for cycle in found] == ["new_task", "new_task"]
     assert not any(cycle.faults for cycle in found)
+
+
+def test_a_cycle_without_power_is_not_judged(known):
+    measured = run([Cycle("B"), Cycle("A", faults=(Fault("encoder_scale", 0, 0.2),)), Cycle("A")], seed=21)
+    start, end = measured.spans[1]
+    measured.power[(measured.time > start) & (measured.time < end - 1.0)] = np.nan
+    found = judge_recording(Recording(measured.time, measured.position, measured.power), known)
+    assert [(cycle.status, cycle.faults) for cycle in found] == [("healthy", ()), ("changed", ()), ("healthy", ())]
+    assert "power is missing" in found[1].note

@@ -1,0 +1,54 @@
+from dataclasses import replace
+
+import pytest
+
+from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
+
+EPOCH = 10**18
+CALM = CycleFinding(0.0, 8.0, "task_1", 1.0, "healthy", "", ())
+
+
+def fault(joint, confidence=0.999, alternatives=()):
+    return FaultFinding(joint, "joint", (1,), 12.0, confidence, alternatives, f"Joint {joint} turns harder.")
+
+
+def cycle(*faults, end=8.0):
+    return replace(CALM, status="fault" if faults else "healthy", faults=faults, end=end)
+
+
+def told(alarms):
+    return [(a.joint, a.active, a.severity) for a in alarms]
+
+
+@pytest.fixture
+def book():
+    return CycleAlarms("faults", "arm", clear_after=2)
+
+
+def test_an_early_alarm_is_renewed_by_the_whole_cycle(book):
+    (early,) = book.take_early(cycle(fault(2), end=3.0), EPOCH)
+    (whole,) = book.take(cycle(fault(2)), 1, EPOCH)
+    assert early.id == whole.id
+    assert [early.time, whole.time] == [EPOCH + 3 * 10**9, EPOCH + 8 * 10**9]
+    assert early.since == whole.since == EPOCH
+
+
+def test_an_early_alarm_is_raised_once(book):
+    assert len(book.take_early(cycle(fault(2), end=3.0), EPOCH)) == 1
+    assert book.take_early(cycle(fault(2), end=5.0), EPOCH) == []
+
+
+def test_an_early_alarm_goes_where_the_whole_cycle_names_another(book):
+    early = book.take_early(cycle(fault(3, 0.7, (2,)), end=3.0), EPOCH)
+    whole = book.take(cycle(fault(2)), 1, EPOCH)
+    assert told(early) == [(3, True, "warning")]
+    assert told(whole) == [(2, True, "error"), (3, False, "warning")]
+    assert "explained otherwise" in whole[1].statement
+
+
+def test_an_alarm_of_an_earlier_cycle_stays_until_it_has_been_calm(book):
+    book.take_early(cycle(fault(2), end=3.0), EPOCH)
+    book.take(cycle(fault(2)), 1, EPOCH)
+    assert book.take(cycle(), 2, EPOCH) == []
+    assert told(book.take(cycle(), 3, EPOCH)) == [(2, False, "error")]
