@@ -64,18 +64,7 @@ def disaggregated(arm, folder):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(
-            "UR5e",
-            marks=pytest.mark.xfail(reason="disaggregate lays the analyzer's clock of slow runs one corner off: 1.9 %"),
-        ),
-        "UR10e",
-        "FR3",
-        "Gen3",
-    ],
-)
+@pytest.mark.parametrize("robot", ["UR5e", "UR10e", "FR3", "Gen3"])
 def test_what_an_arm_truly_spent(robot, tmp_path):
     plant, findings = measured(robot, tmp_path)
     worst, epsilon = 0.0, 0.0

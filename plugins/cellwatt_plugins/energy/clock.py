@@ -44,20 +44,31 @@ def inside(reading: Reading, offset: float, modelled: Accumulated) -> NDArray[np
     return np.asarray((start >= modelled.start) & (end <= modelled.end))
 
 
-def align(reading: Reading, modelled: Accumulated) -> Offset:
+def align(reading: Reading, modelled: Accumulated, kinds: Accumulated) -> Offset:
     """Offset at which measured and modelled power are most alike, to a fraction of a sample.
 
-    Raises ``RecordingError`` where they are not alike at any offset.
+    It is looked for where ``kinds``, the sorts of power in columns (k), explain most, each with a weight of its own:
+    how they divide is not known yet. Raises ``RecordingError`` where they explain too little at any offset.
     """
     coarse = np.arange(-FURTHEST, FURTHEST, reading.step / 4)
-    alike = np.array([_correlation(reading, modelled, offset) for offset in coarse])
-    best = int(np.argmax(alike))
-    if not alike[best] > ALIKE:
+    explained = np.array([_explained(reading, kinds, offset) for offset in coarse])
+    best = int(np.argmax(explained))
+    if not explained[best] > ALIKE**2:
+        alike = float(np.sqrt(max(explained[best], 0.0)))
         raise RecordingError(
-            f"{reading.place}: its power does not follow the robot's motion (correlation {alike[best]:.2f} at best): "
+            f"{reading.place}: its power does not follow the robot's motion (correlation {alike:.2f} at best): "
             f"do the two files belong together, with clocks less than {FURTHEST:g} s apart?"
         )
     return refine(reading, modelled, float(coarse[best]))
+
+
+def _explained(reading: Reading, kinds: Accumulated, offset: float) -> float:
+    """Share of the variance of measured power that the sorts of power explain at an offset."""
+    design = kinds.between(*windows(reading, offset)) / reading.step
+    design = np.column_stack([design, np.ones(len(design))])
+    left = reading.power - design @ np.linalg.lstsq(design, reading.power, rcond=None)[0]
+    variance = float(np.var(reading.power))
+    return 1.0 - float(np.var(left)) / variance if variance > 0 else 0.0
 
 
 def refine(reading: Reading, modelled: Accumulated, offset: float) -> Offset:

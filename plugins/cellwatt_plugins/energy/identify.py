@@ -95,8 +95,17 @@ def observe(arm: Arm, runs: Sequence[Recorded], repetitions: Sequence[int], driv
     out = []
     for run, count in zip(runs, repetitions, strict=True):
         feature = motion_features(arm, run.motion)
-        out.append(Observed(run, feature, align(run.reading, modelled(run, feature, drive)), count))
+        offset = align(run.reading, modelled(run, feature, drive), _sorts_of_power(run, feature, arm.joints))
+        out.append(Observed(run, feature, offset, count))
     return out
+
+
+def _sorts_of_power(run: Recorded, feature: Float, joints: int) -> Accumulated:
+    """Every kind of power over all joints, and their speed, as columns."""
+    motion = run.motion
+    kinds = feature.reshape(len(feature), -1, joints).sum(axis=2)
+    columns = np.column_stack([kinds, np.abs(motion.velocity).sum(axis=1)])
+    return Accumulated(float(motion.time[0]), motion.step, columns)
 
 
 def modelled(run: Recorded, feature: Float, drive: Drive) -> Accumulated:

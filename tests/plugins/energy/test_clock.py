@@ -25,7 +25,8 @@ def measured(offset, seed=0, noise=0.3):
 def test_offset_to_a_fraction_of_a_sample(offset):
     grid = np.arange(0, 12, STEP)
     # The model is off by a third and a level: only its shape counts.
-    found = align(measured(offset), Accumulated(0.0, STEP, 40 + 0.7 * power(grid)))
+    modelled = 40 + 0.7 * power(grid)
+    found = align(measured(offset), Accumulated(0.0, STEP, modelled), Accumulated(0.0, STEP, modelled[:, None]))
     assert found.seconds == pytest.approx(offset, abs=0.003)
     assert found.correlation > 0.99
 
@@ -42,4 +43,5 @@ def test_power_of_another_run_is_refused():
     noise = np.random.default_rng(1).normal(90, 5, 120)
     reading = Reading("run.analyzer.parquet", np.arange(120) * 0.1, noise)
     with pytest.raises(RecordingError, match=r"run\.analyzer\.parquet: its power does not follow"):
-        align(reading, Accumulated(0.0, STEP, power(np.arange(0, 12, STEP))))
+        modelled = power(np.arange(0, 12, STEP))
+        align(reading, Accumulated(0.0, STEP, modelled), Accumulated(0.0, STEP, modelled[:, None]))
