@@ -35,7 +35,7 @@ def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
     assert done.exit_code == 0
     report = json.loads(done.output)
     assert {f["file"]: f["rows"] for f in report["files"]} == {
-        "arm.rtde.parquet": 40, "supply.meter.parquet": 40, "frames.parquet": 20, "results.jsonl": 8, "events.jsonl": 2,
+        "arm.rtde.parquet": 40, "supply.meter.parquet": 40, "frames.parquet": 20, "results.jsonl": 10, "events.jsonl": 2,
     }  # fmt: skip
     assert report["damage"] == [] and report["start"] == SESSION
     table = pq.read_table(tmp_path / "out" / "arm.rtde.parquet")
@@ -79,10 +79,10 @@ def test_csv_has_the_same_digits_and_its_units_beside_it(folder, tmp_path):
 
 def test_results_and_events_are_json_lines(folder, tmp_path):
     done = run(folder / name_of(1), "--out", tmp_path / "out")
-    assert "results.jsonl: 4 rows" in done.output
+    assert "results.jsonl: 5 rows" in done.output
     lines = [json.loads(line) for line in (tmp_path / "out" / "results.jsonl").read_text().splitlines()]
-    assert [line["type"] for line in lines] == ["interval", "task", "prediction", "alarm"]
-    assert lines[3]["kind"] == "joint_fault" and lines[3]["evidence"] == {"power_W": 12.5}
+    assert [line["type"] for line in lines] == ["interval", "task", "energy", "prediction", "alarm"]
+    assert lines[4]["kind"] == "joint_fault" and lines[4]["evidence"] == {"power_W": 12.5}
 
 
 def test_nothing_is_overwritten_unless_told(folder, tmp_path):
