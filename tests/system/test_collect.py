@@ -15,7 +15,7 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from tests.system.running import Daemon
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(120)]
 
 POSES = np.array(
     [[0.4, 0.1, -0.3, 0.5, 0.2, 0.1], [-0.4, 0.3, -0.8, -0.5, 0.9, 0.7], [0.1, -0.2, -0.1, 0.3, -0.6, -0.9]]
