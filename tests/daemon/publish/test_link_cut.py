@@ -140,8 +140,7 @@ def test_cut_beside_a_router(side: str) -> None:
                 time.sleep(1.0)
                 link.restore()
                 counts = check_all(publisher, consumer)
-                # Whoever sends waits for a router that does not read; what it could not hold comes from the record.
-                assert counts["live"] + counts.get("backfilled", 0) >= RATE * 2.5
+                assert counts["backfilled"] >= RATE / 2
         assert router.finish(10) == 0
 
 
