@@ -35,8 +35,12 @@ def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
     assert done.exit_code == 0
     report = json.loads(done.output)
     assert {f["file"]: f["rows"] for f in report["files"]} == {
-        "arm.rtde.parquet": 40, "supply.meter.parquet": 40, "frames.parquet": 20, "results.jsonl": 10, "events.jsonl": 2,
-    }  # fmt: skip
+        "arm.rtde.parquet": 40,
+        "supply.meter.parquet": 40,
+        "frames.parquet": 20,
+        "results.jsonl": 10,
+        "events.jsonl": 2,
+    }
     assert report["damage"] == [] and report["start"] == SESSION
     table = pq.read_table(tmp_path / "out" / "arm.rtde.parquet")
     truth = [batch_of(0, 15), batch_of(15, 5), batch_of(20, 15), batch_of(35, 5)]
