@@ -22,6 +22,8 @@ ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulat
 """Taken off a file's name, from the end, to have the run's."""
 SAME_CLOCK = 0.5
 """Recording and simulation that share less of the shorter one have different clocks."""
+RATE = 250.0
+"""Samples a second that are looked at: joints ring below 50 Hz, and what is faster is the drives' own."""
 COVERED = 0.5
 """Share of a recording that its simulation must cover."""
 
@@ -37,7 +39,7 @@ def read_runs(
     """
     runs = []
     for name, path, simulation in zip(_names(recordings), recordings, _matched(recordings, simulations), strict=True):
-        signals = read_signals(path, robot)
+        signals = read_signals(path, robot, RATE)
         run = Run(
             name=name,
             time=signals.time,

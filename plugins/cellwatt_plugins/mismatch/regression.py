@@ -212,28 +212,53 @@ class Regression:
         products = self.design.kept_products(blocks) if keep else self.design.products(blocks)
         mixed = np.zeros((self.size, sum(b.size for b in blocks)))
         spans = places(blocks, 0)
+        together = self._together()
         for span, acting in zip(spans, products, strict=True):
             for own in acting:
-                mixed[self.design.channels[own.channel].places, span] += own.cross / self.factor[own.channel]
-                for place, product in self._mixed(own, len(self.slices)):
-                    mixed[place, span] += product
+                f, (there, columns) = self.factor[own.channel], together[own.channel]
+                mixed[self.design.channels[own.channel].places, span] += own.cross / f
+                mixed[there, span] += columns.T @ own.columns / f
         target = np.concatenate([sum(own.pull / self.factor[own.channel] for own in acting) for acting in products])
         pull = target - mixed.T @ self.coefficients
         scaled = mixed * self._scale[:, None]
         every = cho_solve(self._factor, scaled)
+        out: list[tuple[float, Float] | None] = [None] * len(blocks)
+        for size in {b.size for b in blocks}:
+            same = [i for i, b in enumerate(blocks) if b.size == size]
+            own_gram = np.stack([sum(p.gram / self.factor[p.channel] for p in products[i]) for i in same])
+            columns = np.concatenate([np.arange(spans[i].start, spans[i].stop) for i in same])
+            left, right = (part[:, columns].reshape(-1, len(same), size).transpose(1, 0, 2) for part in (scaled, every))
+            information = own_gram - left.transpose(0, 2, 1) @ right
+            gain, mean = _evidence(information, pull[columns].reshape(-1, size), [blocks[i].prior for i in same])
+            for i, g, m in zip(same, gain, mean, strict=True):
+                out[i] = float(g), m
+        return [each for each in out if each is not None]
+
+    def _together(self) -> list[tuple[NDArray[np.intp], Float]]:
+        """The added blocks' columns of each channel, side by side, and the places of their coefficients."""
         out = []
-        for block, span, acting in zip(blocks, spans, products, strict=True):
-            gram = sum((own.gram / self.factor[own.channel] for own in acting), np.zeros((block.size, block.size)))
-            out.append(_evidence(gram - scaled[:, span].T @ every[:, span], pull[span], block.prior))
+        for c in range(len(self.factor)):
+            acting = [
+                (s, p) for s, added in zip(self.slices, self._added, strict=True) for p in added if p.channel == c
+            ]
+            there = np.concatenate([np.empty(0, np.intp), *(np.arange(s.start, s.stop) for s, _ in acting)])
+            empty = np.empty((len(self.design.target), 0))
+            out.append((there.astype(np.intp), np.concatenate([empty, *(p.columns for _, p in acting)], axis=1)))
         return out
 
 
-def _evidence(information: Float, pull: Float, prior: Prior) -> tuple[float, Float]:
-    """Log evidence ratio and posterior mean of a block whose information, nuisance projected out, is given."""
-    information = (information + information.T) / 2
-    precision = np.linalg.inv(prior.covariance)
-    right = pull + precision @ prior.mean
-    mean = np.asarray(np.linalg.solve(information + precision, right), np.float64)
-    _, volume = np.linalg.slogdet(np.eye(len(pull)) + prior.covariance @ information)
-    gain = 0.5 * right @ mean - 0.5 * prior.mean @ precision @ prior.mean - 0.5 * volume
-    return float(gain), mean
+def _evidence(information: Float, pull: Float, priors: Sequence[Prior]) -> tuple[Float, Float]:
+    """Log evidence ratios (K,) and posterior means (K, m) of K blocks of m columns, each alone.
+
+    ``information`` (K, m, m) and ``pull`` (K, m) are what the data say of each, nuisance projected out.
+    """
+    information = (information + information.transpose(0, 2, 1)) / 2
+    covariance = np.stack([p.covariance for p in priors])
+    expected = np.stack([p.mean for p in priors])
+    precision = np.linalg.inv(covariance)
+    pulled = np.einsum("kij,kj->ki", precision, expected)
+    right = pull + pulled
+    mean = np.linalg.solve(information + precision, right[:, :, None])[:, :, 0]
+    _, volume = np.linalg.slogdet(np.eye(pull.shape[1]) + covariance @ information)
+    gain = 0.5 * np.sum(right * mean, axis=1) - 0.5 * np.sum(expected * pulled, axis=1) - 0.5 * volume
+    return np.asarray(gain), np.asarray(mean)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.mismatch.columns import PLAIN, Columns, Quantity, columns_of, listed
-from cellwatt_plugins.mismatch.grid import even
+from cellwatt_plugins.mismatch.grid import even, slower
 from cellwatt_plugins.mismatch.motion import OWN_BANDWIDTH, differentiate, smooth
 from cellwatt_plugins.mismatch.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
@@ -67,8 +67,11 @@ class Signals:
         return speed, gain
 
 
-def read_signals(path: Path, robot: RobotDescription) -> Signals:
-    """Read a file. Raises ``RecordingError`` that says what is wrong with it."""
+def read_signals(path: Path, robot: RobotDescription, rate: float = np.inf) -> Signals:
+    """Read a file; one of more than ``rate`` samples a second as means of neighbours.
+
+    Raises ``RecordingError`` that says what is wrong with it.
+    """
     table = read_table(path)
     columns = _with_content(table, columns_of(table.names(), table.place))
     _all_joints(table.place, columns, robot)
@@ -86,6 +89,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         slow=[name for quantity in SLOW for name in columns.joints.get(quantity, ())],
         positions=positions,
     )
+    grid = slower(grid, rate)
     return Signals(
         place=table.place,
         time=grid.time,

@@ -471,6 +471,36 @@ def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
         read_runs([paths[0], paths[0]], [], *arm)
 
 
+@pytest.mark.parametrize(("rate", "count"), [(1000.0, 4), (500.0, 2), (400.0, 2), (250.0, 1), (125.0, 1)])
+def test_a_fast_recording_is_looked_at_in_means(tmp_path, arm, rate, count):
+    t = times(rate=rate)
+    jitter = np.random.default_rng(3).normal(0, 0.5, (len(t), JOINTS))
+    columns = recording(t, **numbered("tau", motion(t)[3] + jitter))
+    hole = slice(2000 * int(rate) // 1000, 2000 * int(rate) // 1000 + 8 * count)
+    columns = {name: np.delete(values, hole) for name, values in columns.items()}
+    (run,) = read_runs(
+        [parquet(tmp_path / "a.parquet", columns)], [parquet(tmp_path / "s.parquet", simulation(times(9.0)))], *arm
+    )
+    q, qd, qdd, tau = motion(run.time)
+    assert run.step == pytest.approx(count / rate)
+    known = ~run.gaps
+    for got, true in ((run.position, q), (run.velocity, qd), (run.plan.acceleration, qdd)):
+        np.testing.assert_allclose(got[known], true[known], atol=1e-3)
+    assert np.std((run.torque - tau)[known]) == pytest.approx(0.5 / np.sqrt(count), rel=0.1)
+    assert 7 <= run.gaps.sum() <= 9
+    assert len(one(parquet(tmp_path / "b.parquet", columns), arm).time) == len(run.time)
+
+
+def test_a_motion_is_simulated_at_its_own_rate(tmp_path, arm):
+    t = times(rate=1000.0)
+    q, qd, qdd, _ = motion(t)
+    got = read_motion(
+        parquet(tmp_path / "a.parquet", {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}),
+        arm[0],
+    )
+    np.testing.assert_allclose(got.time, t)
+
+
 def test_a_motion_to_simulate(tmp_path, arm):
     t = times()
     q, qd, qdd, _ = motion(t)
