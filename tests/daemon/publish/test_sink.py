@@ -327,7 +327,11 @@ async def test_a_namespace_is_put_before_every_key(view: FakeView, endpoint: str
     async with serving(sink):
         session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
         try:
-            (reply,) = await asyncio.to_thread(lambda: list(session.get(f"europe/north/{ROOT}/@/status")))
+            # A session learns of the cell's answers a moment after it opened; until then nobody answers.
+            asked = f"europe/north/{ROOT}/@/status"
+            while not (replies := await asyncio.to_thread(lambda: list(session.get(asked)))):
+                pass
+            (reply,) = replies
             assert json.loads(reply.ok.payload.to_bytes())["session"] == EPOCH
         finally:
             session.close()

@@ -16,6 +16,9 @@ from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.robot import RigidBody, load_robot
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_case, write_known
 
+# A training takes 20 s of an idle core, and cores are shared.
+pytestmark = pytest.mark.timeout(300)
+
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
