@@ -87,7 +87,7 @@ def slower(grid: Even, rate: float) -> Even:
     def mean(values: Float) -> Float:
         return np.asarray(values[: rows * count].reshape(rows, count).mean(axis=1))
 
-    gaps = grid.gaps[: rows * count].reshape(rows, count).any(axis=1)
+    gaps: Bool = np.any(grid.gaps[: rows * count].reshape(rows, count), axis=1)
     return Even(mean(grid.time), {name: mean(values) for name, values in grid.columns.items()}, gaps, grid.notes)
 
 
