@@ -83,7 +83,7 @@ def compared(effect: str, name: str, true: float, given: Row) -> Row:
         "true": true,
         "value": value,
         "std": std,
-        "error": None if placed else abs(error) / abs(true),
+        "error": None if placed or true == 0 else abs(error) / abs(true),
         "covered": bool(abs(error) <= 1.96 * std) if np.isfinite(std) and std > 0 else None,
     }
 
