@@ -5,7 +5,7 @@
 Samples a second, samples lost and share of one core, of both sides in turns at the same emulated devices. Runs the
 benchmarks of the folder ``drivers`` beside this file, and those of this folder for the drivers that have one there, one
 after the other; nothing else should run on the machine meanwhile. Without --json it prints the table of
-``docs/devices.md``.
+``docs/devices.md``. A benchmark that fails or hangs is told, and the others go on.
 """
 
 from __future__ import annotations
@@ -22,18 +22,25 @@ IN_TURNS = ("abb", "franka", "kinova", "modbus_meter", "can_sensor", "scpi_analy
 """Benchmarks that ``drivers/sides.py`` runs: all have one shape."""
 OWN = {"ur": "rtde", "yaskawa": "hses", "power_board": "power_board"}
 """Benchmarks with more to tell than that, by driver."""
+LONGEST = 900.0
+"""s that one benchmark may take at most."""
 REPEATS = {"rtde": "--repeats", "hses": "--repeats", "power_board": "--rounds"}
 HEAD = ("driver", "devices × rate", "library", "samples/s", "lost", "share of a core", "late p99, ms")
 
 
 def run(driver: str, seconds: float, repeats: int) -> Any:
-    """The object that one benchmark prints."""
+    """The object that one benchmark prints; ``None`` where it fails, with the reason on standard error."""
     own = OWN.get(driver)
     file = HERE / (f"{own}.py" if own else f"drivers/{driver}.py")
     length = [REPEATS.get(own or "", "--repeats"), str(repeats)]
     if own != "power_board":
         length += ["--seconds", f"{seconds:g}"]
-    done = subprocess.run([sys.executable, str(file), "--json", *length], stdout=subprocess.PIPE, text=True, check=True)
+    command = [sys.executable, str(file), "--json", *length]
+    try:
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, timeout=LONGEST)
+    except (subprocess.CalledProcessError, subprocess.TimeoutExpired) as error:
+        print(f"{driver}: {error}", file=sys.stderr)
+        return None
     return json.loads(done.stdout)
 
 
@@ -41,7 +48,7 @@ def table(figures: dict[str, Any]) -> str:
     """The benchmarks that have one shape, as Markdown: ours, then the plain loop."""
     lines = [f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
     for driver, found in figures.items():
-        if driver in OWN:
+        if driver in OWN or found is None:
             continue
         ours, plain = found["cellwatt"], found["plain"]
         late = " · ".join("–" if side["late"] is None else _spread(side["late"]["p99_ms"]) for side in (ours, plain))
@@ -74,10 +81,12 @@ def main() -> None:
     figures = {driver: run(driver, given.seconds, given.repeats) for driver in given.only}
     if given.json:
         print(json.dumps(figures))
-        return
-    print(table(figures))
-    for driver in (d for d in figures if d in OWN):
-        print(f"\n{driver}: {json.dumps(figures[driver], indent=1)}")
+    else:
+        print(table(figures))
+        for driver in (d for d in figures if d in OWN):
+            print(f"\n{driver}: {json.dumps(figures[driver], indent=1)}")
+    if None in figures.values():
+        sys.exit(1)
 
 
 if __name__ == "__main__":

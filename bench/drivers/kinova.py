@@ -34,10 +34,11 @@ async def ours(ports: Sequence[int], seconds: float) -> Run:
 
 async def plain(ports: Sequence[int], seconds: float) -> Run:
     counts = [0, 0]
+    ended = asyncio.Event()  # cancelled while its answer comes, pymodbus's client forgets it on Python 3.11
 
     async def poll(client: AsyncModbusTcpClient) -> None:
         deadline = time.monotonic()
-        while True:
+        while not ended.is_set():
             for first, count in ((0, 14), (34, 70)):
                 answer = await client.read_input_registers(first, count=count)
                 start = 6 if first == 0 else 0
@@ -54,9 +55,8 @@ async def plain(ports: Sequence[int], seconds: float) -> Run:
         await client.connect()
     tasks = [asyncio.create_task(poll(client)) for client in clients]
     run = await measured(lambda: (counts[0], counts[1]), seconds)
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    ended.set()
+    await asyncio.gather(*tasks)
     for client in clients:
         client.close()
     return run

@@ -57,7 +57,7 @@ async def plain(ports: Sequence[int], seconds: float) -> Run:
     tasks = [asyncio.create_task(poll(c, start + i / RATE / len(ports))) for i, c in enumerate(clients)]
     run = await measured(lambda: (counts[0], counts[1]), seconds)
     ended.set()
-    await asyncio.gather(*tasks, return_exceptions=True)
+    await asyncio.gather(*tasks)
     for client in clients:
         client.close()
     return run

@@ -175,8 +175,12 @@ async def driven(make: Sequence[Callable[[Outlet], Driver]]) -> AsyncIterator[li
     """Drivers in this loop, all connected. Raises what ended one of them."""
     outlets = [Outlet() for _ in make]
     tasks = [asyncio.create_task(each(outlet).run()) for each, outlet in zip(make, outlets, strict=True)]
-    await asyncio.gather(*(outlet.up.wait() for outlet in outlets))
+    up = asyncio.gather(*(outlet.up.wait() for outlet in outlets))
     try:
+        await asyncio.wait([up, *tasks], return_when=asyncio.FIRST_COMPLETED)
+        if not up.done():
+            up.cancel()
+            return  # what ended a driver is raised below
         yield outlets
     finally:
         await ended(tasks)

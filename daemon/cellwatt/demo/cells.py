@@ -80,7 +80,7 @@ def every_driver() -> Mapping[str, Device]:
             options={"egm": f"127.0.0.1:{packets}"},
             settings={"egm_port": packets, "bind": "127.0.0.1", "tls": False},
         ),
-        "franka": Device("franka", f"{_free_host(FCI_PORT)}:{FCI_PORT}", place=_host_only),
+        "franka": Device("franka", f"{_free_host(FCI_PORT)}:{FCI_PORT}", options={"realtime": "1"}, place=_host_only),
         "kinova": Device("kinova"),
         "power_board": Device("power_board", "pty", place=_serial_port),
         "scpi_analyzer": Device("scpi_analyzer"),

@@ -8,6 +8,7 @@ import sys
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
+_PATIENCE = 5.0  # s
 TOPICS = ("raw", "frame", "interval", "task", "alarm", "health")
 
 
@@ -41,9 +42,21 @@ def log_of(folder: Path) -> Path:
 
 @contextlib.asynccontextmanager
 async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
+    """Ends the process with the block; killed only where it does not heed that it is told to."""
     try:
         yield
+    except BaseException:
+        _terminate(process)
+        raise
     finally:
+        # One that was told and has ended must not be signalled again: who signals reaps it, and the watcher wonders.
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(process.wait(), _PATIENCE)
         if process.returncode is None:
             process.kill()
             await process.wait()
+
+
+def _terminate(process: asyncio.subprocess.Process) -> None:
+    if process.returncode is None:
+        process.terminate()

@@ -1,19 +1,24 @@
 """What every device emulator shares: signals to serve, faults to inject, and a process of its own."""
 
 from cellwatt.emulation.arm import ArmSignals
+from cellwatt.emulation.datagrams import Datagrams
 from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.faults import FAULT_KINDS, Fault, Injector
+from cellwatt.emulation.port import Port, TcpPort
 from cellwatt.emulation.process import EmulatorProcess
 from cellwatt.emulation.signals import RecordedSignals, Signals, load_signals
 
 __all__ = [
     "FAULT_KINDS",
     "ArmSignals",
+    "Datagrams",
     "Emulator",
     "EmulatorProcess",
     "Fault",
     "Injector",
+    "Port",
     "RecordedSignals",
     "Signals",
+    "TcpPort",
     "load_signals",
 ]

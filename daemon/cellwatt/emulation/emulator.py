@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
@@ -17,7 +18,7 @@ class Emulator(ABC):
     ``address`` is where to listen (``127.0.0.1:30004``, port 0 for any free one, or ``pty``).
     ``epoch`` is the UTC time in s at which the signals' t is 0, so that emulators in several processes
     serve one world. ``options`` are the emulator's own (its docstring lists them); unknown ones raise
-    ``ValueError``. ``counts`` tells what was truly sent and injected.
+    ``ValueError``. ``counts`` tells what was truly sent and injected, ``tally`` is where it counts the former.
     """
 
     title: ClassVar[str]
@@ -38,6 +39,7 @@ class Emulator(ABC):
         self.epoch = time.time() if epoch is None else epoch
         self.options = dict(options or {})
         self.injector = Injector(seed)
+        self.tally: Counter[str] = Counter(made=0, sent=0)
 
     def inject(self, fault: Fault) -> None:
         """Begin a fault; raises ``ValueError`` for a kind this device cannot have."""
@@ -46,9 +48,9 @@ class Emulator(ABC):
         self.injector.inject(fault, time.monotonic())
 
     @property
-    @abstractmethod
     def counts(self) -> Mapping[str, int]:
         """Frames truly made (``made``), put on the wire (``sent``), and each fault injected, by kind."""
+        return {**self.tally, **self.injector.counts}
 
     @abstractmethod
     async def serve(self, ready: Callable[[str], None]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.batch import Reading
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.driver import Identity, Outlet
-from cellwatt.errors import DeviceError, ProtocolError, WrongDeviceError
+from cellwatt.errors import DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.abb import rws
 from cellwatt_drivers.abb.rws import Energy, RobotWare
@@ -105,7 +105,7 @@ class Controller:
                 "mode": rws.value(await web.get(rws.MODE), "opmode"),
             }
             ratio = rws.ratio(await web.get(rws.SPEED))
-        except BaseException:
+        except SourceError:
             self._outlet.account.expect()
             self._outlet.account.miss(1, "not answered")
             raise

@@ -50,8 +50,8 @@ class AbbSettings(SourceSettings):
     """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
     web: tuple[Page, ...] = ("state", "energy")
     """What to read from Robot Web Services; ``[]`` does not ask it."""
-    web_rate: Hertz = 1.0
-    """Polls of the pages."""
+    web_rate: Hertz = 2.0
+    """Polls of the pages; more often than the controller makes a new energy figure."""
     user: str = "Default User"
     """User of Robot Web Services; one that may only read is best."""
     password: str = Field("robotics", repr=False)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation import Datagrams, Emulator, Signals, TcpPort
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.abb import emulated_pages
@@ -72,24 +70,16 @@ class AbbEmulator(Emulator):
         certificate = left.pop("certificate", "")
         if left:
             raise ValueError(f"unknown options: {', '.join(left)}")
-        self._tls = emulated_pages.tls(certificate) if certificate else None
         self.robot = EmulatedRobot(signals, robotware, axes, 1 / self._rate)
         meter = Meter(signals, axes)
         self.pages = Pages(self.robot, meter, robotware, user, password, lambda: time.time() - self.epoch)
         self.signals = _World(signals, self)
         self._number = 0
         self._shift = 0.0
-        self._held: list[bytes] = []
-        self._stalled: list[bytes] = []
-        self._stalled_until = 0.0
         self._down_until = 0.0
-        self._counts = Counter(made=0, sent=0, heard=0)
-        self._writers: set[asyncio.StreamWriter] = set()
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
+        self.tally.update(heard=0)
+        self._packets = Datagrams(self, _header, _no_message)
+        self._port = TcpPort(self, self._talk, emulated_pages.tls(certificate) if certificate else None)
 
     def begin_session(self) -> None:
         """The program starts EGM anew: packets are numbered from 0."""
@@ -97,103 +87,43 @@ class AbbEmulator(Emulator):
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        host, _, port = self.address.rpartition(":")
-        server = await asyncio.start_server(self._accept, host, int(port), ssl=self._tls)
-        bound: tuple[str, int] = server.sockets[0].getsockname()[:2]
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            sender.setblocking(False)
-            sender.bind((host, 0))
-            ready(f"{bound[0]}:{bound[1]}")
-            try:
-                await self._send_packets(sender)
-            finally:
-                server.close()
-                for writer in list(self._writers):
-                    writer.close()
-                await asyncio.sleep(0)
+        async with self._port as address:
+            with self._packets.opened(address.rpartition(":")[0]):
+                self._packets.to = self._to
+                ready(address)
+                await self._send_packets()
 
-    async def _send_packets(self, sender: socket.socket) -> None:
+    async def _send_packets(self) -> None:
         first = round((time.time() - self.epoch) * self._rate)
         index = 0
         async with Ticker(self._rate) as ticker:
             async for beat in ticker:
-                self._hear(sender)
+                self.tally["heard"] += self._packets.heard()
                 for _ in range(beat.merged + 1):
-                    self._cycle(sender, first + index)
+                    self._cycle(first + index)
                     index += 1
 
-    def _hear(self, sender: socket.socket) -> None:
-        try:
-            sender.recvfrom(2048)
-        except OSError:  # nothing came, or word that nobody listens
-            return
-        self._counts["heard"] += 1
-
-    def _cycle(self, sender: socket.socket, index: int) -> None:
+    def _cycle(self, index: int) -> None:
         now = time.monotonic()
         if outage := self.injector.once("disconnect"):
             self._down_until = now + outage.seconds
+            self._port.interrupt(outage.seconds)
         if now < self._down_until:
             return
         if jump := self.injector.once("clock_jump"):
             self._shift += jump.seconds
-        if stall := self.injector.once("stall"):
-            self._stalled_until = now + stall.seconds
-        self._counts["made"] += 1
+        self.tally["made"] += 1
         self._number += 1
         stamp = Stamp(self._number, self.epoch + index / self._rate + self._shift, self._clocked)
-        self._dispatch(sender, self.robot.packet(index, stamp), now)
+        self._packets.put(self.robot.packet(index, stamp))
 
-    def _dispatch(self, sender: socket.socket, packet: bytes, now: float) -> None:
-        strikes = self.injector.strikes
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            # Within the header: a message cut between two later fields would be a shorter, good one.
-            self._put(sender, packet[: 1 + self.injector.below(packet[1] + 1)], now, 0)
-            return
-        if strikes("reorder", now):
-            self._held.append(packet)
-            return
-        if late := strikes("delay", now):
-            asyncio.get_running_loop().call_later(late.seconds, self._put, sender, packet, now, 1)
-            return
-        if strikes("garbage", now):
-            # A wire type that protobuf does not have, so that no random datagram is a message by chance.
-            self._put(sender, b"\x07" + self.injector.random_bytes(0, 200), now, 0)
-        self._put(sender, packet, now, 1)
-        if strikes("duplicate", now):
-            self._put(sender, packet, now, 0)
-        held, self._held = self._held, []
-        for older in held:
-            self._put(sender, older, now, 1)
-
-    def _put(self, sender: socket.socket, packet: bytes, now: float, whole: int) -> None:
-        self._counts["sent"] += whole
-        if now < self._stalled_until:
-            self._stalled.append(packet)
-            return
-        waiting, self._stalled = self._stalled, []
-        for each in (*waiting, packet):
-            try:
-                sender.sendto(each, self._to)
-            except OSError:  # nobody listens
-                self._counts["unheard"] += 1
-
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._writers.add(writer)
-        try:
-            while await self._exchange(reader, writer):
-                pass
-        except (ConnectionError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
-            pass  # the client left, or the emulator ends
-        finally:
-            self._writers.discard(writer)
-            writer.close()
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while await self._exchange(reader, writer):
+            pass
 
     async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bool:
         head = await reader.readuntil(b"\r\n\r\n")
-        if time.monotonic() < self._down_until or len(head) > _LONGEST_HEAD:
+        if len(head) > _LONGEST_HEAD:
             return False
         request, *lines = head.decode("latin-1").split("\r\n")
         fields = {k.strip().lower(): v.strip() for k, _, v in (line.partition(":") for line in lines if line)}
@@ -227,6 +157,16 @@ class _World:
             self._emulator.begin_session()
         else:
             self._signals.disturb(change)
+
+
+def _header(packet: bytes) -> int:
+    """A half packet ends in the header: one cut between two later fields would be a shorter, good one."""
+    return packet[1] + 2
+
+
+def _no_message(garbage: bytes) -> bytes:
+    """With a wire type ahead that protobuf does not have, so that no random datagram is a message by chance."""
+    return b"\x07" + garbage
 
 
 def _robotware(text: str) -> RobotWare:

@@ -64,16 +64,11 @@ class CanSensorEmulator(Emulator):
         if left:
             raise ValueError(f"unknown options: {', '.join(left)}")
         self._numbers: Counter[str] = Counter()
-        self._counts = Counter(made=0, sent=0, unheard=0, disconnected=0)
+        self.tally.update(unheard=0, disconnected=0)
         self._energy = 0.0
         self._off = 0.0
         self._blocked = 0.0
         self._error: Callable[[int], object] = lambda _: None
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -106,10 +101,10 @@ class CanSensorEmulator(Emulator):
     def _result(self, name: str, now: float, send: Send) -> None:
         decoding = self._decodings[name]
         data = self._data(name, decoding)
-        self._counts["made"] += 1
+        self.tally["made"] += 1
         strikes = self.injector.strikes
         if self._off:
-            self._counts["disconnected"] += 1
+            self.tally["disconnected"] += 1
             return
         if strikes("loss", now):
             return
@@ -119,7 +114,7 @@ class CanSensorEmulator(Emulator):
         if strikes("half_frame", now):
             send(identifier, data[:3])
             return
-        self._counts["sent" if send(identifier, data) else "unheard"] += 1
+        self.tally["sent" if send(identifier, data) else "unheard"] += 1
         if strikes("duplicate", now):
             send(identifier, data)
 

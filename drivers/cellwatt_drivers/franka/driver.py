@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import aclosing
 from importlib.util import find_spec
 from typing import ClassVar
 
@@ -11,7 +10,7 @@ from pydantic import Field, field_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
-from cellwatt.errors import ConfigError, ConnectError
+from cellwatt.errors import ConfigError
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.franka import library
 from cellwatt_drivers.franka.fields import Group, Selection
@@ -81,21 +80,22 @@ class FrankaDriver(Driver[FrankaSettings]):
         """See ``Driver.run``."""
         s = self.settings
         self._intake.opened()
-        greeted = False
-        async with aclosing(library.states(s.host, self._every, self._selection, s.timeout)) as blocks:
-            async for block in blocks:
-                if not greeted:
-                    greeted = True
-                    self.outlet.connected(_IDENTITY)
+        async with library.reading(s.host, self._every, self._selection, s.timeout) as reader:
+            block = await reader.block()
+            self.outlet.connected(_identity(reader))
+            while True:
                 self._intake.take(block[:, 0].astype(np.int64), block[:, 1:])
+                block = await reader.block()
 
     async def identify(self) -> Identity:
         """See ``Driver.identify``: the library does not tell the robot's name, only that its states come."""
         s = self.settings
-        async with aclosing(library.states(s.host, self._every, self._selection, s.timeout)) as blocks:
-            async for _ in blocks:
-                return _IDENTITY
-        raise ConnectError(f"{s.host}: no state came")
+        async with library.reading(s.host, self._every, self._selection, s.timeout) as reader:
+            await reader.block()
+            return _identity(reader)
 
 
-_IDENTITY = Identity("Franka Robotics", "FCI robot with 7 joints", notes={"client": "pylibfranka"})
+def _identity(reader: library.Reader) -> Identity:
+    priority = "real-time" if reader.real_time else "ordinary: a busy PC loses states"
+    notes = {"client": "pylibfranka", "priority of the reader": priority}
+    return Identity("Franka Robotics", "FCI robot with 7 joints", notes=notes)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import asyncio
 import math
 import os
-import socket
 import struct
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation import Datagrams, Emulator, Signals, TcpPort
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.franka import fci
@@ -25,7 +23,7 @@ _AHEAD = 50  # states made at once; a disturbance of the world shows after them
 _PRIORITY = 10
 _LONGEST = 1 << 16  # bytes of a client's message
 _APART = 0.0004  # s between states that fell due together: a client keeps but the newest of those that wait
-_MOST_APART = 20  # of them; a process that is held up for longer would never catch up otherwise
+_MOST_APART, _MOST_APART_REALTIME = 20, 500  # of them; those before leave in one burst, or it would never catch up
 
 
 class FrankaEmulator(Emulator):
@@ -73,60 +71,47 @@ class FrankaEmulator(Emulator):
             raise ValueError(f"unknown options: {', '.join(left)}")
         self.robot = EmulatedRobot(signals)
         self.signals = self.robot
-        self._to: tuple[str, int] | None = None
-        self._writer: asyncio.StreamWriter | None = None
-        self._down_until = self._stalled_until = 0.0
+        self._taken = False
         self._shift = 0
-        self._held: list[bytes] = []
-        self._stalled: list[bytes] = []
-        self._counts = Counter(made=0, sent=0, commanded=0)
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
+        self._left = 0.0
+        self._most_apart = _MOST_APART
+        self.tally.update(commanded=0)
+        self._states = Datagrams(self)
+        self._port = TcpPort(self, self._talk)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        host, _, port = self.address.rpartition(":")
-        server = await asyncio.start_server(self._accept, host, int(port))
-        bound: tuple[str, int] = server.sockets[0].getsockname()[:2]
-        if self._realtime:
-            with suppress(OSError):  # not everybody may
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            sender.setblocking(False)
-            sender.bind((host, 0))
-            ready(f"{bound[0]}:{bound[1]}")
-            try:
-                await self._send_states(sender)
-            finally:
-                server.close()
-                self._hang_up()
-                await asyncio.sleep(0)
+        async with self._port as address:
+            if self._realtime:
+                with suppress(OSError):  # not everybody may
+                    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
+                    self._most_apart = _MOST_APART_REALTIME
+            with self._states.opened(address.rpartition(":")[0]):
+                ready(address)
+                await self._send_states()
 
-    async def _send_states(self, sender: socket.socket) -> None:
+    async def _send_states(self) -> None:
         first = round((time.time() - self.epoch) * _RATE)
         passed = 0
         async with Ticker(_RATE) as ticker:
             async for beat in ticker:
-                for behind in range(beat.merged + 1):
-                    if 0 < behind <= _MOST_APART and self._to is not None:
-                        time.sleep(_APART)  # noqa: ASYNC251 - the loop's own timers are coarser than this
+                for behind in range(beat.merged, -1, -1):
+                    if behind < self._most_apart:
+                        self._keep_apart()
                     passed += 1
-                    self._cycle(sender, first + passed, passed)
+                    self._cycle(first + passed, passed)
+                    self._left = time.monotonic()
 
-    def _hang_up(self) -> None:
-        self._to = None
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
+    def _keep_apart(self) -> None:
+        """Let no state leave right behind another, also when several fell due together."""
+        left = self._left + _APART - time.monotonic()
+        if left > 0 and self._states.to is not None:
+            time.sleep(left)  # the loop's own timers are coarser than this
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._writer is not None or time.monotonic() < self._down_until:
-            writer.close()
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self._taken:
             return
-        self._writer = writer
+        self._taken = True
         try:
             while True:
                 command, number, size = fci.HEAD.unpack(await reader.readexactly(fci.HEAD.size))
@@ -134,72 +119,33 @@ class FrankaEmulator(Emulator):
                 peer = writer.get_extra_info("peername")[0]
                 writer.write(self._answer(fci.Command(command, number, payload), peer))
                 await writer.drain()
-        except (ConnectionError, asyncio.IncompleteReadError, asyncio.CancelledError, struct.error):
-            pass  # the client left, or does not speak FCI
+        except struct.error:
+            pass  # the client does not speak FCI
         finally:
-            writer.close()
-            if self._writer is writer:
-                self._hang_up()
+            self._taken = False
+            self._states.to = None
 
     def _answer(self, said: fci.Command, peer: str) -> bytes:
         if said.command == fci.CONNECT:
             version, port = fci.decode_connect(said.payload)
             if version != self._version:
                 return fci.connect_reply(said.number, fci.INCOMPATIBLE)
-            self._to = (peer, port)
+            self._states.to = (peer, port)
             return fci.connect_reply(said.number, fci.SUCCESS)
         if said.command == fci.GET_ROBOT_MODEL:
             return fci.reply(said.command, said.number, fci.SUCCESS, fci.model())
-        self._counts["commanded"] += 1
+        self.tally["commanded"] += 1
         return fci.reply(said.command, said.number, fci.SUCCESS)
 
-    def _cycle(self, sender: socket.socket, index: int, passed: int) -> None:
-        now = time.monotonic()
+    def _cycle(self, index: int, passed: int) -> None:
         if jump := self.injector.once("clock_jump"):
             self._shift += round(jump.seconds * 1e3)
         if outage := self.injector.once("disconnect"):
-            self._down_until = now + outage.seconds
-            self._hang_up()
-        if stall := self.injector.once("stall"):
-            self._stalled_until = now + stall.seconds
-        if self._to is None:
-            return
-        self._counts["made"] += 1
-        self._dispatch(sender, self.robot.state(index, passed + self._shift), now)
-
-    def _dispatch(self, sender: socket.socket, state: bytes, now: float) -> None:
-        strikes = self.injector.strikes
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            self._put(sender, state[: 1 + self.injector.below(len(state) - 2)], now, 0)
-            return
-        if strikes("reorder", now):
-            self._held.append(state)
-            return
-        if late := strikes("delay", now):
-            asyncio.get_running_loop().call_later(late.seconds, self._put, sender, state, now, 1)
-            return
-        self._put(sender, state, now, 1)
-        if strikes("duplicate", now):
-            self._put(sender, state, now, 0)
-        held, self._held = self._held, []
-        for older in held:
-            self._put(sender, older, now, 1)
-
-    def _put(self, sender: socket.socket, state: bytes, now: float, whole: int) -> None:
-        self._counts["sent"] += whole
-        if now < self._stalled_until:
-            self._stalled.append(state)
-            return
-        waiting, self._stalled = self._stalled, []
-        for each in (*waiting, state):
-            if self._to is None:
-                return
-            try:
-                sender.sendto(each, self._to)
-            except OSError:  # the client is gone, or does not keep up
-                self._counts["unheard"] += 1
+            self._port.interrupt(outage.seconds)
+            self._states.to = None
+        if self._states.to is not None:
+            self.tally["made"] += 1
+            self._states.put(self.robot.state(index, passed + self._shift))
 
 
 class EmulatedRobot:

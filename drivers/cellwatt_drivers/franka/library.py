@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import sys
 from asyncio.subprocess import PIPE, Process
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncIterator
 
 import numpy as np
 
@@ -20,8 +21,57 @@ _START_TIME = 10.0
 """s, at the least, that the process has from its start to the first state."""
 
 
-async def states(host: str, every: int, selection: Selection, timeout: float) -> AsyncGenerator[Float, None]:
-    """Blocks (n, 1 + channels) of states, the robot's time in ms first, until it fails (``SourceError``)."""
+class Reader:
+    """The library's process with one robot's states; see ``reading``."""
+
+    def __init__(self, child: Process, host: str, selection: Selection, timeout: float) -> None:
+        self._child = child
+        self._host = host
+        self._columns = np.concatenate([[0], 1 + selection.columns])
+        self._width = 1 + selection.width
+        self._timeout = timeout
+        self._patience = max(timeout, _START_TIME)
+        self._rest = b""
+
+    @property
+    def real_time(self) -> bool:
+        """Whether the system gave it real-time priority: without it, a busy PC loses states."""
+        try:
+            return os.sched_getscheduler(self._child.pid) == os.SCHED_FIFO
+        except OSError:  # it just ended, or nobody may ask
+            return False
+
+    async def block(self) -> Float:
+        """The states (n, 1 + channels) that came, the robot's time in ms first. Raises ``SourceError``."""
+        size = 8 * self._width
+        while len(self._rest) < size:
+            self._rest += await self._chunk()
+        self._patience = self._timeout
+        whole = len(self._rest) // size * size
+        rows = np.frombuffer(self._rest[:whole], dtype="<f8").reshape(-1, self._width)
+        self._rest = self._rest[whole:]
+        return rows[:, self._columns]
+
+    async def _chunk(self) -> bytes:
+        child, patience = self._child, self._patience
+        assert child.stdout is not None and child.stderr is not None
+        try:
+            async with asyncio.timeout(patience):
+                chunk = await child.stdout.read(_CHUNK)
+        except TimeoutError:
+            raise ConnectError(
+                f"{self._host}: no state for {patience:g} s; check the address, and that FCI is on"
+            ) from None
+        if not chunk:
+            said = (await child.stderr.read()).decode(errors="replace")
+            await child.wait()
+            raise _failure(self._host, said)
+        return chunk
+
+
+@contextlib.asynccontextmanager
+async def reading(host: str, every: int, selection: Selection, timeout: float) -> AsyncIterator[Reader]:
+    """The library reading; of all states those whose time in ms is a whole multiple of ``every``."""
     child = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
@@ -32,37 +82,15 @@ async def states(host: str, every: int, selection: Selection, timeout: float) ->
         stdout=PIPE,
         stderr=PIPE,
         limit=_CHUNK,
+        start_new_session=True,  # a Ctrl-C is for the daemon, which ends it
     )
     try:
-        async for block in _blocks(child, host, selection, timeout):
-            yield block
+        yield Reader(child, host, selection, timeout)
     finally:
-        with contextlib.suppress(ProcessLookupError):
-            child.kill()
+        if child.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                child.kill()
         await child.wait()
-
-
-async def _blocks(child: Process, host: str, selection: Selection, timeout: float) -> AsyncGenerator[Float, None]:
-    assert child.stdout is not None and child.stderr is not None
-    columns = np.concatenate([[0], 1 + selection.columns])
-    size = 8 * (1 + selection.width)
-    patience = max(timeout, _START_TIME)
-    rest = b""
-    while True:
-        try:
-            async with asyncio.timeout(patience):
-                chunk = await child.stdout.read(_CHUNK)
-        except TimeoutError:
-            raise ConnectError(f"{host}: no state for {patience:g} s; check the address, and that FCI is on") from None
-        if not chunk:
-            raise _failure(host, (await child.stderr.read()).decode(errors="replace"))
-        rest += chunk
-        whole = len(rest) // size * size
-        if whole:
-            patience = timeout
-            rows = np.frombuffer(rest[:whole], dtype="<f8").reshape(-1, 1 + selection.width)
-            rest = rest[whole:]
-            yield rows[:, columns]
 
 
 def _failure(host: str, said: str) -> SourceError:

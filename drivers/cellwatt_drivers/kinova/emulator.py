@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation import Emulator, Signals, TcpPort
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.signals import Float
 from cellwatt_drivers.kinova import registers
@@ -61,68 +61,28 @@ class KinovaEmulator(Emulator):
         self.arm = EmulatedArm(signals, wrap)
         self.signals = self.arm
         self.asked: Counter[tuple[int, int]] = Counter()
-        self._counts = Counter(made=0, sent=0, refused=0, written=0)
-        self._outages: asyncio.Queue[Fault] = asyncio.Queue()
-        self._talking: set[asyncio.Task[None]] = set()
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
+        self.tally.update(refused=0, written=0)
+        self._port = TcpPort(self, self._talk)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        host, _, port = self.address.rpartition(":")
-        server = await asyncio.start_server(self._accept, host, int(port))
-        bound: tuple[str, int] = server.sockets[0].getsockname()[:2]
-        ready(f"{bound[0]}:{bound[1]}")
-        try:
-            while True:
-                outage = await self._outages.get()
-                server.close()
-                await self._hang_up()
-                await asyncio.sleep(outage.seconds)
-                server = await asyncio.start_server(self._accept, *bound)
-        finally:
-            server.close()
-            await self._hang_up()
+        await self._port.serve(ready)
 
-    async def _hang_up(self) -> None:
-        for task in self._talking:
-            task.cancel()
-        await asyncio.gather(*self._talking, return_exceptions=True)
-        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
-
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._talking.add(task)
-        try:
-            while True:
-                await self._exchange(reader, writer)
-        except (ConnectionError, asyncio.IncompleteReadError, asyncio.CancelledError):
-            pass  # the client is gone, or hung up on: nobody awaits this task
-        finally:
-            self._talking.discard(task)
-            writer.close()
-
-    async def _exchange(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        number, protocol, length, unit, function = _HEAD.unpack(await reader.readexactly(_HEAD.size))
-        body = await reader.readexactly(max(length - 2, 0))
-        if protocol != 0:
-            raise ConnectionError("not Modbus")
-        if outage := self.injector.once("disconnect"):
-            self._outages.put_nowait(outage)
-            await asyncio.sleep(outage.seconds)  # ended from outside before that
-            return
-        if stall := self.injector.once("stall"):
-            await asyncio.sleep(stall.seconds)
-        answer = self._answer(function, body)
-        await self._send(writer, _HEAD.pack(number, 0, 1 + len(answer), unit, answer[0]) + answer[1:])
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        while True:
+            number, protocol, length, unit, function = _HEAD.unpack(await reader.readexactly(_HEAD.size))
+            body = await reader.readexactly(max(length - 2, 0))
+            if protocol != 0:
+                return  # not Modbus
+            await self._port.asked()
+            answer = self._answer(function, body)
+            frame = _HEAD.pack(number, 0, 1 + len(answer), unit, answer[0]) + answer[1:]
+            await self._port.answer(frame, writer.write)
+            await writer.drain()
 
     def _answer(self, function: int, body: bytes) -> bytes:
         if function != _READ_INPUT or len(body) != 4:
-            self._counts["written"] += function != _READ_INPUT
+            self.tally["written"] += function != _READ_INPUT
             return self._refuse(function, _UNKNOWN_FUNCTION)
         first, count = struct.unpack(">HH", body)
         self.asked[first, count] += 1
@@ -135,25 +95,8 @@ class KinovaEmulator(Emulator):
         return self._refuse(function, _NO_REGISTERS)
 
     def _refuse(self, function: int, code: int) -> bytes:
-        self._counts["refused"] += 1
+        self.tally["refused"] += 1
         return bytes([function | 0x80, code])
-
-    async def _send(self, writer: asyncio.StreamWriter, frame: bytes) -> None:
-        self._counts["made"] += 1
-        now = time.monotonic()
-        strikes = self.injector.strikes
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            writer.write(frame[: 1 + self.injector.below(len(frame) - 2)])
-            return
-        if late := strikes("delay", now):
-            await asyncio.sleep(late.seconds)
-        if strikes("garbage", now):
-            writer.write(self.injector.random_bytes(1, 32))
-        writer.write(frame)
-        await writer.drain()
-        self._counts["sent"] += 1
 
 
 class EmulatedArm:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -63,13 +62,8 @@ class ModbusMeterEmulator(Emulator):
         if self.address == "pty":
             self._framer = FramerType.RTU
         self._map = made
-        self._counts = Counter(made=0, sent=0, refused=0)
+        self.tally.update(refused=0)
         self._outages: asyncio.Queue[Fault] = asyncio.Queue()
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
 
     def inject(self, fault: Fault) -> None:
         """See ``Emulator.inject``."""
@@ -128,7 +122,7 @@ class ModbusMeterEmulator(Emulator):
         registers: list[int],
         written: object,
     ) -> ExcCodes | None:
-        self._counts["made"] += 1
+        self.tally["made"] += 1
         late = self.injector.strikes("delay", time.monotonic()) or self.injector.once("stall")
         if late:
             await asyncio.sleep(late.seconds)
@@ -162,7 +156,7 @@ class ModbusMeterEmulator(Emulator):
             return data[: 1 + self.injector.below(len(data) - 1)]
         if strikes("garbage", now):
             return self.injector.random_bytes(1, 32)
-        self._counts["refused" if function & 0x80 else "sent"] += 1
+        self.tally["refused" if function & 0x80 else "sent"] += 1
         return data
 
 

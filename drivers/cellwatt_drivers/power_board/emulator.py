@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -81,7 +81,7 @@ class PowerBoardEmulator(Emulator):
             raise ValueError(f"a power board's emulator listens at pty, not at {address!r}")
         self._set_options(dict(self.options))
         self._modem = None if self._mode == "transparent" else Modem(escaped=self._mode == "api_escaped")
-        self._counts = Counter(made=0, sent=0, unheard=0, packets=0, heard=0)
+        self.tally.update(unheard=0, packets=0, heard=0)
         self._began: float | None = None
         self._woke = 0.0  # UTC of the first sample, s
         self._clock = 0.0  # s that jumps have added to the board's clock
@@ -125,11 +125,6 @@ class PowerBoardEmulator(Emulator):
             raise ValueError("a port that vanishes needs the option link, else nobody finds it again")
         super().inject(fault)
 
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See the class."""
-        return {**self._counts, **self.injector.counts}
-
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
         port = VirtualPort(self._link)
@@ -162,7 +157,7 @@ class PowerBoardEmulator(Emulator):
         elif now - self._left >= (LINGER[1] if port.unread else LINGER[0]):
             port.unplug()
             self._away, self._leaving = now + self._leaving, None
-            self._counts["unheard"] += sum(item.samples for item in self._overtaken)
+            self.tally["unheard"] += sum(item.samples for item in self._overtaken)
             self._overtaken.clear()
 
     def _listen(self, port: VirtualPort, now: float) -> None:
@@ -172,7 +167,7 @@ class PowerBoardEmulator(Emulator):
             return
         self._opened = now if self._opened is None else self._opened
         asked = port.read()
-        self._counts["heard"] += len(asked)
+        self.tally["heard"] += len(asked)
         if self._modem is not None and (answer := self._modem.feed(asked)):
             self._line.append(_Item(now, answer, 0))
         if self._listened or not (port.flushed or now >= self._opened + SETTLE):
@@ -187,17 +182,17 @@ class PowerBoardEmulator(Emulator):
         """Make the packets whose last sample is due."""
         if self._began is None:
             return
-        while self._began + (self._counts["made"] + self._batch - 1) / self._rate <= now:
-            packet = self._packet(self._counts["made"])
-            self._counts["made"] += self._batch
-            self._counts["packets"] += 1
+        while self._began + (self.tally["made"] + self._batch - 1) / self._rate <= now:
+            packet = self._packet(self.tally["made"])
+            self.tally["made"] += self._batch
+            self.tally["packets"] += 1
             if self._listened:
                 frame = wire.wrap(
                     payload.build(packet), self._mode, sender=SENDER, network=NETWORK, explicit=self._explicit
                 )
                 self._transmit(frame, now)
             else:
-                self._counts["unheard"] += self._batch
+                self.tally["unheard"] += self._batch
 
     def _packet(self, first: int) -> payload.Packet:
         """The samples from number ``first`` on."""
@@ -252,5 +247,5 @@ class PowerBoardEmulator(Emulator):
             if written < len(item.data):
                 self._line[0] = item._replace(data=item.data[written:])
                 return
-            self._counts["sent" if listening else "unheard"] += item.samples
+            self.tally["sent" if listening else "unheard"] += item.samples
             self._line.popleft()

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import pty
 import time
-import tty
 from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation import Emulator, Port, Signals, TcpPort
 from cellwatt.emulation.faults import FaultKind
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
+from cellwatt_drivers.scpi_analyzer.emulated_line import PtyPort, Writer
 from cellwatt_drivers.scpi_analyzer.emulated_makes import EmulatedLmg670, EmulatedWt310
 from cellwatt_drivers.scpi_analyzer.wire import PORT
 
@@ -65,115 +63,26 @@ class ScpiAnalyzerEmulator(Emulator):
         if left:
             raise ValueError(f"unknown options: {', '.join(left)}")
         self.lines: Counter[str] = Counter()
-        self._counts = Counter(made=0, sent=0)
-        self._outages: asyncio.Queue[Fault] = asyncio.Queue()
-        self._talking: set[asyncio.Task[None]] = set()
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
+        self._port: Port = PtyPort(self, self._talk) if self.address == "pty" else TcpPort(self, self._talk)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        if self.address == "pty":
-            await self._serve_pty(ready)
-        else:
-            await self._serve_tcp(ready)
+        await self._port.serve(ready)
 
-    async def _serve_tcp(self, ready: Callable[[str], None]) -> None:
-        host, _, port = self.address.rpartition(":")
-        server = await asyncio.start_server(self._accept, host, int(port))
-        bound: tuple[str, int] = server.sockets[0].getsockname()[:2]
-        ready(f"{bound[0]}:{bound[1]}")
-        try:
-            while True:
-                outage = await self._outages.get()
-                server.close()
-                await self._hang_up()
-                await asyncio.sleep(outage.seconds)
-                server = await asyncio.start_server(self._accept, *bound)
-        finally:
-            server.close()
-            await self._hang_up()
-
-    async def _hang_up(self) -> None:
-        for task in self._talking:
-            task.cancel()
-        await asyncio.gather(*self._talking, return_exceptions=True)
-        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
-
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._talking.add(task)
-        try:
-            await self._converse(reader, writer.write)
-        except (ConnectionError, asyncio.CancelledError):
-            pass  # the client is gone, or hung up on: nobody awaits this task, and Python 3.11 would log it
-        finally:
-            self._talking.discard(task)
-            writer.close()
-
-    async def _serve_pty(self, ready: Callable[[str], None]) -> None:
-        master, slave = pty.openpty()
-        tty.setraw(slave)
-        reader = asyncio.StreamReader()
-        loop = asyncio.get_running_loop()
-        transport, _ = await loop.connect_read_pipe(
-            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(master, "rb", 0)
-        )
-        ready(os.ttyname(slave))
-        try:
-            while True:
-                talk = asyncio.create_task(self._converse(reader, lambda data: os.write(master, data)))
-                try:
-                    outage = await self._outages.get()
-                finally:
-                    talk.cancel()
-                await self._lose_bytes(reader, outage.seconds)
-        finally:
-            transport.close()
-            os.close(slave)
-
-    async def _lose_bytes(self, reader: asyncio.StreamReader, seconds: float) -> None:
-        try:
-            async with asyncio.timeout(seconds):
-                while True:
-                    await reader.read(4096)
-        except TimeoutError:
-            pass  # the cable is back
-
-    async def _converse(self, reader: asyncio.StreamReader, write: Callable[[bytes], object]) -> None:
+    async def _talk(self, reader: asyncio.StreamReader, writer: Writer) -> None:
         while data := await reader.readline():
-            if outage := self.injector.once("disconnect"):
-                self._outages.put_nowait(outage)
-                await asyncio.sleep(outage.seconds)  # ended from outside before that
-                return
-            if stall := self.injector.once("stall"):
-                await asyncio.sleep(stall.seconds)
+            await self._port.asked()
             line = data.decode("ascii", "replace").strip()
             self.lines[line] += 1
             answer = self.analyzer.execute(line, time.time() - self.epoch)
             if answer is None:
                 continue
+            frame = answer.encode() + b"\n"
             if self.analyzer.data_query in line.upper():
-                await self._send_data(answer.encode() + b"\n", write)
+                await self._port.answer(frame, writer.write, _line)
             else:
-                write(answer.encode() + b"\n")
+                writer.write(frame)
 
-    async def _send_data(self, frame: bytes, write: Callable[[bytes], object]) -> None:
-        self._counts["made"] += 1
-        now = time.monotonic()
-        strikes = self.injector.strikes
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            write(frame[: 1 + self.injector.below(len(frame) - 2)])
-            return
-        if late := strikes("delay", now):
-            await asyncio.sleep(late.seconds)
-        if strikes("garbage", now):
-            write(self.injector.random_bytes(1, 32).replace(b"\n", b"\0") + b"\n")
-        write(frame)
-        self._counts["sent"] += 1
+
+def _line(garbage: bytes) -> bytes:
+    return garbage.replace(b"\n", b"\0") + b"\n"

@@ -6,7 +6,6 @@ import asyncio
 import math
 import re
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import NoReturn
 
@@ -83,13 +82,12 @@ class UrEmulator(Emulator):
         self._shift = 0.0  # of the timestamps, s
         self._down_until = 0.0
         self._wake = asyncio.Event()
-        self._tally: Counter[str] = Counter(made=0, sent=0)
 
     @property
     def counts(self) -> Mapping[str, int]:
         """See ``Emulator`` and the class."""
         self.advance()
-        return {**self._tally, **self.injector.counts}
+        return super().counts
 
     def inject(self, fault: Fault) -> None:
         """See ``Emulator``."""
@@ -195,7 +193,7 @@ class UrEmulator(Emulator):
     def reboot(self, seconds: float) -> None:
         """Go away for a time; all timestamps start from 0 then, and nobody's losses are counted."""
         self.advance()
-        self._tally["reboot"] += 1
+        self.tally["reboot"] += 1
         self._leave_all(seconds)
         for place in self._places:
             if place.client is not None:
@@ -210,7 +208,7 @@ class UrEmulator(Emulator):
         """A text message to all clients."""
         for client in self.clients:
             client.put(wire.text_message(wire.TextMessage(text, "emulator", 2)))
-            self._tally["message"] += 1
+            self.tally["message"] += 1
 
     def remake(self) -> None:
         """The world changed: packages made ahead are no longer true."""
@@ -226,7 +224,7 @@ class UrEmulator(Emulator):
         """Let happen what is due: holds end, one-shot faults strike, packages are made and sent."""
         now = time.monotonic()
         for client in list(self.clients):
-            self._tally["sent"] += client.release(now)
+            self.tally["sent"] += client.release(now)
         if self._timeline is None:
             return
         if any(p.client is not None for p in self._places):
@@ -254,7 +252,7 @@ class UrEmulator(Emulator):
         while place.next < due and client is not None and client.listening:
             number = place.next
             place.next += place.stride
-            self._tally["made"] += 1
+            self.tally["made"] += 1
             if self.injector.strikes("loss", now):
                 continue
             package = self._package(place, number, client.encoder)
@@ -272,7 +270,7 @@ class UrEmulator(Emulator):
             else:
                 ready.append(package)
         unheard = max(0, -(-(due - place.next) // place.stride))
-        self._tally["made"] += unheard
+        self.tally["made"] += unheard
         place.next += unheard * place.stride
         if client is not None:
             self._send(client, ready)
@@ -280,10 +278,10 @@ class UrEmulator(Emulator):
                 client.end()
 
     def _send(self, client: Listener, packages: list[bytes]) -> None:
-        self._tally["sent"] += client.put(b"".join(packages), len(packages))
+        self.tally["sent"] += client.put(b"".join(packages), len(packages))
         packages.clear()
         if client.unread > UNREAD * client.rate * client.encoder.size:
-            self._tally["unread"] += 1
+            self.tally["unread"] += 1
             client.abort()
 
     def _package(self, place: Place, number: int, encoder: Encoder) -> bytes:

@@ -26,13 +26,23 @@ async def stream(host: str, rate: float, selection: Selection, intake: Intake, t
     """Feed the intake from the library until it fails (``SourceError``)."""
     names = [f.name for f in selection.fields]
     child = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", receive.__name__, host, f"{rate:g}", *names, stdout=PIPE, stderr=PIPE, limit=CHUNK
+        sys.executable,
+        "-m",
+        receive.__name__,
+        host,
+        f"{rate:g}",
+        *names,
+        stdout=PIPE,
+        stderr=PIPE,
+        limit=CHUNK,
+        start_new_session=True,  # a Ctrl-C is for the daemon, which ends it
     )
     try:
         await _pass_on(child, f"{host} (ur_rtde)", selection, intake, timeout)
     finally:
-        with contextlib.suppress(ProcessLookupError):
-            child.kill()
+        if child.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                child.kill()
         await child.wait()
 
 
@@ -50,6 +60,7 @@ async def _pass_on(child: Process, where: str, selection: Selection, intake: Int
             raise ConnectError(f"{where}: no data for {patience:g} s") from error
         if not chunk:
             said = (await child.stderr.read()).decode(errors="replace").strip().splitlines()
+            await child.wait()
             raise ConnectError(f"{where}: {said[-1] if said else 'the library ended'}")
         patience = timeout
         rest += chunk

@@ -41,7 +41,8 @@ class YaskawaEmulator(Emulator):
     Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder``
     (held until the next one has left), ``duplicate``, ``garbage`` (random bytes ahead of it). At the next
     request, ``stall`` stops reading for ``seconds``, then answers all that waited, and ``disconnect`` closes
-    the port for ``seconds``. ``made`` counts the requests understood, ``sent`` whole answers on the wire.
+    the port for ``seconds``. ``made`` counts the requests understood, ``sent`` whole answers on the wire,
+    ``busy`` answers BUSY, ``malformed`` requests that are none.
     """
 
     title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
@@ -79,16 +80,10 @@ class YaskawaEmulator(Emulator):
         self.system = payload.System("EMULATED", model, "0")
         self.asked: Counter[wire.Request] = Counter()
         self._random = random.Random(seed)
-        self._counts = Counter(made=0, sent=0)
         self._held: list[tuple[bytes, Address]] = []
         self._socket: socket.socket | None = None
         self._serving = False
         self._reads = self._tables()
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``; also ``busy`` answers and ``malformed`` requests."""
-        return {**self._counts, **self.injector.counts}
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -146,12 +141,12 @@ class YaskawaEmulator(Emulator):
         try:
             request, number = wire.decode_request(datagram)
         except ProtocolError:
-            self._counts["malformed"] += 1
+            self.tally["malformed"] += 1
             return
-        self._counts["made"] += 1
+        self.tally["made"] += 1
         self.asked[request] += 1
         if self._random.random() < self._busy:
-            self._counts["busy"] += 1
+            self.tally["busy"] += 1
             answer = _refusal(request, number, _BUSY)
         else:
             answer = self._answer(request, number)
@@ -186,7 +181,7 @@ class YaskawaEmulator(Emulator):
         held, self._held = self._held, []
         for frame, to in [*((f, peer) for f in frames), *held]:
             self._socket.sendto(frame, to)
-        self._counts["sent"] += whole + len(held)
+        self.tally["sent"] += whole + len(held)
 
     def _answer(self, request: wire.Request, number: int) -> wire.Answer:
         if request.service not in (wire.GET_ALL, wire.GET_ONE):

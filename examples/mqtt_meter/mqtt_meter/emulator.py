@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation import Emulator, Signals, TcpPort
 from cellwatt.ticker import Ticker
 from mqtt_meter import payload
 from mqtt_meter.broker import Client, publication
@@ -44,61 +43,33 @@ class MqttMeterEmulator(Emulator):
         self._rate = float(left.pop("rate", "2"))
         if left:
             raise ValueError(f"{self.title} has the options topic and rate, not {', '.join(left)}")
-        self._counts = Counter(made=0, sent=0)
         self._clients: set[Client] = set()
-        self._serving: set[asyncio.Task[None]] = set()
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See ``Emulator.counts``."""
-        return {**self._counts, **self.injector.counts}
+        self._port = TcpPort(self, self._serve)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        host, _, port = self.address.rpartition(":")
-        server = await asyncio.start_server(self._accept, host, int(port))
-        host, port = server.sockets[0].getsockname()[:2]
-        ready(f"{host}:{port}")
-        try:
-            async with Ticker(self._rate) as ticker:
-                async for _ in ticker:
-                    if outage := self.injector.once("disconnect"):
-                        server.close()
-                        await self._hang_up()
-                        await asyncio.sleep(outage.seconds)
-                        server = await asyncio.start_server(self._accept, host, port)
-                    if stall := self.injector.once("stall"):
-                        await asyncio.sleep(stall.seconds)
-                    await self._publish()
-        finally:
-            server.close()
-            await self._hang_up()
+        async with self._port as address, Ticker(self._rate) as ticker:
+            ready(address)
+            async for _ in ticker:
+                if outage := self.injector.once("disconnect"):
+                    self._port.interrupt(outage.seconds)
+                if stall := self.injector.once("stall"):
+                    await asyncio.sleep(stall.seconds)
+                await self._publish()
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task, client = asyncio.current_task(), Client(writer)
-        assert task is not None
-        self._serving.add(task)
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        client = Client(writer)
         self._clients.add(client)
         try:
             await client.serve(reader)
-        except (OSError, asyncio.IncompleteReadError, asyncio.CancelledError):
-            pass  # the client is gone, or hung up on: nobody awaits this task
         finally:
-            self._serving.discard(task)
             self._clients.discard(client)
-            writer.close()
-
-    async def _hang_up(self) -> None:
-        for task in self._serving:
-            task.cancel()
-        await asyncio.gather(*self._serving, return_exceptions=True)
-        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
 
     async def _publish(self) -> None:
         listeners = [c for c in self._clients if self._topic in c.topics]
         if not listeners:
             return
-        self._counts["made"] += 1
+        self.tally["made"] += 1
         message = payload.build(self._measure())
         strikes, now, whole = self.injector.strikes, time.monotonic(), True
         if strikes("loss", now):
@@ -111,7 +82,7 @@ class MqttMeterEmulator(Emulator):
             await asyncio.sleep(late.seconds)
         for client in listeners:
             client.writer.write(publication(self._topic, message))
-        self._counts["sent"] += whole
+        self.tally["sent"] += whole
 
     def _measure(self) -> dict[str, float]:
         now = self.signals.at(np.array([time.time() - self.epoch]))

@@ -31,9 +31,11 @@ def rig(driver: type[SkeletonDriver], **changes: Any) -> Rig:
 
 
 class FailingEmulator(SkeletonEmulator):
-    async def _hang_up(self):
-        await super()._hang_up()
-        raise KeyError("a mistake")
+    async def serve(self, ready):
+        try:
+            await super().serve(ready)
+        finally:
+            raise KeyError("a mistake")
 
 
 class HasAnEmulatorThatFails(SkeletonDriver):

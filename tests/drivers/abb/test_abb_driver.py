@@ -10,6 +10,7 @@ import pytest
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.abb.controller import Controller, state_stream
 
 from ..outlet import CollectingOutlet
 from .rig import ANGLES, emulated, of, running
@@ -39,6 +40,21 @@ async def test_motion_states_and_energy(robotware):
     assert outlet.identities[-1].firmware.startswith(f"RobotWare {robotware}")
     assert {k.split()[0] for k in asked} == {"GET"}
     assert emulator.counts["heard"] == 0
+
+
+async def test_pages_that_are_cut_short_by_the_stop_are_not_missed():
+    class Silent:
+        async def get(self, path):
+            asked.set()
+            await asyncio.Event().wait()
+
+    asked, outlet = asyncio.Event(), CollectingOutlet()
+    controller = Controller(outlet, state_stream(10.0), None, 7, "ROB_1", 1.0)
+    polling = asyncio.create_task(controller.poll(Silent(), 10.0))
+    await asked.wait()
+    polling.cancel()
+    await asyncio.gather(polling, return_exceptions=True)
+    assert outlet.account.expected == outlet.account.missed.total() == 0
 
 
 async def test_what_the_emulator_made_is_what_came():

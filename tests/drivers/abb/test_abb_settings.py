@@ -20,7 +20,7 @@ def test_by_default_motion_states_and_energy_are_read():
     assert (found["egm"].rate, found["egm"].clock) == (250.0, "device")
     assert found["egm"].names[:2] == ("joint_1.position", "joint_2.position")
     assert "joint_6.target_position" in found["egm"].names
-    assert (found["controller"].rate, found["controller"].clock) == (1.0, "host")
+    assert (found["controller"].rate, found["controller"].clock) == (2.0, "host")
     assert found["energy"].channels[0].kind == "counter"
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -29,6 +31,8 @@ except ImportError:
 # The rate of torque needs a unit that the daemon's own list must have.
 READABLE = [g for g in GROUPS if g != "torque_rate" or "Nm/s" in UNITS]
 library = pytest.mark.skipif(not LIBRARY, reason="pylibfranka is not installed")
+
+MAY = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))"
 
 READ = """
 import sys, pylibfranka
@@ -120,9 +124,9 @@ async def test_the_mode_is_told():
 @library
 @pytest.mark.parametrize(
     ("fault", "error"),
-    [(Fault("loss"), ConnectError), (Fault("disconnect", seconds=5.0), (ConnectError, DeviceError))],
+    [(Fault("loss"), ConnectError), (Fault("disconnect", seconds=2.0), (ConnectError, DeviceError))],
 )
-async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start(fault, error):
+async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start(fault, error, caplog):
     address = f"127.0.41.{10 + len(fault.kind)}"
     async with emulated(address) as emulator:
         outlet = CollectingOutlet()
@@ -133,15 +137,43 @@ async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start
         with pytest.raises(error, match=address):
             await asyncio.wait_for(first, 15)
         emulator.inject(Fault("loss", probability=0))
-        emulator._down_until = 0.0
         seen = outlet.account.received
-        second = asyncio.create_task(arm.run())
+        second = asyncio.create_task(run_again(arm))
         await outlet.until(lambda o: o.account.received > seen)
         second.cancel()
         await asyncio.gather(second, return_exceptions=True)
+    assert not [r for r in caplog.records if r.name == "asyncio"]  # of processes that ended in another way
     assert outlet.account.missed["outage"] > 500
     assert outlet.account.residue == 0
     assert len(outlet.identities) == 2
+
+
+async def run_again(arm):
+    """As the daemon does, for as long as the robot takes nobody."""
+    while True:
+        with contextlib.suppress(ConnectError):
+            await arm.run()
+
+
+@library
+async def test_the_priority_of_the_reader_is_told():
+    child = await asyncio.create_subprocess_exec(sys.executable, "-c", MAY)
+    allowed = await child.wait() == 0
+    async with emulated("127.0.41.32"):
+        identity = await driver("127.0.41.32", CollectingOutlet()).identify()
+    assert identity.notes["priority of the reader"].startswith("real-time" if allowed else "ordinary")
+
+
+@library
+async def test_states_of_a_robot_that_was_held_up_do_not_leave_together(monkeypatch):
+    async with emulated("127.0.41.33") as emulator, running("127.0.41.33") as (outlet, _):
+        await outlet.until(lambda o: o.account.received > 100)
+        left, emulator._most_apart = [], 500
+        put = emulator._states.put
+        monkeypatch.setattr(emulator._states, "put", lambda state: (left.append(time.monotonic()), put(state)))
+        time.sleep(0.1)  # noqa: ASYNC251 - holds up the robot, which is in this process
+        await outlet.until(lambda o: len(left) > 100)
+    assert min(np.diff(left[:100])) >= 0.000399
 
 
 @library

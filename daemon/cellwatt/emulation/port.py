@@ -1,0 +1,131 @@
+"""Where clients of an emulated device come in, and the faults that strike what is asked and answered there."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Awaitable, Callable
+from typing import TypeAlias
+
+from cellwatt.emulation.emulator import Emulator
+
+Talk: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+class Port(ABC):
+    """A port of an emulator at which clients ask and are answered."""
+
+    def __init__(self, emulator: Emulator) -> None:
+        self._injector = emulator.injector
+        self._tally = emulator.tally
+
+    @abstractmethod
+    async def __aenter__(self) -> str:
+        """Open it; the real address. Raises ``OSError``."""
+
+    @abstractmethod
+    async def __aexit__(self, *_: object) -> None:
+        """Hang up on all clients and close it."""
+
+    @abstractmethod
+    def interrupt(self, seconds: float) -> None:
+        """Hang up on all clients, and be gone for so long."""
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """As ``Emulator.serve``, where nothing else is to be done meanwhile."""
+        async with self as address:
+            ready(address)
+            await asyncio.Event().wait()
+
+    async def asked(self) -> None:
+        """A question came: ``stall`` lets it wait, ``disconnect`` never return, as the asker is hung up on."""
+        if outage := self._injector.once("disconnect"):
+            self.interrupt(outage.seconds)
+            await asyncio.Event().wait()
+        if stall := self._injector.once("stall"):
+            await asyncio.sleep(stall.seconds)
+
+    async def answer(
+        self, frame: bytes, write: Callable[[bytes], object], garbage: Callable[[bytes], bytes] = bytes
+    ) -> None:
+        """Write an answer, counted as ``made`` and, where it is whole, as ``sent``.
+
+        ``loss`` and ``half_frame`` (cut, then silence) strike it, ``delay``, and ``garbage`` ahead of it: random bytes
+        as the function of that name makes them fit for the wire.
+        """
+        self._tally["made"] += 1
+        now, strikes = time.monotonic(), self._injector.strikes
+        if strikes("loss", now):
+            return
+        if strikes("half_frame", now):
+            write(frame[: 1 + self._injector.below(len(frame) - 2)])
+            return
+        if late := strikes("delay", now):
+            await asyncio.sleep(late.seconds)
+        if strikes("garbage", now):
+            write(garbage(self._injector.random_bytes(1, 32)))
+        write(frame)
+        self._tally["sent"] += 1
+
+
+class TcpPort(Port):
+    """Takes TCP clients at the emulator's address; ``talk`` serves each until it leaves or is hung up on."""
+
+    def __init__(self, emulator: Emulator, talk: Talk, tls: ssl.SSLContext | None = None) -> None:
+        super().__init__(emulator)
+        host, _, port = emulator.address.rpartition(":")
+        self._place = host, int(port)
+        self._talk = talk
+        self._tls = tls
+        self._server: asyncio.Server | None = None
+        self._talking: set[asyncio.Task[None]] = set()
+        self._outage: asyncio.Task[None] | None = None
+
+    async def __aenter__(self) -> str:
+        """See ``Port``."""
+        await self._open()
+        return f"{self._place[0]}:{self._place[1]}"
+
+    async def __aexit__(self, *_: object) -> None:
+        """See ``Port``."""
+        if self._outage is not None:
+            self._outage.cancel()
+            await asyncio.gather(self._outage, return_exceptions=True)
+        await self._close()
+
+    def interrupt(self, seconds: float) -> None:
+        """See ``Port.interrupt``; one that lasts already goes on."""
+        if self._outage is None or self._outage.done():
+            self._outage = asyncio.create_task(self._be_gone(seconds))
+
+    async def _be_gone(self, seconds: float) -> None:
+        await self._close()
+        await asyncio.sleep(seconds)
+        await self._open()
+
+    async def _open(self) -> None:
+        self._server = await asyncio.start_server(self._accept, *self._place, ssl=self._tls)
+        self._place = self._server.sockets[0].getsockname()[:2]
+
+    async def _close(self) -> None:
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        for task in self._talking:
+            task.cancel()
+        await asyncio.gather(*self._talking, return_exceptions=True)
+        await asyncio.sleep(0)  # closed transports let go of their sockets at the loop's next turn
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._talking.add(task)
+        try:
+            await self._talk(reader, writer)
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError):
+            pass  # the client is gone, sends what is no message, or is hung up on: nobody awaits this task
+        finally:
+            self._talking.discard(task)
+            writer.close()
