@@ -84,7 +84,7 @@ def power_left(robot: Robot, run: Run) -> Array:
 
 def map_fit(columns: Array, residual: Array, noise: Array, spread: Array) -> Array:
     """(P,) maximum a posteriori of residual (N, C) = columns (N, C, P) · x with noise (C,) and priors (P,)."""
-    a = (columns / noise[None, :, None]).reshape(-1, columns.shape[2]) * spread
+    a = (columns / noise[None, :, None]).reshape(residual.size, len(spread)) * spread
     b = (residual / noise).ravel()
     return np.asarray(np.linalg.solve(a.T @ a + np.eye(len(spread)), a.T @ b) * spread)
 

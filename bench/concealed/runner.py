@@ -113,13 +113,16 @@ def wanted(all_specs: list[Spec], only: list[str], count: int | None) -> list[in
 
 
 def run(jobs: list[Job], at_once: int) -> list[Row]:
-    """All jobs, some at once; progress goes to standard error."""
+    """All jobs, some at once; progress goes to standard error, and so do cases that the benchmark itself fails at."""
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[variable] = "1"
     rows = []
     with ProcessPoolExecutor(at_once, get_context("spawn")) as pool:
         futures = {pool.submit(judge, job): job for job in jobs}
         for done in as_completed(futures):
+            if (error := done.exception()) is not None:
+                print(f"{futures[done].name} FAILED in the benchmark: {error!r}", file=sys.stderr, flush=True)
+                continue
             row = done.result()
             rows.append(row)
             print(f"{len(rows):3d}/{len(jobs)} {progress(row)}", file=sys.stderr, flush=True)
@@ -208,3 +211,5 @@ def main() -> None:
         print(markdown(result, TITLES))
     else:
         print(json.dumps(result) if a.json else json.dumps(result, indent=1))
+    if len(rows) < len(jobs):
+        raise SystemExit(f"{len(jobs) - len(rows)} cases are not in these figures: the benchmark failed at them")

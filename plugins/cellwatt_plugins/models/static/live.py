@@ -49,8 +49,11 @@ def collect(
             if collector is None:
                 collector = Collector(frames.layout, source, out, plan)
                 tell(collector.progress)
-            for progress in collector.take(frames):
+            held = list(collector.take(frames))
+            if held:
+                # After all of them: a place kept earlier would leave the later ones out of what is asked for again.
                 collector.file.keep_place(subscriber.positions)
+            for progress in held:
                 tell(progress)
                 if progress.total and progress.planned == progress.total:
                     return progress
