@@ -93,6 +93,7 @@ def summary(arms: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "split_error_percent": max(arm.get("regeneration_worst", 0.0) for arm in arms.values()),
         "split_error_of_itself_percent": max(arm["regeneration_error_of_itself_worst"] or 0.0 for arm in arms.values()),
         "live_balance_error_percent": max(arm["live"]["unexplained"] for arm in arms.values()),
+        "live_balance_sigmas": max(arm["live"]["unexplained_sigmas"] for arm in arms.values()),
         "live_group_error_percent": max(max(arm["live"][g] for g in LIVE_GROUPS) for arm in arms.values()),
         "split_refused": sum(arm["split_refused"] for arm in arms.values()),
         "worst_fixed_error_watt": max(abs(w) for arm in arms.values() for w in arm["fixed_error_watt"].values()),

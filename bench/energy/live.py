@@ -47,11 +47,14 @@ def run_stages(frames: Frames, folder: Path, **settings) -> list:
         found = list(segment.process(block, ()))
         out += [*found, *energy.process(block, found)]
     found = list(segment.close())
-    return [*out, *found, *energy.process(block, found)]
+    nothing = Frames(
+        frames.layout, len(frames), frames.time[:0], frames.values[:0], frames.quality[:0], frames.bound[:0]
+    )
+    return [*out, *found, *energy.process(nothing, found), *energy.close()]
 
 
 def measure_live(case: Case, key: dict, folder: Path, speed: float, payload: float) -> dict:
-    """Worst error of each group of a task, per cent of its energy, and of what is in no group."""
+    """Worst error of each group of a task, per cent of its energy, and of what is in no group; that also in sigmas."""
     seen, power, means = production(case, key["fixed"], speed, payload, 6, 2.0, RATE)
     results = run_stages(frames_of(seen, power), folder)
     tasks = [r for r in results if isinstance(r, Task)]
@@ -71,7 +74,8 @@ def measure_live(case: Case, key: dict, folder: Path, speed: float, payload: flo
             said = told[task.end].positive_mechanical if name.startswith("positive") else told[task.end].groups[name]
             off = 100 * abs(said - value) / total
             errors[name] = max(errors.get(name, 0.0), off)
-        off = 100 * abs(told[task.end].groups["unexplained"]) / total
-        errors["unexplained"] = max(errors.get("unexplained", 0.0), off)
+        left, unsure = abs(told[task.end].groups["unexplained"]), told[task.end].uncertainty
+        errors["unexplained"] = max(errors.get("unexplained", 0.0), 100 * left / total)
+        errors["unexplained_sigmas"] = max(errors.get("unexplained_sigmas", 0.0), left / unsure)
     alarms = sorted({r.kind for r in results if isinstance(r, Alarm)})
     return {"tasks": len(tasks), "alarms": alarms, **{k: round(v, 3) for k, v in errors.items()}}

@@ -73,6 +73,7 @@ def test_what_an_arm_truly_spent(robot, tmp_path):
         for group in GROUPS:
             worst = max(worst, 100 * abs(getattr(run, group) - true[group]) / true["total"])
         epsilon = max(epsilon, abs(run.motion_efficiency_percent - 100 * true["positive_mechanical"] / true["total"]))
+        assert run.regeneration == pytest.approx(true["regeneration"], abs=0.01 * true["total"])
     for speed, found in findings.payload_efficiency_percent.items():
         empty, loaded = (plant.truth(float(speed), payload)["total"] for payload in (0.0, plant.cube.payload))
         epsilon = max(epsilon, abs(found - 100 * (loaded - empty) / loaded))

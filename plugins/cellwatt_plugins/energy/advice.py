@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.balance import Stretch, resting_power
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.energy.way import way_energy, way_seconds
 
 Float = NDArray[np.float64]
 
@@ -25,6 +27,8 @@ WORTH = 0.01
 """Share of the cycle's energy that a saving must have to be told …"""
 SURE = 2.0
 """… and how many times its uncertainty."""
+WAYS = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the way to the pose of least gravity at which waiting is tried."""
 STARTS = 12
 """Poses from which the pose of least gravity is looked for."""
 
@@ -40,23 +44,39 @@ class Advice:
     """J a cycle."""
     uncertainty: float
     """J, one standard deviation."""
+    setting: Mapping[str, float] = field(default_factory=dict)
+    """What to set, with units in the names."""
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A task as it recurs: its motion, and how long the arm then waits, s."""
+    """A task as it recurs: its motion, how long the arm then waits, s, and the frames while it does."""
 
     motion: Stretch
     waiting: float
+    rest: Stretch | None = None
+    """Without it the arm is taken to wait as at the motion's end."""
+
+    @property
+    def pose(self) -> Float:
+        """Where it waits, (n,) rad."""
+        return self.motion.position[-1] if self.rest is None else np.median(self.rest.position, axis=0)
+
+    @property
+    def holding(self) -> Float:
+        """Torque (n,) Nm as given, while it waits."""
+        return self.motion.torque[-1] if self.rest is None else np.median(self.rest.torque, axis=0)
+
+    def braked(self, known: Known) -> bool:
+        """Whether it waits with its brakes on already."""
+        return self.rest is not None and float(np.median(self.rest.power)) < known.drive.fixed - known.brakes / 2
 
 
 def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advice]:
     """What is worth telling, the largest saving first; ``brake_time`` s is lost with putting brakes on and off."""
-    found = [
-        speed_advice(arm, known, cycle),
-        brake_advice(arm, known, cycle, brake_time),
-        pose_advice(arm, known, cycle),
-    ]
+    found = [speed_advice(arm, known, cycle)]
+    if not cycle.braked(known):
+        found += [brake_advice(arm, known, cycle, brake_time), pose_advice(arm, known, cycle)]
     whole = float(cycle.motion.power.sum()) * cycle.motion.step + cycle.waiting * known.drive.fixed
     told = [a for a in found if a is not None and a.saving > max(WORTH * whole, SURE * a.uncertainty)]
     return sorted(told, key=lambda advice: -advice.saving)
@@ -87,7 +107,7 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
     """
     motion = cycle.motion
     seconds = motion.step * len(motion.power)
-    rest = known.drive.fixed + resting_power(arm, known, motion.torque[-1])
+    rest = known.drive.fixed + resting_power(arm, known, cycle.holding)
     bound = max(arm.column("velocity_limit")) if _limited(arm) else np.inf
     fastest = max(float(np.abs(motion.velocity).max()) / bound, float(SCALES[0]))
     slowest = 1 + cycle.waiting / seconds if cycle.waiting > 0 else float(SCALES[-1])
@@ -106,6 +126,7 @@ def speed_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
         f"moving {kind}, in {best * seconds:.1f} s instead of {seconds:.1f} s, saves {saving:.0f} J a cycle {where}",
         saving,
         CHANGE * abs(saving) + known.model_error * now,
+        {"motion_s": best * seconds},
     )
 
 
@@ -114,7 +135,7 @@ def brake_advice(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> Adv
     left = cycle.waiting - brake_time
     if not known.brakes or left <= 0:
         return None
-    hold = resting_power(arm, known, cycle.motion.torque[-1])
+    hold = resting_power(arm, known, cycle.holding)
     saving = (known.brakes + hold) * left
     return Advice(
         "brakes",
@@ -122,25 +143,45 @@ def brake_advice(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> Adv
         f"{saving:.0f} J a cycle of {cycle.waiting:.0f} s waiting",
         saving,
         float(np.hypot(known.brakes_uncertainty, CHANGE * hold)) * left,
+        {"after_s": brake_time},
     )
 
 
 def pose_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
-    """Waiting where gravity asks least of the motors (eq. 15)."""
-    if cycle.waiting <= 0:
-        return None
-    pose = least_gravity(arm, cycle.motion.position[-1])
-    hold = resting_power(arm, known, cycle.motion.torque[-1])
-    there = resting_power(arm, known, arm.body.gravity_torque(pose[None, :])[0] / known.drive.torque)
-    saving = (hold - there) * cycle.waiting
-    degrees = ", ".join(f"{angle:.0f}" for angle in np.degrees(pose))
-    return Advice(
-        "pose",
-        f"waiting at joints {degrees} deg, where that is free of collision, saves {hold - there:.1f} W, "
-        f"{saving:.0f} J a cycle; getting there is not counted",
-        saving,
-        CHANGE * (hold + there) * cycle.waiting,
-    )
+    """Waiting nearer to where gravity asks least of the motors (eq. 15), the way there and back counted.
+
+    What the arm holds beyond its own weight is not known elsewhere: it counts as uncertainty.
+    """
+    end = cycle.pose
+    hold = resting_power(arm, known, cycle.holding)
+    own = resting_power(arm, known, _holding(arm, known, end))
+    least, fastest = least_gravity(arm, end), float(np.abs(cycle.motion.velocity).max())
+    found: list[Advice] = []
+    for pose in (end + share * (least - end) for share in WAYS):
+        seconds = way_seconds(end, pose, fastest)
+        if 2 * seconds >= cycle.waiting:
+            continue
+        there = resting_power(arm, known, _holding(arm, known, pose))
+        ways = way_energy(arm, known, end, pose, seconds) + way_energy(arm, known, pose, end, seconds)
+        saving = hold * cycle.waiting - ways - there * (cycle.waiting - 2 * seconds)
+        unsure = np.hypot(CHANGE * (hold + there), hold - own) * cycle.waiting
+        degrees = ", ".join(f"{angle:.0f}" for angle in np.degrees(pose))
+        found.append(
+            Advice(
+                "pose",
+                f"waiting at joints {degrees} deg, where that is free of collision, takes {hold - there:.1f} W less: "
+                f"saves {saving:.0f} J a cycle of {cycle.waiting:.0f} s waiting, {seconds:.1f} s each way counted",
+                saving,
+                float(np.hypot(unsure, CHANGE * ways)),
+                {"way_s": seconds} | {f"joint_{i + 1}_rad": float(angle) for i, angle in enumerate(pose)},
+            )
+        )
+    return max(found, key=lambda advice: advice.saving, default=None)
+
+
+def _holding(arm: Arm, known: Known, pose: Float) -> Float:
+    """Torque (n,) Nm as the robot would give it, that holds the arm's own weight at ``pose`` (n,) rad."""
+    return np.asarray(arm.body.gravity_torque(pose[None, :])[0] / known.drive.torque)
 
 
 def least_gravity(arm: Arm, near: Float) -> Float:

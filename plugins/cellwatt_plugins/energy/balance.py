@@ -65,10 +65,12 @@ class TaskEnergy:
         return {name: float(getattr(self, name)) for name in GROUPS}
 
 
-def task_energy(arm: Arm, known: Known, stretch: Stretch, drift: float = 0.0, unsure: float = 0.0) -> TaskEnergy:
+def task_energy(
+    arm: Arm, known: Known, stretch: Stretch, drift: float = 0.0, unsure: float = 0.0, edge: float = 0.0
+) -> TaskEnergy:
     """Split one task (eqs 1 … 5, 14, 19); ``drift`` W is what the electronics now take beyond the campaign's value.
 
-    ``unsure`` is the uncertainty of ``drift``, W.
+    ``unsure`` W is the uncertainty of ``drift``; ``edge`` J that of the total, by meter values that come early or late.
     """
     step, drive = stretch.step, known.drive
     seconds = step * len(stretch.power)
@@ -95,7 +97,7 @@ def task_energy(arm: Arm, known: Known, stretch: Stretch, drift: float = 0.0, un
         unexplained=total - electronics - brakes - said,
         positive_mechanical=positive,
         motion_efficiency_percent=motion_efficiency(positive, total),
-        uncertainty=float(np.hypot(model * total, np.hypot(known.brakes_uncertainty, unsure) * seconds)),
+        uncertainty=float(np.linalg.norm([model * total, known.brakes_uncertainty * seconds, unsure * seconds, edge])),
     )
 
 

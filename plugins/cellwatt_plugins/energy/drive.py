@@ -1,9 +1,10 @@
 """What the motors draw from the DC bus, and what the analyzer sees of it.
 
 The bus of all joints is shared. It takes the sum over the joints of mechanical power, copper loss R I², loss in the
-drive's switches k_sw |I| and iron loss k_fe θ̇² (seed 003, III-D). Where the sum is negative the supply cannot take it
-back: the electronics use the share ``returned`` of it, which the analyzer misses in its reading, and the chopper burns
-the rest. The paper's estimate of E_RB by negative mechanical power (eq. 11) leaves out what the motors themselves lose.
+drive's switches k_sw |I| and iron loss, by eddy currents k_fe θ̇² and by hysteresis k_h |θ̇| (seed 003, III-D). Where
+the sum is negative the supply cannot take it back: the electronics use the share ``returned`` of it, which the
+analyzer misses in its reading, and the chopper burns the rest. The paper's estimate of E_RB by negative mechanical
+power (eq. 11) leaves out what the motors themselves lose.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ from cellwatt_plugins.energy.recordings import Motion
 
 Float = NDArray[np.float64]
 
-KINDS = 4
-"""Features of a joint: mechanical power, copper, switching, iron."""
+KINDS = 5
+"""Features of a joint: mechanical power, copper, switching, iron, hysteresis."""
+STILL = 5e-3
+"""rad/s: a slower joint stands, and its noise is not hysteresis."""
 
 
 @dataclass(frozen=True)
@@ -35,24 +38,31 @@ class Drive:
     switching: Float
     """W/A."""
     iron: Float
-    """W s²/rad² at the joint side."""
+    """W s²/rad² at the joint side: eddy currents."""
+    hysteresis: Float
+    """W s/rad at the joint side."""
     returned: float
     """Share of the braking power on the bus that the electronics use, 0 … 1."""
 
     def weights(self) -> Float:
-        """Weights (4 n,) of the features in the power on the bus."""
-        return np.concatenate([self.torque, self.copper, self.switching, self.iron])
+        """Weights (5 n,) of the features in the power on the bus."""
+        return np.concatenate([self.torque, self.copper, self.switching, self.iron, self.hysteresis])
 
 
 def features(arm: Arm, torque: Float, velocity: Float) -> Float:
-    """(N, 4 n) W: τ_i θ̇_i, R_i I_i², |I_i| (A), θ̇_i² (rad²/s²) of torque (N, n) Nm as given and velocity rad/s."""
+    """(N, 5 n): τ_i θ̇_i (W), R_i I_i² (W), |I_i| (A), θ̇_i² (rad²/s²), |θ̇_i| (rad/s).
+
+    Of torque (N, n) Nm as given and velocity (N, n) rad/s.
+    """
     current = torque / arm.column("torque_constant")
     copper = arm.column("winding_resistance") * current**2
-    return np.hstack([torque * velocity, copper, np.abs(current), velocity**2])
+    speed = np.abs(velocity)
+    turning = np.where(speed > STILL, speed, 0.0)
+    return np.hstack([torque * velocity, copper, np.abs(current), velocity**2, turning])
 
 
 def motion_features(arm: Arm, motion: Motion) -> Float:
-    """``features`` of a recorded motion, (N, 4 n)."""
+    """``features`` of a recorded motion, (N, 5 n)."""
     return features(arm, motion.torque, motion.velocity)
 
 

@@ -55,7 +55,9 @@ class JointDrive:
     switching: float
     """W/A."""
     iron: float
-    """W s²/rad²."""
+    """W s²/rad²: eddy currents."""
+    hysteresis: float
+    """W s/rad."""
 
 
 @dataclass(frozen=True)

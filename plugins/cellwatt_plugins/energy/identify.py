@@ -24,7 +24,7 @@ Float = NDArray[np.float64]
 
 ROUNDS = 8
 """Repetitions of the linear fit; the parameters rest after about five."""
-SPREAD = {"copper": 0.15, "switching": 0.15, "iron": 0.5}
+SPREAD = {"copper": 0.15, "switching": 0.15, "iron": 0.5, "hysteresis": 0.5}
 """How far joints differ from their common value, as a share of it: one standard deviation, by experience with motors
 of one family. The common values themselves are free."""
 RETURNED = (0.5, 0.5)
@@ -58,7 +58,7 @@ class Observed:
 
     run: Recorded
     feature: Float
-    """(N, 4 n) W, see ``features``."""
+    """(N, 5 n), see ``features``."""
     offset: Offset
     repetitions: int
 
@@ -69,7 +69,7 @@ class Identified:
 
     drive: Drive
     covariance: Float
-    """(2 + 4 n, 2 + 4 n) of fixed, weights and returned."""
+    """(2 + 5 n, 2 + 5 n) of fixed, weights and returned."""
     observed: tuple[Observed, ...]
     scatter: tuple[float, ...]
     """W, what a measured value of each run counted for in the fit."""
@@ -84,7 +84,7 @@ class Identified:
 def begin(arm: Arm, fixed: float) -> Drive:
     """What the description alone says: the first guess."""
     n = arm.joints
-    return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), RETURNED[0])
+    return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), np.zeros(n), RETURNED[0])
 
 
 def observe(arm: Arm, runs: Sequence[Recorded], repetitions: Sequence[int], drive: Drive) -> list[Observed]:
@@ -101,11 +101,10 @@ def observe(arm: Arm, runs: Sequence[Recorded], repetitions: Sequence[int], driv
 
 
 def _sorts_of_power(run: Recorded, feature: Float, joints: int) -> Accumulated:
-    """Every kind of power over all joints, and their speed, as columns."""
+    """Every kind of power over all joints, as columns."""
     motion = run.motion
     kinds = feature.reshape(len(feature), -1, joints).sum(axis=2)
-    columns = np.column_stack([kinds, np.abs(motion.velocity).sum(axis=1)])
-    return Accumulated(float(motion.time[0]), motion.step, columns)
+    return Accumulated(float(motion.time[0]), motion.step, kinds)
 
 
 def modelled(run: Recorded, feature: Float, drive: Drive) -> Accumulated:
@@ -147,7 +146,7 @@ def _weighed(one: Observed, drive: Drive, noise: float) -> float:
 
 
 def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
-    """Design (M, 3 + 4 n) and measured power (M,): columns fixed, weights, returned, and a shift of the clocks."""
+    """Design (M, 3 + 5 n) and measured power (M,): columns fixed, weights, returned, and a shift of the clocks."""
     bus = bus_power(drive, one.feature)
     share = np.where(bus > 0, 1.0, drive.returned)[:, None]
     columns = np.hstack([np.ones((len(bus), 1)), one.feature * share, np.minimum(bus, 0.0)[:, None]])
@@ -179,7 +178,9 @@ def _solve(
     lower = np.concatenate([[0.0], np.full(n, 0.2), np.zeros((KINDS - 1) * n + 1), -free])
     upper = np.concatenate([np.full(1 + KINDS * n, np.inf), [1.0], free])
     scale = np.linalg.norm(design, axis=0)
-    solved = lsq_linear(design / scale, value, (lower * scale, upper * scale), method="bvls")
+    # The triangle has the same squares in few rows.
+    triangle = np.asarray(np.linalg.qr(np.column_stack([design / scale, value]), mode="r"), np.float64)
+    solved = lsq_linear(triangle[:, :-1], triangle[:, -1], (lower * scale, upper * scale), method="bvls")
     information = (design / scale).T @ (design / scale)
     covariance = np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
     return _drive((solved.x / scale)[:shared]), covariance[:shared, :shared]
@@ -207,5 +208,6 @@ def _vector(drive: Drive) -> Float:
 
 
 def _drive(vector: Float) -> Drive:
-    torque, copper, switching, iron = vector[1:-1].reshape(KINDS, -1)
-    return Drive(float(vector[0]), torque, copper, switching, iron, float(np.clip(vector[-1], 0.0, 1.0)))
+    torque, copper, switching, iron, hysteresis = vector[1:-1].reshape(KINDS, -1)
+    returned = float(np.clip(vector[-1], 0.0, 1.0))
+    return Drive(float(vector[0]), torque, copper, switching, iron, hysteresis, returned)

@@ -13,6 +13,11 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.drive import Drive
 
+ALIKE = 0.03
+"""s: by so much, beside their uncertainty, offsets of the analyzer's clock in one cell may differ …"""
+LATEST = 0.5
+"""… and its values come no later than this, s."""
+
 
 @dataclass(frozen=True)
 class Known:
@@ -28,6 +33,10 @@ class Known:
     """Share of a task's energy by which the model may miss it, one standard deviation."""
     viscous: tuple[float, ...]
     """Nm s/rad of each joint."""
+    coulomb: tuple[float, ...]
+    """Nm of each joint."""
+    late: float
+    """s by which power comes later than the joints."""
 
 
 def load_known(path: Path, arm: Arm) -> Known:
@@ -46,14 +55,15 @@ def load_known(path: Path, arm: Arm) -> Known:
 
 def _known(found: dict[str, Any], arm: Arm) -> Known:
     fixed, drives = found["fixed"], found["drives"]
-    torque, ohm, switching, iron = (
-        np.array([joint[key] for joint in drives]) for key in ("torque_gain", "winding_resistance", "switching", "iron")
+    torque, ohm, switching, iron, hysteresis = (
+        np.array([joint[key] for joint in drives])
+        for key in ("torque_gain", "winding_resistance", "switching", "iron", "hysteresis")
     )
     factor = 1 / torque
     described = arm.column("winding_resistance")[: len(ohm)]
     electronics = fixed["controller"] + fixed["robot_electronics"]
     level = electronics + fixed["brakes"]
-    drive = Drive(level, factor, ohm * factor**2 / described, switching * factor, iron, found["returned"])
+    drive = Drive(level, factor, ohm * factor**2 / described, switching * factor, iron, hysteresis, found["returned"])
     unsure = float(np.hypot(fixed["controller_uncertainty"], fixed["robot_electronics_uncertainty"]))
     return Known(
         robot=found["robot"],
@@ -64,4 +74,15 @@ def _known(found: dict[str, Any], arm: Arm) -> Known:
         brakes_uncertainty=fixed["brakes_uncertainty"],
         model_error=found["model_error_percent"] / 100,
         viscous=tuple(joint["viscous"] for joint in found["friction"]),
+        coulomb=tuple(joint["coulomb"] for joint in found["friction"]),
+        late=_late(found["runs"]),
     )
+
+
+def _late(runs: list[dict[str, Any]]) -> float:
+    """Offset of the analyzer's clock, s; 0 where runs do not agree on it: their files had clocks of their own."""
+    offsets = np.array([run["analyzer_offset_s"] for run in runs])
+    unsure = np.hypot([run["uncertainty"]["analyzer_offset_s"] for run in runs], ALIKE)
+    late = float(np.average(offsets, weights=unsure**-2))
+    alike = bool((np.abs(offsets - late) < 3 * unsure).all())
+    return late if alike and 0 < late < LATEST else 0.0

@@ -54,8 +54,8 @@ class Motion:
 
     @property
     def step(self) -> float:
-        """Seconds between samples."""
-        return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
+        """Seconds between samples, whatever is missing in between."""
+        return float(np.median(np.diff(self.time)))
 
 
 @dataclass(frozen=True)

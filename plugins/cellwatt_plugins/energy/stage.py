@@ -32,6 +32,8 @@ FOLLOW = 0.2
 """How far a rest moves the level of the electronics towards what it shows."""
 MISSING = 0.02
 """Share of a task's frames that may be missing; they are filled in between."""
+EARLY_OR_LATE = 10**8
+"""ns by which a value of the meter may come earlier or later than usual, since it stands for 0.1 s and is held."""
 TOLD_AT = 3
 """Repetitions of a task after which advice is given, once."""
 ODD = 3.0
@@ -83,13 +85,21 @@ class EnergyStage(Stage[EnergySettings]):
         self._time = np.empty(0, np.int64)
         self._values = np.empty((0, len(self._columns)))
         self._drift, self._unsure = 0.0, self._known.electronics_uncertainty
+        self._late = round(self._known.late * 1e9)
+        self._waiting: list[Task] = []
         self._last: dict[str, Task] = {}
         self._odd: dict[str, int] = {}
 
     def _find(self, layout: Layout) -> list[int]:
-        """Columns of positions, velocities, torques and power. Raises ``ConfigError``."""
+        """Columns of positions, velocities, torques and power. Raises ``ConfigError``.
+
+        Where the arm gives no torques, its currents times ``torque_constant`` are, as in a campaign.
+        """
         columns: list[int] = []
-        for quantity in ("position", "velocity", "torque"):
+        joints = {c.short.rsplit(".", 1)[1] for c in layout.channels if c.short.startswith("joint_")}
+        by_current = "torque" not in joints and "current" in joints
+        self._gain = self._arm.column("torque_constant") if by_current else np.ones(self._arm.joints)
+        for quantity in ("position", "velocity", "current" if by_current else "torque"):
             found = layout.joints(quantity, self.settings.arm)
             if len(found) != self._arm.joints:
                 raise ConfigError(
@@ -110,36 +120,55 @@ class EnergyStage(Stage[EnergySettings]):
             self._values = np.vstack([self._values, frames.values[:, self._columns]])
             keep = self._time > self._time[-1] - LONGEST
             self._time, self._values = self._time[keep], self._values[keep]
-        out: list[Result] = []
+        out = self._due()
         for result in upstream:
             if isinstance(result, Interval) and result.source == self._source:
                 self._follow(result)
             elif isinstance(result, Task) and result.source == self._source:
-                out += self._split(result)
+                self._waiting.append(result)
+                out += self._due()
         return out
 
-    def _stretch(self, start: int, end: int) -> Stretch | None:
-        """Frames of some time (ns), or nothing where too many are missing or the meter shows no power."""
+    def close(self) -> Sequence[Result]:
+        """See ``Stage.close``."""
+        return self._due(all_of_them=True)
+
+    def _due(self, *, all_of_them: bool = False) -> list[Result]:
+        """The split of tasks whose power has come."""
+        out: list[Result] = []
+        newest = int(self._time[-1]) if len(self._time) else 0
+        wanted = self._late + EARLY_OR_LATE
+        while self._waiting and (all_of_them or newest >= self._waiting[0].end + wanted):
+            out += self._split(self._waiting.pop(0))
+        return out
+
+    def _stretch(self, start: int, end: int, late: int = 0) -> Stretch | None:
+        """Frames of some time (ns), or nothing where too many are missing or the meter shows no power.
+
+        Power is taken ``late`` ns later than the rest.
+        """
         from cellwatt_plugins.energy.balance import Stretch
 
-        first, last = np.searchsorted(self._time, [start, end])
+        first, last = np.searchsorted(self._time, [start, end + late])
         values = self._values[first:last]
-        expected = (end - start) // self.layout.step
+        expected = (end + late - start) // self.layout.step
         whole = np.isfinite(values).all(axis=1)
         if expected < 3 or whole.sum() < (1 - MISSING) * expected or values[whole, -1].sum() <= 0:
             return None
         grid = np.arange(start, end, self.layout.step)
         times = self._time[first:last][whole]
-        filled = np.stack([np.interp(grid, times, column) for column in values[whole].T], axis=1)
+        *joints, power = values[whole].T
+        filled = np.stack([np.interp(grid, times, column) for column in joints], axis=1)
         n = self._arm.joints
         step = self.layout.step * 1e-9
-        return Stretch(step, filled[:, :n], filled[:, n : 2 * n], filled[:, 2 * n : 3 * n], filled[:, -1])
+        torque = filled[:, 2 * n :] * self._gain
+        return Stretch(step, filled[:, :n], filled[:, n : 2 * n], torque, np.interp(grid + late, times, power))
 
     def _follow(self, interval: Interval) -> None:
         """A rest with brakes released says what the electronics draw now."""
         if interval.moving or not interval.closed or interval.end - interval.start < REST:
             return
-        stretch = self._stretch(interval.start, interval.end)
+        stretch = self._stretch(interval.start + self._late, interval.end)
         if stretch is None:
             return
         from cellwatt_plugins.energy.balance import resting_power
@@ -156,14 +185,24 @@ class EnergyStage(Stage[EnergySettings]):
 
         before = self._last.get(task.name)
         self._last[task.name] = task
-        stretch = self._stretch(task.start, task.end)
+        stretch = self._stretch(task.start, task.end, self._late)
         if stretch is None:
             return []
-        energy = task_energy(self._arm, self._known, stretch, self._drift, self._unsure)
+        edge = self._edge(task)
+        energy = task_energy(self._arm, self._known, stretch, self._drift, self._unsure, edge)
         out: list[Result] = [self._told(task, energy), *self._balance(task, energy)]
         if task.repetition == TOLD_AT and before is not None:
             out += self._advice(task, before, stretch)
         return out
+
+    def _edge(self, task: Task) -> float:
+        """J by which a task's total changes where power comes earlier or later than usual."""
+        shifts = (self._late - EARLY_OR_LATE, self._late + EARLY_OR_LATE)
+        grid = np.arange(task.start, task.end, self.layout.step)
+        there = np.isfinite(self._values[:, -1])
+        time, power = self._time[there], self._values[there, -1]
+        early, late = (float(np.interp(grid + shift, time, power).sum()) for shift in shifts)
+        return abs(late - early) / 2 * self.layout.step * 1e-9
 
     def _told(self, task: Task, energy: TaskEnergy) -> Energy:
         parts = self.settings.parts
@@ -198,7 +237,8 @@ class EnergyStage(Stage[EnergySettings]):
         from cellwatt_plugins.energy.advice import Cycle, advise
 
         waiting = max(0.0, (task.start - before.end) * 1e-9)
-        found = advise(self._arm, self._known, Cycle(stretch, waiting), self.settings.brake_time)
+        rest = self._stretch(before.end, task.start) if waiting else None
+        found = advise(self._arm, self._known, Cycle(stretch, waiting, rest), self.settings.brake_time)
         return [
             self._alarm(
                 f"energy_advice_{advice.kind}",
@@ -206,7 +246,7 @@ class EnergyStage(Stage[EnergySettings]):
                 True,
                 task,
                 f"{task.name}: {advice.statement} (±{advice.uncertainty:.0f} J)",
-                {"saving_J": advice.saving, "uncertainty_J": advice.uncertainty},
+                {"saving_J": advice.saving, "uncertainty_J": advice.uncertainty, **advice.setting},
             )
             for advice in found
         ]

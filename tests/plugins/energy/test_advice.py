@@ -1,16 +1,18 @@
 """Advice followed on the plant: what it said would be saved is saved."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from energy.live import RATE
 from energy.plant import production
 
-from cellwatt_plugins.energy.advice import Cycle, advise, least_gravity, motion_energy, speed_advice
+from cellwatt_plugins.energy.advice import Cycle, advise, brake_advice, least_gravity, motion_energy, speed_advice
 from cellwatt_plugins.energy.arm import load_arm
-from cellwatt_plugins.energy.balance import Stretch, stored_energy
+from cellwatt_plugins.energy.balance import Stretch, resting_power, stored_energy
 from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.energy.way import way_energy, way_seconds
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +73,48 @@ def test_brakes_save_their_power_and_the_holding(measured, known):
     true = 58.0 * (measured[2]["fixed"]["brakes"] + hold)
     assert found["brakes"].saving == pytest.approx(true, rel=0.05, abs=3 * found["brakes"].uncertainty)
     assert not [a for a in advise(*known, Cycle(fast, 1.0), brake_time=2.0) if a.kind == "brakes"]
+
+
+def resting(measured):
+    """The arm as it waits."""
+    whole = produced(measured, 400.0)
+    part = slice(0, round(1.5 * RATE))
+    return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
+
+
+def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, known):
+    fast, rest = moving(produced(measured, 400.0)), resting(measured)
+    assert "brakes" in {a.kind for a in advise(*known, Cycle(fast, 60.0, rest), brake_time=2.0)}
+    fixed = measured[2]["fixed"]
+    electronics = np.full_like(rest.power, fixed["controller"] + fixed["robot_electronics"])
+    braked = replace(rest, torque=0 * rest.torque, power=electronics)
+    assert not {"brakes", "pose"} & {a.kind for a in advise(*known, Cycle(fast, 60.0, braked), brake_time=2.0)}
+
+
+def test_what_is_held_is_taken_from_the_rest_not_from_the_end_of_the_motion(measured, known):
+    fast, rest = moving(produced(measured, 400.0)), resting(measured)
+    braking = replace(fast, torque=np.vstack([fast.torque[:-1], 3 * fast.torque[-1:]]))
+    true, wrong = (brake_advice(*known, Cycle(fast, 60.0, r), 2.0).saving for r in (rest, None))
+    assert brake_advice(*known, Cycle(braking, 60.0, rest), 2.0).saving == pytest.approx(true)
+    assert brake_advice(*known, Cycle(braking, 60.0), 2.0).saving > wrong
+
+
+def test_a_way_to_where_the_arm_is_takes_what_holding_takes(known):
+    arm, drive = known[0], known[1].drive
+    pose = np.full(arm.joints, 0.4)
+    hold = resting_power(*known, arm.body.gravity_torque(pose[None])[0] / drive.torque)
+    assert way_energy(*known, pose, pose, 2.0) == pytest.approx(2.0 * hold, rel=1e-6)
+
+
+def test_a_way_there_and_back_loses_friction_and_what_the_motors_lose(known):
+    """What is lifted comes down again: friction's work is the least that both ways take."""
+    arm, found = known
+    low, high = np.zeros(arm.joints), np.full(arm.joints, 0.5)
+    both = way_energy(arm, found, low, high, 2.0) + way_energy(arm, found, high, low, 2.0)
+    friction = 2 * 0.5 * sum(found.coulomb)
+    assert both > friction > 0
+    assert way_seconds(low, high, 1.0) == pytest.approx(1.875 * 0.5)
+    assert way_seconds(low, high, 100.0) == 0.5
 
 
 def test_the_pose_of_least_gravity_asks_for_less_than_any_other(known):

@@ -34,7 +34,7 @@ def known_from(identified):
         used, left = residual(one, identified.drive)
         missed.append(left.sum() / one.run.reading.power[used].sum())
     error = float(np.sqrt(np.mean(np.square(missed))))
-    return Known("ur3e", identified.drive, identified.drive.fixed, 0.0, 0.0, 0.0, error, (0.0,) * 6)
+    return Known("ur3e", identified.drive, identified.drive.fixed, 0.0, 0.0, 0.0, error, (0.0,) * 6, (0.0,) * 6, 0.0)
 
 
 def stretch_of(one):

@@ -1,6 +1,7 @@
 """The live stage on production of the arm whose campaign the tests ran; true groups are the plant's."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,6 +19,8 @@ from cellwatt.record import Recording
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Energy, Task
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.energy.arm import load_arm
+from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
 from tests.daemon.record.making import write_chunks
 
@@ -138,6 +141,53 @@ def test_a_task_whose_power_is_missing_is_not_split(folder, produced):
     results = run_stages(frames_of(seen, broken), folder)
     whole = [task for task in of(results, Task) if task.end < BEGIN + len(power) // 2 * 1e9 / RATE]
     assert len(of(results, Energy)) == len(whole) < len(of(results, Task))
+
+
+def test_without_torques_currents_times_the_constant_are_taken(results, folder, produced):
+    """As in a campaign of an arm that gives currents only."""
+    seen, power, _ = produced
+    constant = load_arm(folder).column("torque_constant")
+    by_torque = frames_of(seen, power)
+    channels = tuple(replace(c, name=c.name.replace("torque", "current")) for c in by_torque.layout.channels)
+    channels = tuple(replace(c, unit="A") if c.name.endswith("current") else c for c in channels)
+    values = by_torque.values.copy()
+    values[:, 2 * len(constant) : 3 * len(constant)] /= constant
+    frames = replace(by_torque, layout=Layout(channels, RATE), values=values)
+    told = of(run_stages(frames, folder, parts=2.0), Energy)
+    for ours, theirs in zip(told, of(results, Energy), strict=True):
+        assert ours.groups == pytest.approx(theirs.groups)
+
+
+@pytest.fixture
+def late_meter(folder, tmp_path):
+    """The folder of a campaign in whose every run the analyzer's values came 0.1 s late."""
+    shutil.copytree(folder, tmp_path / "late", ignore=shutil.ignore_patterns("runs"))
+    path = tmp_path / "late" / "out" / "energy.json"
+    found = json.loads(path.read_text())
+    for run in found["runs"]:
+        run["analyzer_offset_s"] = 0.1
+    path.write_text(json.dumps(found))
+    return tmp_path / "late"
+
+
+def test_power_that_comes_late_is_laid_over_the_motion_that_drew_it(results, late_meter, produced, monkeypatch):
+    seen, power, _ = produced
+    later = np.concatenate([np.full(5, power[0]), power[:-5]])
+    told = of(run_stages(frames_of(seen, later), late_meter, parts=2.0), Energy)
+    assert len(told) == len(of(results, Energy))
+    for ours, theirs in zip(told[:-1], of(results, Energy)[:-1], strict=True):  # the last one's power has not all come
+        assert (ours.start, ours.end) == (theirs.start, theirs.end)
+        assert ours.total == pytest.approx(theirs.total, rel=1e-9)
+    for block in (7, 400):
+        monkeypatch.setattr(live, "BLOCK", block)
+        again = of(run_stages(frames_of(seen, later), late_meter, parts=2.0), Energy)
+        assert [repr(energy) for energy in again] == [repr(energy) for energy in told]
+
+
+def test_offsets_that_differ_from_run_to_run_are_of_the_files_not_of_the_meter(folder, late_meter):
+    arm = load_arm(folder)
+    assert load_known(late_meter / "out" / "energy.json", arm).late == pytest.approx(0.1)
+    assert load_known(folder / "out" / "energy.json", arm).late == 0.0
 
 
 def test_a_meter_that_is_off_says_nothing(folder, produced):

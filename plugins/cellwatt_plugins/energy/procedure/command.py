@@ -218,12 +218,13 @@ def _rest_pose(arm: Arm, robot: Path, starts: int) -> tuple[RestPose, tuple[floa
 
     from cellwatt_plugins.energy.procedure.rest_pose import limits_of, place_of
     from cellwatt_plugins.energy.procedure.rest_pose import rest_pose as least_gravity
-    from cellwatt_plugins.energy.procedure.touching import Clearance, read_shape
+    from cellwatt_plugins.robot.collision import Checker, read_outline
 
     body = arm.body
-    clearance = Clearance(body, read_shape(robot, body))
+    limits = limits_of(arm.description, body)
+    checker = Checker(body, read_outline(robot, body), limits)
     with threadpool_limits(1):
-        found = least_gravity(body, limits_of(arm.description, body), clearance, starts)
+        found = least_gravity(body, limits, checker, starts)
     return found, tuple(float(x) for x in place_of(body, found.q))
 
 

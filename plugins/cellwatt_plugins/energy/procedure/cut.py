@@ -26,6 +26,8 @@ RATE: Final = 100.0
 """Hz that are kept of the arm at least: what is faster teaches nothing more."""
 MARGIN: Final = 1.0
 """s of the analyzer before and after the arm: a value of it stands for a time a little earlier."""
+MISSING: Final = 5.0
+"""Sample times without a sample: a hole, for which a run would be refused."""
 BESIDE: Final = 0.9
 """Share of the rests before the first and after the last repetition that is kept."""
 
@@ -87,7 +89,7 @@ def cut_programme(
     runs = []
     for i, speed in enumerate(speeds):
         name = f"{speed:g}_{programme.payload:g}kg"
-        best = _longest(loops, speed)
+        best = _longest(loops, speed, motion)
         refused = tuple(_sentence(loop) for loop in loops if loop.speed == speed and loop.problem)
         also = (*stray, *notes) if i == 0 else ()
         enough = len(best) >= least
@@ -117,14 +119,21 @@ def _with_power(loop: Loop, measured: Float) -> Loop:
     return replace(loop, problem=f"the analyzer's values are missing for {silent:.1f} s")
 
 
-def _longest(loops: Sequence[Loop], speed: float) -> list[Loop]:
-    """The most repetitions of a speed, one after the other, that can all be used."""
+def _longest(loops: Sequence[Loop], speed: float, motion: Motion) -> list[Loop]:
+    """The most repetitions of a speed, one after the other, that can all be used; no samples missing between them."""
     best: list[Loop] = []
     now: list[Loop] = []
     for loop in loops:
+        if now and _holes(motion, now[-1].last, loop.first).size:
+            now = []
         now = [*now, loop] if loop.speed == speed and not loop.problem else []
         best = max(best, now, key=len)
     return best
+
+
+def _holes(motion: Motion, first: int, last: int) -> NDArray[np.intp]:
+    """Samples from ``first`` to ``last`` after which some are missing."""
+    return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * sample_step(motion.time))
 
 
 def _sentence(loop: Loop) -> str:
@@ -153,8 +162,9 @@ def _edges(stretch: Stretch) -> tuple[int, int]:
     motion, loops = stretch.motion, stretch.loops
     pauses = [b.start - a.end for a, b in pairwise(loops)]
     kept = BESIDE * (float(np.median(pauses)) if pauses else 1.0)
-    begin, end = np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept])
-    return int(begin), int(end)
+    begin, end = (int(i) for i in np.searchsorted(motion.time, [loops[0].start - kept, loops[-1].end + kept]))
+    before, after = _holes(motion, begin, loops[0].first), _holes(motion, loops[-1].last, end - 1)
+    return int(before[-1]) + 1 if before.size else begin, int(after[0]) + 1 if after.size else end
 
 
 def _seconds(time: NDArray[np.int64], start: int) -> Float:

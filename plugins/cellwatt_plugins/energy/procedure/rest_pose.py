@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from scipy.stats import qmc
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.energy.procedure.touching import CLEARANCE, Clearance
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.collision import CLEARANCE, Checker
 
 Float = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def limits_of(robot: RobotDescription, body: RigidBody) -> Float:
     return np.asarray(np.clip(limits, -np.pi, np.pi))
 
 
-def rest_pose(body: RigidBody, limits: Float, clearance: Clearance, starts: int = STARTS) -> RestPose:
+def rest_pose(body: RigidBody, limits: Float, checker: Checker, starts: int = STARTS) -> RestPose:
     """θ_GZ = arg min ‖G(θ)‖ within ``limits`` (n, 2) rad, clear of the arm itself and the floor (eq. 15).
 
     The least of the minima from ``starts`` places. Raises ``ConfigError`` where none of them is clear.
@@ -77,8 +77,8 @@ def rest_pose(body: RigidBody, limits: Float, clearance: Clearance, starts: int 
     shares = qmc.Sobol(len(limits), scramble=False).random(starts)
     places = [np.clip(np.zeros(len(limits)), lower, upper), *(lower + shares[1:] * (upper - lower))]
 
-    found = [_descend(body, place, (lower, upper), clearance) for place in places]
-    free = [q for q in found if clearance.free(q)]
+    found = [_descend(body, place, (lower, upper), checker) for place in places]
+    free = [q for q in found if checker.safe(q[None])[0]]
     if not free:
         raise ConfigError(
             "no pose of least gravity is clear of the arm itself and the floor: correct capsules and floor, "
@@ -94,11 +94,11 @@ def rest_pose(body: RigidBody, limits: Float, clearance: Clearance, starts: int 
         torque=body.gravity_torque(chosen[None, :])[0],
         starts=starts,
         reached=int(best.sum()),
-        clearance=float(clearance.gaps(chosen).min(initial=np.inf)),
+        clearance=float(checker.gaps(chosen[None]).min(initial=np.inf)),
     )
 
 
-def _descend(body: RigidBody, start: Float, bounds: tuple[Float, Float], clearance: Clearance) -> Float:
+def _descend(body: RigidBody, start: Float, bounds: tuple[Float, Float], checker: Checker) -> Float:
     """The minimum of ‖G‖ that is reached from a place; where it is not clear, the nearest that is."""
 
     def gravity(q: Float) -> Float:
@@ -108,11 +108,11 @@ def _descend(body: RigidBody, start: Float, bounds: tuple[Float, Float], clearan
         return np.asarray(pin.computeGeneralizedGravityDerivatives(body.model, data, q)).copy()
 
     def with_push(q: Float) -> Float:
-        return np.concatenate([gravity(q), PUSH * np.maximum(1.05 * CLEARANCE - clearance.gaps(q), 0.0)])
+        return np.concatenate([gravity(q), PUSH * np.maximum(1.05 * CLEARANCE - checker.gaps(q[None])[0], 0.0)])
 
     data = body.model.createData()
     there = np.asarray(least_squares(gravity, start, slope, bounds, max_nfev=STEPS).x)
-    if clearance.free(there):
+    if checker.safe(there[None])[0]:
         return there
     return np.asarray(least_squares(with_push, there, bounds=bounds, max_nfev=PUSHED).x)
 

@@ -68,13 +68,13 @@ def payload_table(findings: Findings) -> str:
 
 def joint_table(findings: Findings) -> str:
     """What was identified of each joint's drive and friction."""
-    head = ["Joint", "torque as given", "R Ω", "switching W/A", "iron W s²/rad²"]
+    head = ["Joint", "torque as given", "R Ω", "switching W/A", "eddy currents W s²/rad²", "hysteresis W s/rad"]
     head += ["f<sub>v</sub> Nm s/rad", "f<sub>c</sub> Nm", "f<sub>o</sub> Nm", "f<sub>w</sub> Nm s²/rad²"]
     rows = [
         [
             escape(drive.joint),
             f"× {drive.torque_gain:.3f}<small> ± {drive.torque_gain_uncertainty:.3f}</small>",
-            *(f"{v:.3f}" for v in (drive.winding_resistance, drive.switching, drive.iron)),
+            *(f"{v:.3f}" for v in (drive.winding_resistance, drive.switching, drive.iron, drive.hysteresis)),
             *(f"{v:.2f}" for v in (friction.viscous, friction.coulomb, friction.offset, friction.windage)),
         ]
         for drive, friction in zip(findings.drives, findings.friction, strict=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.models.static.collision import Checker
+from cellwatt_plugins.robot.collision import Checker
 
 Float = NDArray[np.float64]
 

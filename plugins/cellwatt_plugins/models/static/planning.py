@@ -13,10 +13,10 @@ import numpy as np
 from cellwatt.config import load
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt_plugins.models.static.basis import joint_limits
-from cellwatt_plugins.models.static.collision import Checker, read_outline
 from cellwatt_plugins.models.static.inform import Encoders, jobs
 from cellwatt_plugins.models.static.plan import Plan, plan_poses
 from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot.collision import Checker, read_outline
 
 MH12: Final = Path(__file__).with_name("mh12")
 """The robot of the paper, with the limits of its Table II."""

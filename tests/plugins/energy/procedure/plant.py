@@ -225,6 +225,7 @@ class Arm:
         return {
             "mechanical_losses": mechanical,
             "electrical_losses_with_regeneration": electrical + supply - bus,
+            "regeneration": supply - bus,
             "positive_mechanical": positive,
             "supply": supply,
         }

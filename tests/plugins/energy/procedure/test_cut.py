@@ -59,6 +59,16 @@ def test_all_repetitions_of_all_speeds(cut, programme, plant, arm, tmp_path):
         assert [r.seconds for r in kept] == pytest.approx([seconds] * 3, abs=0.05)
 
 
+def test_a_hole_in_the_rest_between_two_repetitions_parts_them(cut, programme, plant, arm, tmp_path):
+    """What is written can be read: the hole is in no file."""
+    rest = begins(plant, 250.0, 1) * STEP - 0.7 * DWELL
+    found = cut(*programme, silent=("arm", rest, rest + 0.3), least=2)["250_0kg"]
+    assert (found.repetitions, found.written) == (2, True)
+    kept, notes = find_repetitions(read_motion(tmp_path / "runs" / "250_0kg.robot.parquet", arm.joints))
+    assert len(kept) == 2
+    assert notes == []
+
+
 def test_what_the_files_hold_is_what_arm_and_analyzer_said(cut, programme, plant, tmp_path):
     """Torques are the recorded currents times the torque constants; power is the supply's, beside the motion."""
     rows, watts = programme

@@ -6,8 +6,8 @@ from energy.chain import Link, torques, write_urdf
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.energy.procedure.rest_pose import limits_of, place_of, rest_pose
-from cellwatt_plugins.energy.procedure.touching import CLEARANCE, Clearance, Rod, Shape, read_shape
 from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot.collision import CLEARANCE, Capsule, Checker, Outline, read_outline
 
 THIN = (0.01, 0.01, 0.01)
 ROD = 0.4
@@ -28,7 +28,8 @@ def arm_of(folder, ranges, capsules=""):
     (folder / "robot.yaml").write_text(f"robot: planar\nurdf: robot.urdf\njoints:\n{joints}\n{capsules}")
     robot = load_robot(folder)
     body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
-    return links, body, limits_of(robot, body), Clearance(body, read_shape(folder, body))
+    limits = limits_of(robot, body)
+    return links, body, limits, Checker(body, read_outline(folder, body), limits)
 
 
 def gravity(links, q):
@@ -45,8 +46,8 @@ def brute(links, limits, count=181):
 
 
 def test_straight_up_where_the_arm_may_go_there(tmp_path):
-    links, body, limits, clearance = arm_of(tmp_path, [(-3, 3), (-3, 0.5), (-2.5, 2.5)])
-    found = rest_pose(body, limits, clearance, starts=8)
+    links, body, limits, checker = arm_of(tmp_path, [(-3, 3), (-3, 0.5), (-2.5, 2.5)])
+    found = rest_pose(body, limits, checker, starts=8)
     assert found.residual < 0.01
     assert np.linalg.norm(gravity(links, found.q)) < 0.01
     assert place_of(body, found.q)[2] == pytest.approx(0.3 + ROD, abs=1e-3)
@@ -55,8 +56,8 @@ def test_straight_up_where_the_arm_may_go_there(tmp_path):
 
 def test_the_least_of_several_minima_within_the_limits(tmp_path):
     """The shoulder cannot stand the arm up: the elbow must balance it; a grid knows how well."""
-    links, body, limits, clearance = arm_of(tmp_path, [(-3, 3), (-1.2, 0.3), (-2.0, 2.0)])
-    found = rest_pose(body, limits, clearance, starts=16)
+    links, body, limits, checker = arm_of(tmp_path, [(-3, 3), (-1.2, 0.3), (-2.0, 2.0)])
+    found = rest_pose(body, limits, checker, starts=16)
     assert np.all((found.q >= limits[:, 0]) & (found.q <= limits[:, 1]))
     assert found.residual == pytest.approx(np.linalg.norm(gravity(links, found.q)), rel=1e-6)
     assert found.residual <= brute(links, limits) + 0.02
@@ -65,18 +66,19 @@ def test_the_least_of_several_minima_within_the_limits(tmp_path):
 
 def test_not_through_the_floor(tmp_path):
     """Hanging down asks nothing of the motors, but the floor is there."""
-    links, body, limits, clearance = arm_of(tmp_path, [(-3, 3), (0.2, 3.0), (-2.5, 2.5)])
-    found = rest_pose(body, limits, clearance, starts=16)
+    links, body, limits, checker = arm_of(tmp_path, [(-3, 3), (0.2, 3.0), (-2.5, 2.5)])
+    found = rest_pose(body, limits, checker, starts=16)
     assert found.clearance >= CLEARANCE
-    assert clearance.free(found.q)
+    assert checker.safe(found.q[None]).all()
     hanging = np.array([0.0, np.pi / 2, 0.0])
     assert np.linalg.norm(gravity(links, hanging)) < 1e-6
-    assert not clearance.free(hanging)
+    assert not checker.safe(hanging[None]).any()
 
 
 def test_no_clear_pose_is_told(tmp_path):
     _, body, limits, _ = arm_of(tmp_path, [(-3, 3), (-0.2, 0.2), (-0.2, 0.2)])
-    high = Clearance(body, Shape(floor=2.0, capsules=(Rod(link=2, start=(0, 0, 0), end=(0.4, 0, 0), radius=0.05),)))
+    rod = Capsule(link=2, start=(0, 0, 0), end=(0.4, 0, 0), radius=0.05)
+    high = Checker(body, Outline(floor=2.0, capsules=(rod,)), limits)
     with pytest.raises(ConfigError, match="no pose of least gravity is clear"):
         rest_pose(body, limits, high, starts=4)
 
@@ -84,25 +86,3 @@ def test_no_clear_pose_is_told(tmp_path):
 def test_a_joint_without_a_range_is_told(tmp_path):
     with pytest.raises(ConfigError, match=r"joint_3 has no range: write lower_limit and upper_limit, in rad"):
         arm_of(tmp_path, [(-3, 3), (-1, 1), (1, 1)])
-
-
-def test_gaps_are_distances_between_the_rods(tmp_path):
-    capsules = (
-        "capsules:\n"
-        "- {link: 0, from: [0.5, -0.3, 0.3], to: [0.5, 0.3, 0.3], radius: 0.05}\n"
-        "- {link: 3, from: [0, 0, 0], to: [0.4, 0, 0], radius: 0.04}\n"
-    )
-    _, body, _, clearance = arm_of(tmp_path, [(-3, 3), (-3, 3), (-3, 3)], capsules)
-    # At zero the last link goes through the post, so that the pair would be left out: take another middle.
-    assert len(clearance.gaps(np.zeros(3))) == 1
-    post = Rod(link=0, start=(0.5, -0.3, 0.1), end=(0.5, 0.3, 0.1), radius=0.05)
-    link = Rod(link=3, start=(0, 0, 0), end=(0.4, 0, 0), radius=0.04)
-    gaps = Clearance(body, Shape(capsules=(post, link))).gaps(np.zeros(3))
-    assert gaps == pytest.approx([0.2 - 0.09, 0.3 - 0.04], abs=1e-4)
-
-
-def test_wrong_capsules_are_told(tmp_path):
-    with pytest.raises(ConfigError, match="a link above 3, the last"):
-        arm_of(tmp_path, [(-3, 3)] * 3, "capsules:\n- {link: 4, from: [0, 0, 0], to: [0, 0, 1], radius: 0.1}\n")
-    with pytest.raises(ConfigError, match=r"capsules\.0\.radius"):
-        arm_of(tmp_path, [(-3, 3)] * 3, "capsules:\n- {link: 1, from: [0, 0, 0], to: [0, 0, 1], radius: -1}\n")

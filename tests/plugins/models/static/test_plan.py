@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
-from cellwatt_plugins.models.static.collision import Checker, Outline, distance, read_outline
 from cellwatt_plugins.models.static.command import plan_poses as command
 from cellwatt_plugins.models.static.inform import LONGEST, Encoders, jobs
 from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, short_order, travel, within
 from cellwatt_plugins.models.static.planning import MH12
 from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot.collision import Checker, read_outline
 from tests.plugins.models.static import arms
 
 SPEED = np.radians([220, 200, 220, 410, 410, 610])
@@ -56,22 +54,6 @@ def test_all_of_the_papers_poses_are_safe(mh12):
     assert (np.abs(plan.rising - 0.5) < 0.1).all()
 
 
-def test_poses_through_the_floor_or_into_the_arm_are_not_safe(mh12):
-    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
-    straight, down, folded = np.zeros(6), np.array([0, 1.9, 0.9, 0, 0, 0]), np.array([0, 0, 2.55, 0, 0, 0])
-    np.testing.assert_array_equal(checker.safe(np.stack([straight, down, folded])), [True, False, False])
-    assert checker.safe_move(straight, 0.2 * down)
-    assert not checker.safe_move(straight, down)
-
-
-def test_a_way_through_the_floor_between_two_safe_poses_is_not_safe(mh12):
-    """The forearm swings from in front to behind and points down in between."""
-    checker = Checker(mh12, Outline(floor=0.6, capsules=read_outline(MH12, mh12).capsules[-2:]), arms.LIMITS)
-    ahead, behind = np.zeros(6), np.array([0, 0, 3.0, 0, 0, 0])
-    assert checker.safe(np.stack([ahead, behind])).all()
-    assert not checker.safe_move(ahead, behind)
-
-
 def test_wide_limits_leave_unsafe_places_out(mh12):
     limits = np.array(arms.LIMITS)
     limits[1], limits[2] = (-1.5, 1.9), (-1.4, 2.5)
@@ -88,19 +70,6 @@ def test_limits_without_a_safe_place_are_refused(mh12):
     checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
     with pytest.raises(ConfigError, match="only 0 of 100 places within the joints' limits are safe"):
         plan_poses(5, limits, SPEED, checker)
-
-
-@given(seed=st.integers(0, 1000))
-@settings(max_examples=40, deadline=None)
-def test_distances_between_rods(seed):
-    rng = np.random.default_rng(seed)
-    a, b = rng.normal(size=(2, 3, 2, 3))
-    share = np.linspace(0, 1, 201)[:, None]
-    for k in range(3):
-        points = [end[k, 0] + share * (end[k, 1] - end[k, 0]) for end in (a, b)]
-        brute = np.linalg.norm(points[0][:, None] - points[1], axis=2).min()
-        assert distance(a, b)[k] == pytest.approx(brute, abs=0.02)
-        assert distance(a, b)[k] <= brute + 1e-9
 
 
 def test_the_order_is_short_and_begins_everywhere():
@@ -168,13 +137,3 @@ def test_a_cell_without_encoders_is_refused(tmp_path):
     done = CliRunner().invoke(command, ["--count", "4", "--out", str(tmp_path), "--cell", str(cell)])
     assert isinstance(done.exception, ConfigError)
     assert "expected one source with pulses_per_degree; none has" in str(done.exception)
-
-
-def test_a_robot_without_an_outline_has_rods(tmp_path):
-    file = arms.write_robot(tmp_path, arms.Arm())
-    robot = load_robot(file)
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
-    assert [capsule.link for capsule in read_outline(file, body).capsules] == [0, 1, 2, 3, 4, 5]
-    file.write_text(file.read_text() + "capsules: [{link: 9, from: [0, 0, 0], to: [0, 0, 1], radius: 0.1}]\n")
-    with pytest.raises(ConfigError, match="a link above 6"):
-        read_outline(file, body)

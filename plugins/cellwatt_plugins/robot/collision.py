@@ -59,47 +59,53 @@ def read_outline(path: Path, body: RigidBody) -> Outline:
 
 
 class Checker:
-    """Checks poses of one arm. Pairs that touch in the middle of all ranges (``limits`` (n, 2) rad) are left out."""
+    """Checks poses of one arm. Rods of neighbouring links are left out, and pairs that are closer than ``CLEARANCE`` in
+    the middle of all ranges (``limits`` (n, 2) rad).
+    """
 
     def __init__(self, body: RigidBody, outline: Outline, limits: Float) -> None:
         self._body = body
         self._data = body.model.createData()
         self._outline = outline
         every = outline.capsules
+        self._radii = np.array([capsule.radius for capsule in every])
+        # The base and what turns on it stand on the floor.
+        self._above = np.array([i for i, capsule in enumerate(every) if capsule.link > 1], np.intp)
         apart = [(i, j) for i in range(len(every)) for j in range(i) if abs(every[i].link - every[j].link) > 1]
-        ends = self._ends(limits.mean(axis=1)[None])
-        self._pairs = [pair for pair in apart if self._gap(ends, *pair)[0] > CLEARANCE]
+        pairs = np.array(apart, np.intp).reshape(-1, 2)
+        self._pairs = pairs[self._between(self._ends(limits.mean(axis=1)[None]), pairs)[0] > CLEARANCE]
+
+    def gaps(self, q: Float) -> Float:
+        """Clearance (N, k) m of each pair, then of each rod above the floor, in poses ``q`` (N, n) rad."""
+        ends = self._ends(q)
+        lowest = ends[:, self._above].min(axis=2)[:, :, 2] - self._radii[self._above]
+        return np.hstack([self._between(ends, self._pairs), lowest - self._outline.floor])
 
     def safe(self, q: Float) -> NDArray[np.bool_]:
-        """For poses (N, n) rad: (N,)."""
-        ends = self._ends(q)
-        safe = np.ones(len(q), dtype=np.bool_)
-        for capsule, end in zip(self._outline.capsules, ends, strict=True):
-            if capsule.link > 1:  # the base and what turns on it stand on the floor
-                safe &= end[:, :, 2].min(axis=1) - capsule.radius > self._outline.floor + CLEARANCE
-        for i, j in self._pairs:
-            safe &= self._gap(ends, i, j) > CLEARANCE
-        return safe
+        """Whether all of them are ``CLEARANCE`` or more, in poses (N, n) rad: (N,)."""
+        return np.asarray((self.gaps(q) >= CLEARANCE).all(axis=1))
 
     def safe_move(self, start: Float, end: Float, step: float = 0.08) -> bool:
         """Whether the straight way between two poses (n,), all joints together, is safe; checked every ``step`` rad."""
         count = max(2, int(np.ceil(np.max(np.abs(end - start)) / step)))
         return bool(self.safe(start + np.linspace(0, 1, count + 1)[:, None] * (end - start)).all())
 
-    def _ends(self, q: Float) -> list[Float]:
-        """Both ends of each capsule in the base's frame: (N, 2, 3)."""
+    def _ends(self, q: Float) -> Float:
+        """Both ends of each of K capsules in the base's frame: (N, K, 2, 3)."""
         points = [np.array([capsule.start, capsule.end]) for capsule in self._outline.capsules]
-        out = [np.empty((len(q), 2, 3)) for _ in points]
+        out = np.empty((len(q), len(points), 2, 3))
         for row, angles in enumerate(q):
             pin.forwardKinematics(self._body.model, self._data, angles)
-            for capsule, point, ends in zip(self._outline.capsules, points, out, strict=True):
+            for i, (capsule, point) in enumerate(zip(self._outline.capsules, points, strict=True)):
                 frame = self._data.oMi[capsule.link]
-                ends[row] = point @ frame.rotation.T + frame.translation
+                out[row, i] = point @ frame.rotation.T + frame.translation
         return out
 
-    def _gap(self, ends: list[Float], i: int, j: int) -> Float:
-        radii = self._outline.capsules[i].radius + self._outline.capsules[j].radius
-        return distance(ends[i], ends[j]) - radii
+    def _between(self, ends: Float, pairs: NDArray[np.intp]) -> Float:
+        """Gaps (N, P) of pairs (P, 2)."""
+        one, other = pairs.T
+        apart = distance(ends[:, one].reshape(-1, 2, 3), ends[:, other].reshape(-1, 2, 3))
+        return np.asarray(apart.reshape(len(ends), len(pairs)) - self._radii[one] - self._radii[other])
 
 
 def distance(a: Float, b: Float) -> Float:
