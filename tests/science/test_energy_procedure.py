@@ -1,4 +1,4 @@
-"""Seed 003 from the recording to the report: four arms that draw what Tables II and III say."""
+"""ECDP from the recording to the report: four arms that draw what Tables II and III say."""
 
 from __future__ import annotations
 

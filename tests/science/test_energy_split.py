@@ -1,4 +1,4 @@
-"""Seed 003: the averages over its four robots, and campaigns on arms whose true energies are known."""
+"""ECDP: the averages over its four robots, and campaigns on arms whose true energies are known."""
 
 from __future__ import annotations
 

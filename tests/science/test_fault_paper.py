@@ -1,4 +1,4 @@
-"""Seed 002: the order and rms behaviour of BEVF (Fig. 10 to 12), and Table III by the trained network."""
+"""Sabry et al.: the order and rms behaviour of BEVF (Fig. 10 to 12), and Table III by the trained network."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Seed 000: the paper's equations and methods, and what the best model is worth beside them."""
+"""The hybrid static model: the paper's equations and methods, and what the best model is worth beside them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seed 003's four robots through the daemon: emulated arm and analyzer, recording, cut, `cellwatt disaggregate`."""
+"""ECDP's four robots through the daemon: emulated arm and analyzer, recording, cut, `cellwatt disaggregate`."""
 
 from __future__ import annotations
 

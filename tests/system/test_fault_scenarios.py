@@ -1,4 +1,4 @@
-"""The three scenarios of seed 002 on an emulated IRB 1200 and its serial power board, live through the daemon.
+"""The three scenarios of Sabry et al. on an emulated IRB 1200 and its serial power board, live through the daemon.
 
 Each runs at both speeds of Fig. 19. The quickest one is part of every run, the others are slow.
 """

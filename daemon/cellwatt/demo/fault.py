@@ -11,7 +11,7 @@ from cellwatt.emulation import ArmSignals
 JOINT = 3
 """The elbow."""
 SPRING = {"stiffness": 60.0, "rest": 1.4}
-"""Nm/rad, hooked on where the elbow is at home: seed 002's spring of 10 N at 0.3 m, at this arm's size."""
+"""Nm/rad, hooked on where the elbow is at home: Sabry et al.'s spring of 10 N at 0.3 m, at this arm's size."""
 FAULTY = ("arm", "board")
 """Emulators that share the arm on whose elbow the spring is hooked."""
 

@@ -49,7 +49,7 @@ class Outcome:
 
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
-    """The pipeline of seed 003 on one arm. Raises ``RecordingError`` where a run cannot be used."""
+    """The pipeline of ECDP on one arm. Raises ``RecordingError`` where a run cannot be used."""
     found = [find_repetitions(run.motion) for run in runs]
     repetitions = tuple(tuple(kept) for kept, _ in found)
     belief, rigid = _belief(arm, rest, runs)

@@ -1,4 +1,4 @@
-"""The equations of seed 003 for the consumer groups of one repetition; W, J, s, percent."""
+"""The equations of ECDP for the consumer groups of one repetition; W, J, s, percent."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def mean_power_shares(energies: Float, seconds: Float) -> Float:
     """Percent (k,) of each group in the mean power of some runs, from their energies (R, k) J and lengths (R,) s.
 
     The groups are all there is. Each run counts alike, however long it took: Fig. 6 and 8, and the averages that
-    seed 003 gives over its robots.
+    the paper gives over its robots.
     """
     power = np.mean(energies / seconds[:, None], axis=0)
     return np.asarray(100.0 * power / power.sum())

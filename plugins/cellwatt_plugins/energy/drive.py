@@ -1,7 +1,7 @@
 """What the motors draw from the DC bus, and what the analyzer sees of it.
 
 The bus of all joints is shared. It takes the sum over the joints of mechanical power, copper loss R I², loss in the
-drive's switches k_sw |I| and iron loss, by eddy currents k_fe θ̇² and by hysteresis k_h |θ̇| (seed 003, III-D). Where
+drive's switches k_sw |I| and iron loss, by eddy currents k_fe θ̇² and by hysteresis k_h |θ̇| (ECDP, III-D). Where
 the sum is negative the supply cannot take it back: the electronics use the share ``returned`` of it, which the
 analyzer misses in its reading, and the chopper burns the rest. The paper's estimate of E_RB by negative mechanical
 power (eq. 11) leaves out what the motors themselves lose.

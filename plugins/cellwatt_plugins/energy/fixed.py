@@ -1,4 +1,4 @@
-"""Step 1 of seed 003: the power that is drawn whatever the robot does, from readings at rest."""
+"""Step 1 of ECDP: the power that is drawn whatever the robot does, from readings at rest."""
 
 from __future__ import annotations
 

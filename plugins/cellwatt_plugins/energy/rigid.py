@@ -1,4 +1,4 @@
-"""Torque against the rigid body: factors on the torque, and friction joint by joint (eqs 6, 7 of seed 003).
+"""Torque against the rigid body: factors on the torque, and friction joint by joint (eqs 6, 7 of ECDP).
 
 For each joint, h τ = Y(q, θ̇, θ̈) (π₀ + δ) + J θ̈ + friction(θ̇): linear in the factor h, in the deviations δ of the
 links from the URDF, in the rotor inertia and in friction. The payload's mass is known, so that the difference between

@@ -1,4 +1,4 @@
-"""Intervals by the set of moving joints, from encoder positions alone (seed 002, section V.A)."""
+"""Intervals by the set of moving joints, from encoder positions alone (Sabry et al., section V.A)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which joints move: hysteresis on speeds from encoder positions (the "data change detector" of seed 002, V.A)."""
+"""Which joints move: hysteresis on speeds from encoder positions (the "data change detector" of Sabry et al., V.A)."""
 
 from __future__ import annotations
 

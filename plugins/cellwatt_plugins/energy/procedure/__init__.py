@@ -1,1 +1,1 @@
-"""The guided measurement of seed 003: pose of least gravity, cube, readings at rest, runs cut from a recording."""
+"""The guided measurement of ECDP: pose of least gravity, cube, readings at rest, runs cut from a recording."""

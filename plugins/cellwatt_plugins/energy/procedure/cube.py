@@ -1,4 +1,4 @@
-"""The path that a campaign repeats: S–P1–P2–P3–P4–S in the diagonal plane of the ISO 9283 cube (seed 003, Table I)."""
+"""The path that a campaign repeats: S–P1–P2–P3–P4–S in the diagonal plane of the ISO 9283 cube (ECDP, Table I)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pose at which the brakes' power is read: where gravity asks the least of the motors (seed 003, eq. 15)."""
+"""The pose at which the brakes' power is read: where gravity asks the least of the motors (ECDP, eq. 15)."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def _columns_told(found: Findings) -> str:
     share = f"{100 * found.returned:.0f} ± {tables.unsure(100 * found.returned_uncertainty)} %"
     return (
         "J with one standard deviation, and percent of the total. L_E* = L_E + E_RB; “at most” is the negative "
-        f"mechanical energy that seed 003 takes for E_RB. Of what the motors give back to the bus the electronics "
+        f"mechanical energy that ECDP takes for E_RB. Of what the motors give back to the bus the electronics "
         f"use {share}; the chopper burns the rest."
     )
 

@@ -1,4 +1,4 @@
-"""Tables II and III of seed 003 as HTML, and what was identified of the joints."""
+"""Tables II and III of ECDP as HTML, and what was identified of the joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Four arms on their cubes: what they draw follows Tables II and III of seed 003, and is known to the joule.
+"""Four arms on their cubes: what they draw follows Tables II and III of ECDP, and is known to the joule.
 
 Kinematics and masses are near the makers'; losses are then chosen so that the energy of each run is the table's.
 Simulated at 500 Hz by ``bench/energy``'s Newton-Euler, which shares no code with the product.

@@ -1,4 +1,4 @@
-"""Seed 002: criteria (16), the rules under it, the ternary code (20), and fault tables I and II as data."""
+"""Sabry et al.: criteria (16), the rules under it, the ternary code (20), and fault tables I and II as data."""
 
 import numpy as np
 import pytest
