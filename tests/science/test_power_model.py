@@ -1,4 +1,4 @@
-"""NLS, SCG and the models beyond them on arms of the tests' own, whose physics shares no code with the models; and on a real UR3e."""
+"""NLS, SCG and what goes beyond them, on arms whose physics shares no code with the models, and on a real UR3e."""
 
 from __future__ import annotations
 
