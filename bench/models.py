@@ -4,7 +4,7 @@
     python bench/models.py [--only …]                        # writes the page and its pictures
 
 The parts ``ur3e`` and ``ur10e`` need recordings, looked for in ../shared/data beside the checkout or where --data says;
-without them they are skipped, with the reason. All of it takes some forty minutes on one core.
+without them they are skipped, with the reason. All of it takes some ten minutes of one core.
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ def _curve(_: Path, work: Path) -> Told:
 
 
 def _ur3e(data: Path, work: Path) -> Told:
-    errors = power.real_ur3e(data, work)
-    return Told(errors, page.ur3e(errors), {"ur3e-power": power.measured_and_predicted(data, work)})
+    trained, moves = power.trained_ur3e(data, work)
+    errors = power.errors_ur3e(trained, moves)
+    return Told(errors, page.ur3e(errors), {"ur3e-power": power.measured_and_predicted(trained, moves)})
 
 
 def _ur10e(data: Path, work: Path) -> Told:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from models.power import PUBLISHED, Errors, Size, Speed
+from models.power import ECBOT, PUBLISHED, Errors, Size, Speed
 from models.static import StaticTables
 from models.ur10e import PUBLISHED_WORST, Currents
 
@@ -35,20 +35,21 @@ def static(tables: StaticTables) -> str:
             m.method,
             "–" if m.published is None else "{:.2f} / {:.3f} / {:.1f}".format(*m.published),
             _spread(m.rmse_nm, 2),
-            _spread(m.r2, 4),
+            _spread(m.r2, _digits(m.r2)),
             _spread(m.mape_percent, 1),
-            _spread(m.never_collected_r2, 5),
+            _spread(m.never_collected_r2, _digits(m.never_collected_r2)),
         )
         for m in tables.methods
     ]
     head = ("method", "paper: RMSE, Nm / R² / MAPE, %", "RMSE, Nm", "R²", "MAPE, %", "R², poses never collected")
     few = [(str(row.poses), _spread(row.rmse_nm, 2), _spread(row.r2, 5)) for row in tables.poses]
     told = (
-        f"The paper's order is kept on {tables.in_order} of {tables.arms} arms. Training took "
-        f"{_spread(tables.training_s, 1)} s, one pose through the file {_spread(tables.frame_us, 0)} µs. "
+        f"{tables.arms} arms; the paper's order is kept on {tables.in_order} of them. Training took "
+        f"{_spread(tables.training_s, 1)} s of one core, one pose through the file {_spread(tables.frame_us, 0)} µs. "
         f"{_spread(tables.coverage_percent, 1)} % of true sums lay within the 90 % interval."
     )
-    return f"{_table(head, rows)}\n\n{told}\n\n{_table(('poses', 'RMSE, Nm', 'R²'), few)}"
+    count = f"The best model by the number of poses, on poses never collected; {tables.arms_of_few} arms:"
+    return f"{_table(head, rows)}\n\n{told}\n\n{count}\n\n{_table(('poses', 'RMSE, Nm', 'R²'), few)}"
 
 
 def power(errors: Sequence[Errors]) -> str:
@@ -90,8 +91,11 @@ def curve(sizes: Sequence[Size]) -> str:
 def ur3e(errors: Sequence[Errors]) -> str:
     """Each move by a model of the other four."""
     rows = [(e.method, f"{e.power:.2f}", f"{e.energy_mean:.2f}", f"{e.energy_worst:.1f}") for e in errors]
-    noise = f"White noise of the measured power: {errors[0].noise:.2f} W."
-    return f"{_table(('method', 'power RMSE, W', 'energy error a move, %', 'worst, %'), rows)}\n\n{noise}"
+    told = (
+        f"White noise of the measured power: {errors[0].noise:.2f} W. "
+        f"The library EcBot reports {ECBOT[0]} to {ECBOT[1]} W of test RMSE for UR, Franka and Kinova arms."
+    )
+    return f"{_table(('method', 'power RMSE, W', 'energy error a move, %', 'worst, %'), rows)}\n\n{told}"
 
 
 def ur10e(currents: Sequence[Currents]) -> str:
@@ -106,11 +110,19 @@ def ur10e(currents: Sequence[Currents]) -> str:
 
 def speed(found: Speed) -> str:
     """Time of the file alone."""
-    return f"Window of {found.window}: {found.median:.0f} µs a frame in the median, 99 % below {found.highest:.0f} µs."
+    return (
+        f"Window of {found.window}: {found.median:.0f} µs a frame in the median, 99 % below {found.highest:.0f} µs; "
+        f"{found.processor:.0f} µs of processor time in the mean."
+    )
 
 
 def _spread(spread: Spread, digits: int) -> str:
     return _over([spread.lowest, spread.median, spread.highest], digits)
+
+
+def _digits(r2: Spread) -> int:
+    """Decimals of R²: one more than up to its first that is not 9 in the median, five at most."""
+    return min(5, 1 + int(np.ceil(-np.log10(max(1 - r2.median, 1e-9)))))
 
 
 def _over(values: Sequence[float], digits: int) -> str:

@@ -1,7 +1,8 @@
 """UR3e: five moves recorded by the Hein Lab (github.com/ubc-systopia/dsn-2022-rad-artifact, MIT), 25 Hz.
 
-Kinematics, masses and centres of mass are Universal Robots' published DH parameters. Torque constants are not
-published: those of drives of the same size in a UR10e and a UR5 stand for them.
+Kinematics, masses and centres of mass are Universal Robots' published "DH Parameters for calculations of kinematics and
+dynamics"; the recordings' tool poses and torques at rest agree with them. Torque constants are not published: those of
+drives of the same size in a UR10e and a UR5 stand for them.
 """
 
 from __future__ import annotations

@@ -17,14 +17,15 @@ from rich.table import Table
 from rich.text import Text
 
 from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands.live_power import LivePower, bars
 from cellwatt.commands.live_view import LiveCell
 from cellwatt.demo.demonstration import Demonstration
+from cellwatt.demo.power import MEASURED
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
     "all": Demonstration.every_driver,
 }
-BARS = "▁▂▃▄▅▆▇█"
 HEALTHY = 20.0
 """s that the small cell needs at least, to see healthy cycles before the fault."""
 
@@ -64,7 +65,7 @@ def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
 
 
 def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    view, title = LiveCell(), ["starting emulated devices, the daemon and a subscriber"]
+    view, title = LiveCell(power=LivePower(MEASURED)), ["starting emulated devices, the daemon and a subscriber"]
     with Live(refresh_per_second=8, transient=False) as live:
 
         def show(line: Mapping[str, Any]) -> None:
@@ -106,9 +107,8 @@ def _power(power: Mapping[str, Any]) -> Text:
     course = power["course"]
     low, high = (limit([*course["measured_w"], *course["predicted_w"]], default=0.0) for limit in (min, max))
     for name, values in (("measured", course["measured_w"]), ("predicted", course["predicted_w"])):
-        steps = [round((value - low) / ((high - low) or 1.0) * (len(BARS) - 1)) for value in values]
         text.append(f"  {name:9} ")
-        text.append("".join(BARS[step] for step in steps) + "\n", style="cyan")
+        text.append(bars(values, low, high) + "\n", style="cyan")
     after = power["rms_after_the_spring_w"]
     text.append(
         f"  measured − predicted: {power['rms_w']} W (root mean square); with the spring {after} W", style="bold"

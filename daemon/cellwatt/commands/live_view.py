@@ -13,6 +13,8 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from cellwatt.commands.live_power import LivePower
+
 COLOUR = {"ok": "green", "green": "green", "starting": "yellow", "amber": "yellow", "retrying": "red", "red": "red"}
 SEVERITY = {"info": "cyan", "warning": "yellow", "error": "bold red"}
 
@@ -26,9 +28,10 @@ class LiveCell:
     intervals: deque[Mapping[str, Any]] = field(default_factory=lambda: deque(maxlen=6))
     task: Mapping[str, Any] | None = None
     energy: Mapping[str, Any] | None = None
+    power: LivePower = field(default_factory=LivePower)
 
     def add(self, kind: str, message: Mapping[str, Any]) -> None:
-        """Take a message of kind health, alarm, interval, task or energy; others are ignored."""
+        """Take a message of kind health, alarm, interval, task, energy, prediction or frame; others are ignored."""
         if kind == "health":
             self.status = message
         elif kind == "alarm":
@@ -42,13 +45,18 @@ class LiveCell:
             self.task = message
         elif kind == "energy":
             self.energy = message
+        elif kind == "prediction":
+            self.power.add_prediction(message)
+        elif kind == "frame":
+            self.power.add_frames(message)
 
     def render(self, title: str = "") -> RenderableType:
         """Everything on one screen."""
         if not self.status:
             return Text("waiting for the cell's first health message …", style="dim")
         energy = [self._energy(self.energy)] if self.energy else []
-        return Group(self._head(title), self._sources(), self._motion(), *energy, self._alarms())
+        parts = (self._head(title), self._sources(), self._motion(), *energy, *self.power.lines(), self._alarms())
+        return Group(*parts)
 
     def _head(self, title: str) -> Text:
         s = self.status

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import click
 from rich.live import Live
 
 from cellwatt.batch import Batch
+from cellwatt.commands.live_power import LivePower, power_of_frames
 from cellwatt.commands.live_view import LiveCell
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
@@ -24,6 +25,8 @@ from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Message, 
 
 QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
 """Topics for people; ``raw`` and ``frame`` are for programs."""
+SHOWN = (*QUIET, "frame")
+"""Topics that the view takes: what was measured is in the frames."""
 
 
 @click.command()
@@ -32,7 +35,10 @@ QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
 @click.option("--site", help="Site of the cell (with --connect).")
 @click.option("--cell", help="Name of the cell (with --connect).")
 @click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count and time.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count, time and power."
+)
+@click.option("--power", metavar="CHANNEL", help="Measured power to hold against a model's, e.g. board.supply.power.")
 @click.option("--seconds", type=float, help="How long (default: until Ctrl-C).")
 def command(
     file: Path | None,
@@ -41,12 +47,15 @@ def command(
     cell: str | None,
     topics: tuple[str, ...],
     as_json: bool,
+    power: str | None,
     seconds: float | None,
 ) -> None:
     """Show the live cell of FILE, or the one behind --connect, --site and --cell."""
     site, cell, link = _target(file, connect, site, cell)
+    want = topics or (QUIET if as_json else SHOWN)
+    printing = _printing() if as_json else _showing(LiveCell(power=LivePower(power)))
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_watch(Subscriber(site, cell, link, want=topics or QUIET), seconds, as_json))
+        asyncio.run(_watch(Subscriber(site, cell, link, want=want), seconds, printing))
 
 
 def _target(
@@ -68,16 +77,20 @@ def _target(
     return config.site, config.cell, link
 
 
-async def _watch(subscriber: Subscriber, seconds: float | None, as_json: bool) -> None:
+async def _watch(
+    subscriber: Subscriber,
+    seconds: float | None,
+    printing: contextlib.AbstractContextManager[Callable[[Message], None]],
+) -> None:
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(seconds), subscriber:
-            with _printing() if as_json else _showing() as show:
+            with printing as show:
                 async for message in subscriber:
                     show(message)
 
 
 @contextlib.contextmanager
-def _printing() -> Iterator[Any]:
+def _printing() -> Iterator[Callable[[Message], None]]:
     def show(message: Message) -> None:
         click.echo(json.dumps(plain(message)))
 
@@ -85,8 +98,7 @@ def _printing() -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _showing() -> Iterator[Any]:
-    view = LiveCell()
+def _showing(view: LiveCell) -> Iterator[Callable[[Message], None]]:
     with Live(view.render(), refresh_per_second=8, screen=False) as live:
 
         def show(message: Message) -> None:
@@ -97,11 +109,15 @@ def _showing() -> Iterator[Any]:
 
 
 def kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
-    """Topic kind and content of a message, JSON-ready; blocks are summed up as count and time span."""
+    """Topic kind and content of a message, JSON-ready; blocks are summed up as count and time span.
+
+    Of frames, the power that was measured is told as it is, to be held against what a model predicts.
+    """
     kind = message.topic.split("/", 1)[0]
     content = message.content
     if isinstance(content, Batch | Frames):
-        return kind, {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
+        block = {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
+        return kind, block | (power_of_frames(content) if isinstance(content, Frames) else {})
     if isinstance(content, Health):
         return kind, dict(content.status)
     if isinstance(content, Gap):

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
 _PATIENCE = 5.0  # s
-TOPICS = ("raw", "frame", "interval", "task", "alarm", "health")
+TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 
 
 @contextlib.asynccontextmanager

@@ -12,6 +12,8 @@ from cellwatt.frames import FrameChannel
 from cellwatt.results import Alarm
 
 KIND = "model_outside_range"
+STILL = 2e-3
+"""rad, or whatever the unit: a narrower range is that of an input at rest, and its noise is no news."""
 
 
 @dataclass(slots=True)
@@ -31,6 +33,15 @@ class Limits:
     low: float
     high: float
 
+    @property
+    def slack(self) -> float:
+        """What each end of a narrow range is moved outwards by, so that it is ``STILL`` wide."""
+        return max(0.0, (STILL - (self.high - self.low)) / 2)
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is in the range; false where missing."""
+        return self.low - self.slack <= value <= self.high + self.slack
+
     def beyond(self, value: float) -> float:
         """How far a value is outside; negative where it is inside."""
         return max(self.low - value, value - self.high)
@@ -39,8 +50,9 @@ class Limits:
 class RangeWatch:
     """Raises an alarm for an input that is outside its range by more than ``margin`` of the range's width.
 
-    It is cleared after ``patience`` frames in a row within the range itself; frames without a value do not count.
-    ``prefix`` starts the alarms' ids, ``model`` names the model in their text. Blocks may be cut anywhere.
+    A range narrower than ``STILL`` counts as that wide. An alarm is cleared after ``patience`` frames in a row within
+    the range itself; frames without a value do not count. ``prefix`` starts the alarms' ids, ``model`` names the model
+    in their text. Blocks may be cut anywhere.
     """
 
     def __init__(self, prefix: str, model: str, limits: Sequence[Limits], margin: float, patience: int) -> None:
@@ -48,7 +60,7 @@ class RangeWatch:
         self._model = model
         self._limits = limits
         self._patience = patience
-        low, high = np.array([(x.low, x.high) for x in limits]).T
+        low, high = np.array([(x.low - x.slack, x.high + x.slack) for x in limits]).T
         self._floor, self._ceiling = low - margin * (high - low), high + margin * (high - low)
         self._up: dict[int, _Excursion] = {}
 
@@ -73,7 +85,7 @@ class RangeWatch:
                     alarm = self._raised(limits, at, value)
                     self._up[column] = _Excursion(alarm, value)
                     changes.append(alarm)
-            elif limits.low <= value <= limits.high:
+            elif limits.holds(value):
                 excursion.inside += 1
                 if excursion.inside == self._patience:
                     changes.append(self._cleared(limits, at, self._up.pop(column)))

@@ -43,5 +43,5 @@ def test_energy_of_the_last_task_is_shown_with_its_groups_the_largest_first():
 def test_what_it_does_not_show_is_let_by():
     view = LiveCell(status=STATUS)
     before = shown(view)
-    view.add("prediction", {"model": "power"})
+    view.add("event", {"kind": "source_state"})
     assert shown(view) == before

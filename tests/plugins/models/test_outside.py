@@ -93,3 +93,15 @@ def test_a_channel_that_is_no_input_is_not_watched(path):
     values = voltage((0, 10))
     values[:, 3] = 1e6
     assert alarms(run(stage(path), [frames(values)])) == []
+
+
+def test_the_noise_of_an_input_that_rested_in_the_training_is_no_alarm(tmp_path):
+    """An encoder's noise leaves a range that is nothing but noise; a turned joint is told, and its return."""
+    training = replace(metadata().training, range=((1.0, 1.00002), (-4.0, 4.0), (-4.0, 4.0)))
+    path = Mlp.random(4).save(tmp_path / "m.onnx", metadata(training=training))
+    noisy = voltage((1.0, 200)) + 1e-4 * np.random.default_rng(0).standard_normal((200, 1))
+    assert alarms(run(stage(path), [frames(noisy)])) == []
+    noisy[20:60, COLUMNS[0]] += 0.01
+    raised, cleared = alarms(run(stage(path), [frames(noisy)]))
+    assert (raised.active, raised.time) == (True, at(20))
+    assert (cleared.active, cleared.time) == (False, at(60 + SECOND - 1))

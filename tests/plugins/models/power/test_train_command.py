@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +17,7 @@ from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.power import paper
 from cellwatt_plugins.models.power.demo import demo_robot, train_demo
 from cellwatt_plugins.models.predict import predict_file
+from cellwatt_plugins.models.seal import sealed
 from tests.plugins.models.power.emulated_arm import write_case
 
 
@@ -61,6 +63,22 @@ def test_a_robot_without_torque_constants_is_refused(case, tmp_path):
     (tmp_path / "robot.urdf").write_text((robot.parent / "robot.urdf").read_text())
     with pytest.raises(CellwattError, match="torque_constant of joint_1"):
         called(table, "--robot", tmp_path, "--out", tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_the_same_recording_and_seed_give_the_same_model(case, tmp_path, monkeypatch):
+    monkeypatch.setattr(paper, "ITERATIONS", 20)
+    robot, table, _ = case
+    reports, models = [], []
+    for name in ("one", "other"):
+        done = called(table, "--robot", robot, "--out", tmp_path / name, "--seed", 3, "--json")
+        reports.append(json.loads(done.stdout))
+        content = (tmp_path / name / "model.onnx").read_bytes()
+        created = re.search(rb'"created":"[^"]+"', content)
+        models.append(content.replace(created[0], b"")[: -len(sealed(b""))])
+    assert models[0] == models[1]
+    assert reports[0]["held_out"] == reports[1]["held_out"]
 
 
 @pytest.mark.slow

@@ -1,0 +1,38 @@
+"""The arms that models are judged on share no code with the models."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+ARMS = (
+    "bench/models/held_arms.py",
+    "tests/plugins/models/static/arms.py",
+    "tests/plugins/models/power/emulated_arm.py",
+)
+ALLOWED = {"__future__", "dataclasses", "mujoco", "numpy", "pathlib", "pyarrow", "yaml"}
+"""Nothing of cellwatt, nor Pinocchio, by which the models reckon."""
+
+
+def imported(text):
+    """First names of all modules that a source imports; relative ones as ``.``."""
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {name.name.split(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add("." if node.level else str(node.module).split(".")[0])
+    return found
+
+
+@pytest.mark.parametrize("file", ARMS)
+def test_an_emulated_arm_has_physics_of_its_own(file):
+    assert imported((ROOT / file).read_text()) <= ALLOWED
+
+
+def test_the_check_sees_what_is_shared():
+    assert "cellwatt_plugins" in imported("def f():\n    from cellwatt_plugins.robot import RigidBody\n")
+    assert "." in imported("from . import arms")
