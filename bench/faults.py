@@ -1,9 +1,11 @@
 """Cycles of emulated arms with known faults, judged by `cellwatt faults`; see the package `faults` beside this file.
 
 python bench/faults.py --json [--cases N] [--cycles N] [--first-seed N]
+python bench/faults.py --healthy --json [--cases N] [--cycles N] [--first-seed N]
 python bench/faults.py --real --json
 
-The second form judges recordings of real arms that lie beside the checkout.
+The second form counts false alarms in calm cycles by the share that is accepted; the third judges recordings of real
+arms that lie beside the checkout.
 """
 
 from faults.runner import main

@@ -42,7 +42,13 @@ def main() -> None:
     parse.add_argument("--cycles", type=int, default=50, help="cycles to judge in each")
     parse.add_argument("--first-seed", type=int, default=0)
     parse.add_argument("--real", action="store_true", help="judge the real recordings instead")
+    parse.add_argument("--healthy", action="store_true", help="count false alarms in calm cycles instead")
     given = parse.parse_args()
+    if given.healthy:
+        from faults.healthy import healthy_figures
+
+        print(in_words(healthy_figures(given.first_seed, given.cases, given.cycles), given.json))
+        return
     if given.real:
         from faults.real import real_figures
 

@@ -28,6 +28,8 @@ class Count:
     in_first_interval: int = 0
     named_alone_in_first_interval: int = 0
     by_next_interval: int = 0
+    undecided: int = 0
+    """Faulty joints off their path of which it was said that power cannot tell the kind: neither isolated nor wrong."""
     wrong_names: int = 0
     wrong_names_while_running: int = 0
     calm_cycles: int = 0
@@ -63,8 +65,11 @@ def _of(truth: Truth, found: Sequence[CycleFinding]) -> list[CycleFinding]:
 
 
 def _names(cycles: Sequence[CycleFinding], others: bool = False) -> set[Name]:
-    """Joints and kinds that were told; with the joints said to explain it nearly as well."""
-    faults = [fault for cycle in cycles for fault in cycle.faults]
+    """Joints and kinds that were told; with the joints said to explain it nearly as well.
+
+    A joint of which it is said that its kind cannot be told is none of them.
+    """
+    faults = [fault for cycle in cycles for fault in cycle.faults if fault.or_kind is None]
     return {
         (joint, kind)
         for fault in faults
@@ -89,7 +94,7 @@ def _told_in(
         gone = sum(end < cycle.end + LATE for end in truth.ends)
         out |= {name: min(gone, out.get(name, gone)) for name in _names([cycle], others=True)}
     for cycle in mine:
-        for fault in cycle.faults:
+        for fault in (fault for fault in cycle.faults if fault.or_kind is None):
             move = min(fault.intervals, default=truth.moves) if at_once else truth.moves
             out |= {name: out.get(name, move) for name in ((fault.joint, kind) for kind in _KINDS[fault.kind])}
     return out
@@ -124,6 +129,8 @@ def _faulty(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFin
         for fault, watts, move in zip(truth.plan.faults, truth.watts, truth.first_acts, strict=True)
         if fault.kind == "encoder" or watts >= CLEAR
     }
+    open_kind = {fault.joint for cycle in mine for fault in cycle.faults if fault.or_kind is not None}
+    faulty = {joint for joint, _ in wanted}
     late = [told_in[name] - move for name, move in clear.items() if name in told_in]
     return Count(
         cycles=1,
@@ -133,7 +140,8 @@ def _faulty(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFin
         in_first_interval=sum(moves <= 0 for moves in late),
         named_alone_in_first_interval=sum(alone[name] <= move for name, move in clear.items() if name in alone),
         by_next_interval=sum(moves <= 1 for moves in late),
-        wrong_names=len(named - wanted),
+        undecided=len(open_kind & faulty),
+        wrong_names=len(named - wanted) + len(open_kind - faulty),
         wrong_names_while_running=_in_vain(early, wanted),
         small_faults=len(wanted) - len(clear),
         small_isolated=len((wanted - set(clear)) & named),

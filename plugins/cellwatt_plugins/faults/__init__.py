@@ -1,4 +1,4 @@
-"""Says which joint or encoder is faulty, from supply power and encoders against healthy cycles (seed 002)."""
+"""Says which joint or encoder is faulty, from supply power and encoders against healthy cycles (Sabry et al.)."""
 
 from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
 

@@ -67,6 +67,13 @@ def reference(
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
+@click.option(
+    "--false-alarms",
+    type=click.FloatRange(0.0, 0.1, min_open=True),
+    default=1e-4,
+    show_default=True,
+    help="Share of healthy intervals in which a false alarm is accepted.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 def faults(
     recordings: tuple[Path, ...],
@@ -75,13 +82,14 @@ def faults(
     out: Path | None,
     arm: str | None,
     power: str | None,
+    false_alarms: float,
     as_json: bool,
 ) -> None:
     """Judge every cycle of RECORDINGs against healthy ones: what is harmless, and which joint or encoder is faulty.
 
     RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
     """
-    found = _judged(recordings, load(file), file, robot, arm, power)
+    found = _judged(recordings, load(file), file, robot, arm, power, false_alarms)
     content = {"cycles": [asdict(finding) for finding in found]}
     if out is not None:
         try:
@@ -92,7 +100,13 @@ def faults(
 
 
 def _judged(
-    recordings: Sequence[Path], reference: Reference, file: Path, robot: Path, arm: str | None, power: str | None
+    recordings: Sequence[Path],
+    reference: Reference,
+    file: Path,
+    robot: Path,
+    arm: str | None,
+    power: str | None,
+    false_alarms: float,
 ) -> list[CycleFinding]:
     """Findings of files against a reference with cycles. Raises ``CellwattError``."""
     from cellwatt_plugins.faults.cycles.findings import judge_recording
@@ -102,6 +116,7 @@ def _judged(
     if reference.power_model is None or not reference.cycles:
         raise ModelError(f"reference {file}: has no cycles; learn it again with --robot and a description of the robot")
     known = restored(reference.power_model, reference.cycles, load_robot(robot))
+    known = replace(known, false_alarms=false_alarms)
     blocks = list(frames_of_files(recordings))
     recording = recording_of(blocks, arm, power or reference.power)
     if recording.joints != reference.joints:

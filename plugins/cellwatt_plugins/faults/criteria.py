@@ -1,4 +1,4 @@
-"""When a cycle deviates, and what the deviation says: equations (16) and (20) of seed 002 and the rules under (16)."""
+"""When a cycle deviates, and what the deviation says: (16) and (20) of Sabry et al., and the rules under (16)."""
 
 from __future__ import annotations
 

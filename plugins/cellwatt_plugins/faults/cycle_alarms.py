@@ -52,11 +52,17 @@ class CycleAlarms:
         return out
 
     def take_early(self, cycle: CycleFinding, epoch: int) -> list[Alarm]:
-        """Alarms that a cycle under way raises: those that are not up yet."""
+        """Alarms that a cycle under way raises: those that are not up yet.
+
+        Where it may as well be a joint whose alarm is up, it is taken for that.
+        """
         span = _Span(epoch + _ns(cycle.start), epoch + _ns(cycle.end))
-        fresh = {key: fault for key, fault in _by_key(cycle).items() if key not in self._up}
+        fresh = {key: fault for key, fault in _by_key(cycle).items() if not self._is_up(key[1], fault)}
         self._early |= set(fresh)
         return [self._raise(key, fault, cycle, span) for key, fault in fresh.items()]
+
+    def _is_up(self, kind: str, fault: FaultFinding) -> bool:
+        return any((joint, kind) in self._up for joint in (fault.joint, *fault.alternatives))
 
     def _raise(self, key: tuple[int, str], fault: FaultFinding, cycle: CycleFinding, span: _Span) -> Alarm:
         """Raise an alarm, or give it the newest figures."""
@@ -113,7 +119,8 @@ class CycleAlarms:
                 "task_intervals": list(fault.intervals),
                 "power_residual_W": fault.size_watt,
                 "confidence": fault.confidence,
-            },
+            }
+            | ({} if fault.or_kind is None else {"or_kind": fault.or_kind}),
         )
 
 

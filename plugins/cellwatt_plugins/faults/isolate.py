@@ -1,6 +1,6 @@
 """Which joint explains the ternary codes of a task's intervals.
 
-The network of seed 002 (section V.D) is trained on the table of intervals in which each joint is active; its
+The network of Sabry et al. (section V.D) is trained on the table of intervals in which each joint is active; its
 largest output names the joint. Here the same comparison is made directly: the share of intervals on which the
 codes and a joint's column agree, among those where either of the two is not zero.
 """

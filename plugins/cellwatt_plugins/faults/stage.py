@@ -65,6 +65,8 @@ class FaultsSettings(StageSettings):
     """Frames in a row that must be outside."""
     jitter: int = Field(default=2, ge=0, le=10)
     """Frames by which an onset may be early or late."""
+    false_alarms: Fraction = Field(default=1e-4, gt=0, le=0.1)
+    """Share of healthy intervals in which a false alarm is accepted; with ``robot``."""
     clear: int = Field(default=3, ge=1, le=100)
     """Healthy intervals in which the joint moves that clear its alarm."""
 
@@ -133,7 +135,7 @@ class FaultsStage(Stage[FaultsSettings]):
             need = f"stage {self.name!r}: robot needs the package {error.name}"
             raise ConfigError(f"{need}: pip install 'cellwatt[explain]'") from error
         alarms = CycleAlarms(self.name, self._source, self.settings.clear)
-        return CycleStage(self._reference, path, robot, self.layout.step, alarms)
+        return CycleStage(self._reference, path, robot, self.layout.step, alarms, self.settings.false_alarms)
 
     def _take(self, interval: Interval) -> list[Alarm]:
         """An interval has begun or ended."""

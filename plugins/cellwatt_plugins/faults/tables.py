@@ -1,4 +1,4 @@
-"""The fault tables of seed 002: ternary codes (rows: intervals, columns: joints 1 to 6)."""
+"""The fault tables of Sabry et al.: ternary codes (rows: intervals, columns: joints 1 to 6)."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Torque of joint j:  τ = Y(q, q̇, q̈) π + J q̈ + (F_c tanh(q̇ / 0.004) + F_v q̇)
 Power:              P = P_0 + g D,  D = Σ_j (q̇_j τ_j + c_j τ_j²),  g one number for D > 0 and one for D < 0
-(seed 002, equations (1) and (13) without the absolute value: what a drive gives back lowers the supply's power.)
+(Sabry et al., equations (1) and (13) without the absolute value: what a drive gives back lowers the supply's power.)
 """
 
 from __future__ import annotations

@@ -14,6 +14,36 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
 
+FAINT = 1e-6
+"""Harmless variation of less than this share of the noise's variance is left out."""
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Σ^(-½), by which y and columns become plain least squares; ``log_det`` of Σ relative to the noise alone."""
+
+    noise: Float
+    axes: Float
+    shrink: Float
+    log_det: float
+
+    def __call__(self, columns: Float) -> Float:
+        """Σ^(-½) of one (N,) or several columns (N, k)."""
+        scaled = (columns.T / self.noise).T
+        shared = self.axes.T @ scaled
+        return np.asarray(scaled - self.axes @ (self.shrink * shared.T).T)
+
+
+def whitener(noise: Float, harmless: Float) -> Whitener:
+    """Σ^(-½) for ``noise`` (N,) and ``harmless`` columns (N, h)."""
+    scaled = harmless / noise[:, None]
+    tall = scaled.shape[0] >= scaled.shape[1]
+    strength, turn = np.linalg.eigh(scaled.T @ scaled if tall else scaled @ scaled.T)
+    strong = strength > max(FAINT, 1e-12 * strength.max(initial=0.0))
+    strength, turn = strength[strong], turn[:, strong]
+    axes = (scaled @ turn) / np.sqrt(strength) if tall else turn
+    return Whitener(noise, axes, 1.0 - 1.0 / np.sqrt(1.0 + strength), float(np.log1p(strength).sum()))
+
 
 @dataclass(frozen=True)
 class Gram:
@@ -36,12 +66,13 @@ class Fit:
 
 def gram(residual: Float, columns: Float, noise: Float, harmless: Float) -> Gram:
     """Products for ``residual`` (N,), candidate ``columns`` (N, k), ``noise`` (N,), ``harmless`` columns (N, h)."""
-    scaled = np.column_stack([columns, residual]) / noise[:, None]
-    nuisance = harmless / noise[:, None]
-    shared = nuisance.T @ scaled
-    within = np.eye(nuisance.shape[1]) + nuisance.T @ nuisance
-    products = scaled.T @ scaled - shared.T @ np.linalg.solve(within, shared)
-    return Gram(products[:-1, :-1], products[:-1, -1], float(products[-1, -1]))
+    white = whitener(noise, harmless)
+    return products(white(residual), white(columns))
+
+
+def products(residual: Float, columns: Float) -> Gram:
+    """The same of what is white already."""
+    return Gram(columns.T @ columns, columns.T @ residual, float(residual @ residual))
 
 
 def fit(products: Gram, chosen: NDArray[np.intp]) -> Fit:

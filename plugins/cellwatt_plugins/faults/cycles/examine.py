@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.effects import PART, warm_up
 from cellwatt_plugins.faults.cycles.evidence import fit, gram
-from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain
+from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_of, temper_of
 from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import Pattern
-from cellwatt_plugins.faults.cycles.readings import readings
+from cellwatt_plugins.faults.cycles.readings import STOPPED, readings
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.samples import Samples, sample
 
@@ -25,8 +26,12 @@ LEAST = 2.0
 """W that a fault must move the power by, for a moment, to be named."""
 BESIDE = 0.1
 """Share of the largest fault's power below which nothing is named beside it: it may be the model's error."""
-CLOSE = 3.0
-"""Joints whose log odds are no further apart than this cannot be told apart."""
+BESIDE_STOPPED = 0.2
+"""The same where a joint stands still: what its motion would have taken is the model's word alone."""
+CLOSE, CLOSE_YET = 3.0, 7.0
+"""Joints whose log odds are no further apart than this cannot be told apart; and not yet while a cycle runs."""
+FOREIGN_ODDS = 12.0
+"""Natural logarithm of the odds against another task where all joints but one or two keep to a known one."""
 CERTAIN = 3.0
 """Standard deviations by which a warm-up must differ from none to be told."""
 
@@ -50,7 +55,7 @@ class Blame:
 class Verdict:
     """What was found in a cycle: ``tau`` (N,) s of the pattern and ``residual`` (N,) W against healthy power;
     ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in healthy cycles;
-    ``misfit``, variance that nothing explains, relative to the noise's."""
+    ``misfit``, variance that nothing explains, relative to the noise's; ``foreign`` probability of another task."""
 
     tau: Float
     residual: Float
@@ -59,35 +64,40 @@ class Verdict:
     part: float
     warm: float
     misfit: float
+    foreign: float
 
 
-def examine(recording: Recording, match: Match, pattern: Pattern, arm: Arm, until: float = math.inf) -> Verdict:
+def examine(recording: Recording, match: Match, known: Known, until: float = math.inf) -> Verdict:
     """The verdict of one cycle, as far as the pattern's time ``until`` s."""
+    pattern, arm, odds = known.patterns[match.pattern], known.arm, odds_of(known.false_alarms)
     samples = sample(recording, match, pattern, arm, until)
     inside = _inside(pattern, samples.tau, until)
-    answers = [explain(arm, samples, r, inside) for r in readings(recording, match, pattern, arm, samples)]
-    best = _most_likely(answers)
+    answers = [explain(arm, samples, r, inside, odds) for r in readings(recording, match, pattern, arm, samples)]
+    temper = min(temper_of(answer.misfit) for answer in answers)
+    weights = _weights(answers, temper, 0.0 if match.doubtful else FOREIGN_ODDS)
+    best = _most_likely(answers, weights)
     part, left = 0.0, best.reading.residual
+    gone = samples.residual - best.reading.residual
     blames = [
-        Blame(
-            joint, cause, samples.residual - best.reading.residual, _stands(answers, joint), (), _stands(answers, joint)
-        )
+        Blame(joint, cause, gone, sure := _stands(answers, weights, joint), (), sure)
         for joint, cause in best.reading.causes
-        if cause != "encoder"
+        if cause in STOPPED
     ]
     rivals = iter(best.rivals)
-    for effect, sizes in zip(best.effects, best.sizes, strict=True):
-        watts = effect.columns @ sizes
+    for effect, sizes, watts in zip(best.effects, best.sizes, best.watts, strict=True):
         left = left - watts
         if effect.joint is None:
             part = PART * float(sizes[0])
             continue
-        blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint)))
+        close = CLOSE if until == math.inf else CLOSE_YET
+        blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint, temper, close)))
+    beside = BESIDE_STOPPED if best.reading.stopped else BESIDE
     largest = max((np.abs(blame.watts).max() for blame in blames), default=0.0)
-    named = tuple(b for b in blames if np.abs(b.watts).max() >= max(LEAST, BESIDE * largest))
-    encoders = {j: 1.0 - _stands(answers, j) for j, cause in best.reading.causes if cause == "encoder"}
+    named = tuple(b for b in blames if np.abs(b.watts).max() >= max(LEAST, beside * largest))
+    encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in best.reading.causes if cause not in STOPPED}
     warm = _warm(arm, samples, best, left)
-    return Verdict(samples.tau, samples.residual, named, encoders, part, warm, best.misfit)
+    foreign = float(weights[[answer.reading.foreign for answer in answers]].sum() / weights.sum())
+    return Verdict(samples.tau, samples.residual, named, encoders, part, warm, best.misfit, foreign)
 
 
 def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
@@ -97,28 +107,36 @@ def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
     return np.column_stack([(tau >= edge).astype(np.float64) for edge in edges])
 
 
-def _most_likely(answers: Sequence[Answer]) -> Answer:
+def _weights(answers: Sequence[Answer], temper: float, foreign: float) -> Float:
+    """Probability of each answer, up to a factor; ``foreign`` log odds against another task."""
+    scores = np.array([answer.score(temper) - foreign * answer.reading.foreign for answer in answers])
+    return np.asarray(np.exp(scores - scores.max()))
+
+
+def _most_likely(answers: Sequence[Answer], weights: Float) -> Answer:
     """The best answer with the most likely set of joints that stand still, whatever makes them."""
-    top = max(answer.score for answer in answers)
-    weights: dict[tuple[int, ...], float] = {}
-    for answer in answers:
-        weights[answer.reading.stopped] = weights.get(answer.reading.stopped, 0.0) + math.exp(answer.score - top)
-    stopped = max(weights, key=lambda joints: weights[joints])
-    return max((a for a in answers if a.reading.stopped == stopped), key=lambda answer: answer.score)
+    sums: dict[tuple[int, ...], float] = {}
+    for answer, weight in zip(answers, weights, strict=True):
+        sums[answer.reading.stopped] = sums.get(answer.reading.stopped, 0.0) + float(weight)
+    stopped = max(sums, key=lambda joints: sums[joints])
+    standing = [k for k, answer in enumerate(answers) if answer.reading.stopped == stopped]
+    return answers[max(standing, key=lambda k: float(weights[k]))]
 
 
-def _stands(answers: Sequence[Answer], joint: int) -> float:
+def _stands(answers: Sequence[Answer], weights: Float, joint: int) -> float:
     """Probability that a joint stands still, among all readings."""
-    weight = np.exp([a.score - max(b.score for b in answers) for a in answers])
     stands = np.array([joint in a.reading.stopped for a in answers])
-    return float(weight[stands].sum() / weight.sum())
+    return float(weights[stands].sum() / weights.sum())
 
 
-def _standing(rivals: dict[int, float], joint: int) -> tuple[float, tuple[int, ...], float]:
+def _standing(
+    rivals: dict[int, tuple[float, float]], joint: int, temper: float, width: float
+) -> tuple[float, tuple[int, ...], float]:
     """Confidence in a joint against all others and none, the joints that are close to it, and certainty of any."""
-    top = max(rivals.values())
-    weights = {other: math.exp(score - top) for other, score in rivals.items()}
-    close = tuple(o for o, s in sorted(rivals.items()) if o not in (-1, joint) and s > rivals[joint] - CLOSE)
+    scores = {other: gain / temper - odds for other, (gain, odds) in rivals.items()}
+    top = max(scores.values())
+    weights = {other: math.exp(score - top) for other, score in scores.items()}
+    close = tuple(o for o, s in sorted(scores.items()) if o not in (-1, joint) and s > scores[joint] - width)
     every = sum(weights.values())
     return weights[joint] / every, close, 1.0 - weights[-1] / every
 

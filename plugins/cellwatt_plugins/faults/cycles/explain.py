@@ -3,172 +3,234 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.cycles.arm import Parameters
 from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
-from cellwatt_plugins.faults.cycles.evidence import Fit, Gram, fit, gram
+from cellwatt_plugins.faults.cycles.evidence import Whitener, fit, products, whitener
 from cellwatt_plugins.faults.cycles.identify import Arm
 from cellwatt_plugins.faults.cycles.readings import Reading
 from cellwatt_plugins.faults.cycles.samples import Samples
+from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, weigh
 
 Float = NDArray[np.float64]
-Columns = NDArray[np.intp]
 
 WARM = 0.15
 """Share by which friction of all joints may be higher or lower (one sigma)."""
-FAULT_ODDS = 7.0
-"""Natural logarithm of the odds against any one fault in a cycle …"""
 PART_ODDS = 6.0
-"""… and against a part of another weight, held in certain moves."""
+"""Natural logarithm of the odds against a part of another weight, held in certain moves …"""
+FAULT_ODDS, USUAL_RATE = 7.0, 1e-4
+"""… and against any one fault in a cycle, where false alarms are accepted in such a share of healthy intervals."""
 MOST_FAULTS = 2
-ROUNDS = 3
-EFFECT_DOUBT = 0.03
-COPPER_DOUBT = 0.15
-"""Shares of a fault's power, and of its copper loss, by which the model may misjudge it (one sigma)."""
-SHORTLIST = 3
-"""So many readings of the part are tried together with faults."""
+SHORTLIST = 4
+"""So many sets that look best along a line are weighed in full, and readings of the part tried beside faults."""
+POOL = 10
+"""So many faults that look best alone are tried in pairs."""
+ALIKE = 5.0
+"""What nothing explains stays alike for so many samples: its variance counts so many times."""
 
 
 @dataclass(frozen=True)
 class Answer:
     """The best explanation in one reading.
 
-    ``effects`` with their ``sizes``; ``score``, its log odds up to a constant of the cycle; ``rivals`` one a fault
-    among the effects: log odds of each joint (0-based) in its place, and of none (-1); ``misfit`` what is left
-    unexplained, as variance relative to the noise's.
+    ``effects`` with their ``sizes`` and ``watts`` (N,) each; ``likelihood`` its log, up to a constant of the cycle,
+    ``odds`` the log odds against it before the data; ``rivals`` one a fault among the effects: (likelihood, odds) of
+    each joint (0-based) in its place, and of none (-1); ``misfit`` what is left unexplained, as variance relative to
+    the noise's.
     """
 
     reading: Reading
     effects: tuple[Effect, ...]
     sizes: tuple[Float, ...]
-    score: float
-    rivals: tuple[dict[int, float], ...]
+    watts: tuple[Float, ...]
+    likelihood: float
+    odds: float
+    rivals: tuple[dict[int, tuple[float, float]], ...]
     misfit: float
 
+    def score(self, temper: float) -> float:
+        """Log odds up to a constant of the cycle, of evidence that counts 1/``temper``."""
+        return self.likelihood / temper - self.odds
 
-def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float) -> Answer:
-    """Explain what is left in one reading; ``inside`` (N, M + 1) says after which moves' starts each sample lies.
 
-    Copper loss grows with the square of torque: what an effect adds by it is taken off, and all is fitted again.
+def temper_of(misfit: float) -> float:
+    """By how much evidence is weaker than it looks, where ``misfit`` is left: the model's errors are no noise."""
+    return 1.0 + ALIKE * max(0.0, misfit - 1.0)
+
+
+def odds_of(rate: float) -> float:
+    """Log odds against a fault where false alarms are accepted in a share ``rate`` of healthy intervals.
+
+    The mean of a likelihood ratio is 1 where there is no fault, so that one of e^x comes by chance in a share e^-x of
+    all cases at most: odds go with the logarithm of the share.
     """
+    return FAULT_ODDS + math.log(USUAL_RATE / rate)
+
+
+def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float, fault_odds: float = FAULT_ODDS) -> Answer:
+    """Explain what is left in one reading; ``inside`` (N, M + 1) says after which moves' starts each sample lies."""
     effects = [
         e for j in range(arm.body.joints) if j not in reading.stopped for e in joint_effects(arm, reading.load, j)
     ]
     effects += part_effects(arm, reading.load, inside)
     shared = [samples.harmless, reading.doubt, WARM * warm_up(arm.parameters, reading.load)[:, None]]
-    answer = _linear(effects, reading, reading.residual, samples.sigma, np.column_stack(shared))
-    for _ in range(ROUNDS):
-        square, doubt = _squared(arm.parameters, answer)
-        if not doubt.size:
-            break
-        harmless = np.column_stack([*shared, doubt])
-        answer = _linear(effects, reading, reading.residual - square, samples.sigma, harmless)
-    return answer
-
-
-def _linear(effects: Sequence[Effect], reading: Reading, residual: Float, sigma: Float, harmless: Float) -> Answer:
-    """The best set of effects for a residual (N,)."""
-    products = gram(residual, np.column_stack([effect.columns for effect in effects]), sigma, harmless)
-    search = _Search(effects, products, MOST_FAULTS - len(reading.stopped))
+    white = whitener(samples.sigma, np.column_stack(shared))
+    search = _Search(arm, reading, white, effects, MOST_FAULTS - len(reading.stopped), fault_odds)
     best: tuple[int, ...] = ()
     while (better := search.extended(best)) is not None:
-        best = better
-    cuts: list[int] = np.cumsum([effects[k].columns.shape[1] for k in best])[:-1].tolist()
+        best = search.settled(better)
+    found = search.weighed(best)
+    chosen = tuple(effects[k] for k in best)
     return Answer(
         reading=reading,
-        effects=tuple(effects[k] for k in best),
-        sizes=tuple(np.split(search.fit(best).sizes, cuts)) if best else (),
-        score=search.score(best) + _likelihood(products, sigma, harmless),
+        effects=chosen,
+        sizes=found.sizes,
+        watts=tuple(
+            bend(arm.parameters, reading.load, (e,), (s,)).power for e, s in zip(chosen, found.sizes, strict=True)
+        ),
+        likelihood=found.gain - 0.5 * float(search.residual @ search.residual) - 0.5 * white.log_det,
+        odds=search.odds(best),
         rivals=tuple(search.rivals(best, k) for k in best if not effects[k].harmless),
-        misfit=search.misfit(best) / max(1, len(residual)),
+        misfit=found.misfit / max(1, len(reading.residual)),
     )
 
 
-def _squared(parameters: Parameters, answer: Answer) -> tuple[Float, Float]:
-    """Power (N,) W of the squares of the answer's torques, and columns (N, k) of what the model may miss in it."""
-    load = answer.reading.load
-    square = np.zeros(len(load.power))
-    doubt = [np.empty((len(square), 0))]
-    for effect, sizes in zip(answer.effects, answer.sizes, strict=True):
-        watts = effect.columns @ sizes
-        if effect.joint is None or effect.torque is None:
-            continue
-        more = effect.torque @ sizes
-        copper = load.gain * parameters.copper[effect.joint]
-        square += copper * more**2
-        losses = copper * (2 * load.torque[:, effect.joint] + more) * more
-        doubt.append(np.column_stack([EFFECT_DOUBT * watts, COPPER_DOUBT * losses]))
-    return square, np.column_stack(doubt)
-
-
-def _likelihood(products: Gram, sigma: Float, harmless: Float) -> float:
-    """Log likelihood without any effect, up to a constant of the cycle."""
-    scaled = harmless / sigma[:, None]
-    return -0.5 * products.misfit - 0.5 * float(np.linalg.slogdet(np.eye(scaled.shape[1]) + scaled.T @ scaled)[1])
-
-
 class _Search:
-    """Sets of effects, as sorted indices, compared by evidence and prior odds; ``room`` for so many faults."""
+    """Sets of effects, as indices, compared by evidence and prior odds; ``room`` for so many faults."""
 
-    def __init__(self, effects: Sequence[Effect], products: Gram, room: int) -> None:
-        self.effects, self.products, self.room = effects, products, room
+    def __init__(
+        self, arm: Arm, reading: Reading, white: Whitener, effects: Sequence[Effect], room: int, fault_odds: float
+    ) -> None:
+        self.effects, self.room, self._white, self._fault_odds = effects, room, white, fault_odds
+        self._parameters, self._load = arm.parameters, reading.load
+        self.residual = white(reading.residual)
         ends = np.cumsum([e.columns.shape[1] for e in effects])
         self._columns = [np.arange(end - e.columns.shape[1], end) for e, end in zip(effects, ends, strict=True)]
+        self._straight = products(self.residual, white(np.column_stack([e.columns for e in effects])))
+        self._known: dict[tuple[int, ...], Weighed] = {}
+        self._lines: dict[tuple[int, ...], float] = {}
 
-    def fit(self, chosen: Sequence[int]) -> Fit:
-        """Evidence and sizes of a set."""
+    def weighed(self, chosen: tuple[int, ...]) -> Weighed:
+        """A set weighed with all that its torques do."""
         if not chosen:
-            return Fit(0.0, np.empty(0), np.empty(0))
-        return fit(self.products, np.concatenate([self._columns[k] for k in chosen]))
+            return Weighed(0.0, (), self._straight.misfit)
+        if chosen not in self._known:
+            effects = [self.effects[k] for k in chosen]
+            self._known[chosen] = weigh(self._parameters, self._load, self._white, self.residual, effects)
+        return self._known[chosen]
 
-    def misfit(self, chosen: Sequence[int]) -> float:
-        """Sum of squares, in standard deviations, that a set leaves."""
-        columns = np.concatenate([self._columns[k] for k in chosen]) if chosen else np.empty(0, np.intp)
-        sizes, inner = self.fit(chosen).sizes, self.products.inner[np.ix_(columns, columns)]
-        return self.products.misfit - float(2 * self.products.pull[columns] @ sizes - sizes @ inner @ sizes)
+    def odds(self, chosen: Iterable[int]) -> float:
+        """Log odds against a set before the data."""
+        return sum(PART_ODDS if self.effects[k].harmless else self._fault_odds for k in chosen)
 
-    def score(self, chosen: Sequence[int]) -> float:
-        """Log odds over no effect at all; minus infinity where a size has the wrong sign."""
-        found = self.fit(chosen)
-        begin = 0
-        for k in chosen:
-            width = len(self._columns[k])
-            if not self.effects[k].sensible(found.sizes[begin : begin + width]):
-                return -math.inf
-            begin += width
-        return found.gain - sum(PART_ODDS if self.effects[k].harmless else FAULT_ODDS for k in chosen)
+    def gain(self, chosen: tuple[int, ...]) -> float:
+        """Log evidence over no effect at all; minus infinity where a size has the wrong sign."""
+        found = self.weighed(chosen)
+        right = all(self.effects[k].sensible(size) for k, size in zip(chosen, found.sizes, strict=True))
+        return found.gain if right else -math.inf
 
-    def extended(self, best: Sequence[int]) -> tuple[int, ...] | None:
+    def extended(self, best: tuple[int, ...]) -> tuple[int, ...] | None:
         """The best set with one effect more, if it beats ``best``; of two, the first may be another than before."""
-        pool = range(len(self.effects)) if not best else self._shortlist(best)
-        sets = combinations(pool, len(best) + 1) if len(best) < 2 else [(*best, k) for k in pool if k not in best]
-        scored = [(self.score(chosen), chosen) for chosen in sets if self._allowed(chosen)]
-        top = max(scored, default=(-math.inf, ()))
-        return tuple(top[1]) if top[0] > self.score(best) else None
+        shortlist = self._singles() if not best else self._longer(best)
+        top = max(shortlist, key=lambda chosen: self.gain(chosen) - self.odds(chosen), default=None)
+        if top is None:
+            return None
+        temper = temper_of(self.weighed(top).misfit / len(self.residual))
+        gained = (self.gain(top) - self.gain(best)) / temper - self.odds(top) + self.odds(best)
+        return top if gained > 0.0 else None
 
-    def rivals(self, best: Sequence[int], blamed: int) -> dict[int, float]:
-        """Log odds of each joint in the place of one effect of ``best``; of none under -1."""
-        others = [k for k in best if k != blamed]
-        out = {-1: self.score(others)}
-        for k, effect in enumerate(self.effects):
-            if effect.joint is not None and self._allowed((*others, k)):
-                out[effect.joint] = max(out.get(effect.joint, -math.inf), self.score([*others, k]))
+    def settled(self, best: tuple[int, ...]) -> tuple[int, ...]:
+        """A set with each effect of a joint replaced by what does better in its place."""
+        for _ in range(MOST_FAULTS):
+            places = [k for k in best if not self.effects[k].harmless]
+            sets = {s for k in places for s in self._in_place(best, k)} | {best}
+            top = max(sorted(sets), key=lambda chosen: self.gain(chosen) - self.odds(chosen))
+            if top == best:
+                break
+            best = top
+        return best
+
+    def rivals(self, best: tuple[int, ...], blamed: int) -> dict[int, tuple[float, float]]:
+        """Gain and odds of each joint in the place of one effect of ``best``; of none under -1."""
+        others = tuple(k for k in best if k != blamed)
+        out = {-1: (self.gain(others), self.odds(others))}
+        for chosen, k in self._in_place(best, blamed).items():
+            joint, gain = self.effects[k].joint, self.gain(chosen)
+            if joint is not None and gain > out.get(joint, (-math.inf, 0.0))[0]:
+                out[joint] = (gain, self.odds(chosen))
         return out
 
-    def _allowed(self, chosen: Sequence[int]) -> bool:
+    def _in_place(self, best: tuple[int, ...], blamed: int) -> dict[tuple[int, ...], int]:
+        """Sets with a fault in the place of another, and that fault."""
+        others = tuple(k for k in best if k != blamed)
+        faults = (k for k, effect in enumerate(self.effects) if not effect.harmless and k not in others)
+        sets = {tuple(sorted((*others, k))): k for k in faults}
+        return {chosen: k for chosen, k in sets.items() if self._allowed(chosen)}
+
+    def _singles(self) -> list[tuple[int, ...]]:
+        """Single effects worth weighing: none where no line explains anything."""
+        gains = {k: self._line((k,)) - self.odds((k,)) for k in range(len(self.effects)) if self._allowed((k,))}
+        ranked = sorted(gains, key=lambda k: gains[k], reverse=True)
+        if not ranked or gains[ranked[0]] < 0.0:
+            return []
+        parts = [k for k in ranked if self.effects[k].harmless][:SHORTLIST]
+        return [(k,) for k in ranked if not self.effects[k].harmless or k in parts]
+
+    def _longer(self, best: tuple[int, ...]) -> list[tuple[int, ...]]:
+        """Sets of one effect more that look best: along the slope at ``best``, and pairs along that of no fault."""
+        extended = {tuple(sorted((*best, k))): k for k in range(len(self.effects)) if k not in best}
+        extended = {chosen: k for chosen, k in extended.items() if self._allowed(chosen)}
+        gains = dict(zip(extended, self._beside(best, list(extended.values())), strict=True))
+        out = sorted(gains, key=lambda chosen: gains[chosen] - self.odds(chosen), reverse=True)[:SHORTLIST]
+        if len(best) == 1:
+            pairs = [pair for pair in combinations(self._pool(best), 2) if self._allowed(pair) and pair not in out]
+            out += sorted(pairs, key=lambda pair: self._line(pair) - self.odds(pair), reverse=True)[:SHORTLIST]
+        return out
+
+    def _beside(self, best: tuple[int, ...], more: Sequence[int]) -> list[float]:
+        """What each effect more gains beside ``best``, along the slope of power at its sizes."""
+        found = self.weighed(best)
+        effects = [self.effects[k] for k in (*best, *more)]
+        none = [np.zeros(effect.columns.shape[1]) for effect in effects[len(best) :]]
+        bent = bend(self._parameters, self._load, effects, (*found.sizes, *none))
+        widths = [effect.columns.shape[1] for effect in effects]
+        cuts = np.cumsum(widths)
+        own = np.concatenate([np.arange(cuts[len(best) - 1]), cuts[-1] + np.arange(bent.doubt.shape[1])])
+        columns = self._white(np.column_stack([bent.slope, bent.doubt]))
+        flat = self.residual - self._white(bent.power) + columns[:, : cuts[len(best) - 1]] @ np.concatenate(found.sizes)
+        gram = products(flat, columns)
+        alone = fit(gram, own).gain
+        ends = zip(cuts[len(best) - 1 : -1], cuts[len(best) :], strict=True)
+        return [fit(gram, np.concatenate([own, np.arange(a, b)])).gain - alone for a, b in ends]
+
+    def _line(self, chosen: tuple[int, ...]) -> float:
+        """Log evidence along the slope of power without any fault."""
+        if chosen not in self._lines:
+            self._lines[chosen] = self._drawn(chosen)
+        return self._lines[chosen]
+
+    def _drawn(self, chosen: tuple[int, ...]) -> float:
+        found = fit(self._straight, np.concatenate([self._columns[k] for k in chosen]))
+        begin = 0
+        for k in chosen:
+            if not self.effects[k].sensible(found.sizes[begin : begin + len(self._columns[k])]):
+                return -math.inf
+            begin += len(self._columns[k])
+        return found.gain
+
+    def _allowed(self, chosen: tuple[int, ...]) -> bool:
         joints = [j for k in chosen if (j := self.effects[k].joint) is not None]
         parts = len(chosen) - len(joints)
         return len(joints) <= self.room and len(set(joints)) == len(joints) and parts <= 1
 
-    def _shortlist(self, best: Sequence[int]) -> list[int]:
-        """All faults, and the readings of the part that do best beside the faults already chosen."""
-        faults = [k for k in best if not self.effects[k].harmless]
-        parts = [k for k, effect in enumerate(self.effects) if effect.harmless]
-        parts.sort(key=lambda k: self.fit([*faults, k]).gain, reverse=True)
-        return sorted({*(k for k, e in enumerate(self.effects) if not e.harmless), *parts[:SHORTLIST], *best})
+    def _pool(self, best: Sequence[int]) -> list[int]:
+        """The faults, and the readings of the part, that do best alone."""
+        ranked = sorted(range(len(self.effects)), key=lambda k: self._line((k,)), reverse=True)
+        faults = [k for k in ranked if not self.effects[k].harmless][:POOL]
+        parts = [k for k in ranked if self.effects[k].harmless][:SHORTLIST]
+        return sorted({*faults, *parts, *best})

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
-from cellwatt_plugins.faults.cycles.match import Match, find_cycles
+from cellwatt_plugins.faults.cycles.match import WAY, Match, find_cycles
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
+from cellwatt_plugins.faults.cycles.readings import STOPPED
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
 from cellwatt_plugins.faults.cycles.strangers import new_tasks
@@ -30,17 +31,23 @@ SHARE = 0.1
 
 MEASURED = 0.8
 """Share of a cycle's power that must have been measured."""
+STRANGE = "a task that is not in the reference: learn it from healthy cycles"
 NOT_JUDGED = "not judged: power is missing in more than a fifth of the cycle"
+KIND_CERTAIN = 0.95
+"""Probability below which a joint off its path may be of either kind."""
 CERTAIN = 0.999
 """Probability of a fault from which it is told before its cycle is over."""
-UNEXPLAINED = 1.5
+COMPANY = 2
+"""Joints on their path by which a cycle is known of which little more has been seen."""
+UNEXPLAINED = 3.0
 """Variance left, relative to the noise's, from which the explanation of a cycle under way is not the right one yet."""
 
 
 @dataclass(frozen=True)
 class FaultFinding:
     """A faulty ``joint`` (from 1): the ``intervals`` (moves of the task, from 1) in which it shows, ``size_watt`` at
-    most, ``alternatives`` that explain the power nearly as well."""
+    most, ``alternatives`` that explain the power nearly as well; ``or_kind`` where power is too little to tell the
+    kind."""
 
     joint: int
     kind: Kind
@@ -49,6 +56,7 @@ class FaultFinding:
     confidence: float
     alternatives: tuple[int, ...]
     statement: str
+    or_kind: Kind | None = None
 
 
 @dataclass(frozen=True)
@@ -76,8 +84,7 @@ def judge_recording(recording: Recording, known: Known) -> list[CycleFinding]:
 def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
     """What is said of a cycle of a task that is not known."""
     start, end = float(recording.time[runs[0].first]), float(recording.time[runs[-1].last])
-    note = "a task that is not in the reference: learn it from healthy cycles"
-    return CycleFinding(start, end, "new", None, "new_task", note, ())
+    return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
 
 
 def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFinding:
@@ -91,8 +98,8 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     end = pattern.moves[last][1]
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), end)
-    verdict = examine(recording, match, pattern, known.arm, end + MARGIN)
-    if verdict.misfit > UNEXPLAINED:
+    verdict = examine(recording, match, known, end + MARGIN)
+    if verdict.misfit > UNEXPLAINED or _may_be_new(match, pattern, verdict, last):
         return _finding(match, pattern, "", (), end)
     blames = tuple(blame for blame in verdict.blames if blame.certainty >= CERTAIN)
     encoders = {joint: sure for joint, sure in verdict.encoders.items() if sure >= CERTAIN}
@@ -100,12 +107,26 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     return _finding(match, pattern, "", _faults(recording, match, pattern, certain), end)
 
 
+def _may_be_new(match: Match, pattern: Pattern, verdict: Verdict, last: int) -> bool:
+    """Whether this may be a new task that begins like a known one.
+
+    Where power cannot tell, as of a joint that stands still, several others that go exactly where they should can.
+    """
+    others = np.delete(pattern.ways[: last + 1].max(axis=0), match.odd)
+    alone = int(np.sum(others > WAY)) < COMPANY
+    stands = any(joint not in verdict.encoders for joint in match.odd)
+    return verdict.foreign > 1.0 - CERTAIN or (match.doubtful and stands and alone)
+
+
 def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFinding:
     """What is said of one known cycle."""
     pattern = known.patterns[match.pattern]
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), pattern.moves[-1][1])
-    verdict = examine(recording, match, pattern, known.arm)
+    verdict = examine(recording, match, known)
+    if verdict.foreign > 0.5:
+        start, end = match.warp.to_recording(np.array([pattern.moves[0][0], pattern.moves[-1][1]])).tolist()
+        return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
     faults = _faults(recording, match, pattern, verdict)
     return _finding(match, pattern, note_on(match, verdict), faults, pattern.moves[-1][1])
 
@@ -137,6 +158,8 @@ def _faults(recording: Recording, match: Match, pattern: Pattern, verdict: Verdi
             moves |= _shows(pattern, gone, deviation, OFF)
         watts = 0.0 if blame is None else float(np.abs(blame.watts).max())
         confidence = min(c for c in (encoder, blame.confidence if blame else None) if c is not None)
+        stands = encoder if encoder is not None else blame.confidence if blame and blame.what in STOPPED else 1.0
+        other: Kind | None = None if stands >= KIND_CERTAIN else "encoder" if encoder is None else "joint"
         out.append(
             FaultFinding(
                 joint=joint + 1,
@@ -145,7 +168,8 @@ def _faults(recording: Recording, match: Match, pattern: Pattern, verdict: Verdi
                 size_watt=round(watts, 1),
                 confidence=round(confidence, 4),
                 alternatives=tuple(j + 1 for j in blame.alternatives) if blame else (),
-                statement=statement_on(joint, kind, blame, float(deviation.max()), sorted(moves)),
+                statement=statement_on(joint, kind, blame, float(deviation.max()), sorted(moves), other),
+                or_kind=other,
             )
         )
     return tuple(out)

@@ -18,10 +18,14 @@ from cellwatt_plugins.robot import RigidBody, RobotDescription
 
 @dataclass(frozen=True)
 class Known:
-    """The arm with parameters as its power has them, and a pattern for each task and speed."""
+    """The arm with parameters as its power has them, and a pattern for each task and speed.
+
+    ``false_alarms`` is the share of healthy intervals in which one is accepted.
+    """
 
     arm: Arm
     patterns: tuple[Pattern, ...]
+    false_alarms: float = 1e-4
 
 
 def body_of(robot: RobotDescription) -> RigidBody:

@@ -14,6 +14,10 @@ from cellwatt_plugins.robot.law import SIGN_WIDTH
 
 Float = NDArray[np.float64]
 
+STRIBECK, SLOW = 0.2, 0.08
+BY_LOAD = 0.1
+"""Shares of friction that may be there only below a speed, rad/s, or only under load (one sigma)."""
+
 
 @dataclass(frozen=True)
 class Load:
@@ -60,3 +64,10 @@ def motor_alone(parameters: Parameters, motion: Motion, joint: int) -> tuple[Flo
     """
     qd = motion.qd[:, joint]
     return qd * friction(parameters, motion.qd)[:, joint], qd * motion.qdd[:, joint] * parameters.rotor[joint]
+
+
+def unsure_friction(load: Load, joint: int, rubbing: Float) -> Float:
+    """Torques (N, 2) Nm that friction ``rubbing`` (N,) may have more at low speed and under load (one sigma)."""
+    speed, torque = load.motion.qd[:, joint], np.abs(load.torque[:, joint])
+    slow, strong = np.exp(-((speed / SLOW) ** 2)), torque / max(float(torque.max()), 1e-9)
+    return np.column_stack([STRIBECK * slow, BY_LOAD * strong]) * rubbing[:, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -27,9 +27,16 @@ MOST_ODD = 2
 FEWEST_SEEN = 0.5
 """Share of a cycle's moves that must be seen."""
 FEWEST_BEGUN = 1
-"""Moves of a cycle under way that must be seen, and one more for each joint off its path."""
+"""Moves of a cycle under way that must be seen, and one more for each joint off its path: with one less it may as well
+be another task, which only power can tell."""
+ALIKE = 0.05
+"""An encoder that is off goes the same share of its healthy way in every move, but for this …"""
+LEAST_SHARE, MOST_SHARE = 0.5, 1.6
+"""… and that share is between these."""
 EVEN = 0.03
 """A move that the pattern's timing misses by more than this, s, was interrupted."""
+EVEN_ALONE = 0.01
+"""The same, where only joints off their path show the move: then it is not timed."""
 SLOWEST, FASTEST = 0.2, 2.5
 """Pace relative to the pattern within which a move is that of the pattern."""
 
@@ -37,7 +44,10 @@ SLOWEST, FASTEST = 0.2, 2.5
 @dataclass(frozen=True)
 class Match:
     """A known cycle: ``pattern`` index, runs ``first`` to ``last`` (index), ``odd`` joints (0-based) off their path,
-    ``warp`` to the pattern, moves that are ``unseen`` or ``broken`` by a stop, ``pace`` relative to the pattern."""
+    ``warp`` to the pattern, moves that are ``unseen`` or ``broken`` by a stop, ``pace`` relative to the pattern.
+
+    A ``doubtful`` one has shown so little that it may as well be the beginning of another task.
+    """
 
     pattern: int
     first: int
@@ -47,14 +57,19 @@ class Match:
     unseen: tuple[int, ...]
     broken: tuple[int, ...]
     pace: float
+    doubtful: bool
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """A move of the pattern and the runs (first, last index) that make it; None where none is seen."""
+    """A move of the pattern and the runs (first, last index) that make it; None where none is seen.
+
+    Its time is told by ``joints`` (0-based): those on their path, or the others where only those move.
+    """
 
     move: int
     runs: tuple[int, int] | None
+    joints: tuple[int, ...]
 
 
 def find_cycles(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pattern]) -> list[Match]:
@@ -80,9 +95,7 @@ def begun_cycle(recording: Recording, runs: Sequence[Run], patterns: Sequence[Pa
     recording = replace(recording, position=without_jumps(recording.position))
     for number in range(MOST_ODD + 1):
         for at in range(len(runs)):
-            options = _options(recording, runs, patterns, at, number, whole=False)
-            options = [match for match in options if match.last == len(runs) - 1]
-            if options:
+            if options := _options(recording, runs, patterns, at, number, whole=False):
                 one_task = len({patterns[match.pattern].task for match in options}) == 1
                 return _best(options) if one_task else None
     return None
@@ -111,9 +124,16 @@ def _options(
         for more in combinations(others, number - len(far)) if len(far) <= number else ():
             odd = tuple(sorted((*far, *more)))
             steps = _walk(runs, pattern, at, odd, whole=whole)
-            match = None if steps is None else _timed(recording, runs, pattern, index, steps, odd)
+            if steps is None or not (whole or _reach(steps, len(runs) - 1)):
+                continue
+            match = _timed(recording, runs, pattern, index, steps, odd)
             out += [] if match is None else [match]
     return out
+
+
+def _reach(steps: Sequence[_Step], last: int) -> bool:
+    """Whether the last move that is seen is that of run ``last``."""
+    return any(step.runs is not None and step.runs[1] == last for step in steps)
 
 
 def _far(run: Run, pattern: Pattern) -> list[int]:
@@ -129,26 +149,56 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
     Where no ``whole`` cycle is wanted, as far as runs go.
     """
     keep = np.array([j for j in range(len(pattern.repeat)) if j not in odd])
+    on_path = tuple(keep.tolist())
     limit = np.maximum(POSE, REPEAT * pattern.repeat)[keep]
     before, after = pattern.poses[0][:, keep], pattern.poses[1][:, keep]
     shown: list[bool] = np.any(pattern.ways[:, keep] > WAY, axis=1).tolist()
     steps: list[_Step] = []
+    shares: dict[int, list[float]] = {joint: [] for joint in odd}
     for move in range(len(shown)):
         if at == len(runs) and not whole:
             break
         begins = at < len(runs) and _is(runs[at].before[keep], before[move], limit)
         still = begins and _is(runs[at].before[keep], runs[at].after[keep], limit)
         if not shown[move]:
-            steps.append(_Step(move, None))
-            at += still
+            alone = _alone(runs[at], pattern, move, shares) if still else ()
+            steps.append(_Step(move, (at, at) if alone else None, alone))
+            at += still and _stirs(runs[at], pattern, move, odd)
             continue
         end = _end(runs, at, keep, after[move], limit)
         if not begins or still or end is None:
             return None
-        steps.append(_Step(move, (at, end)))
+        steps.append(_Step(move, (at, end), on_path))
         at = end + 1
-    fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN + len(odd)
+    steps = _without(steps, {joint for joint, of in shares.items() if of and max(of) - min(of) > ALIKE})
+    fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN + max(0, len(odd) - 1)
     return steps if sum(s.runs is not None for s in steps) >= fewest else None
+
+
+def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
+    """Steps that ``joints`` do not time; none is seen that only they showed."""
+    left = [(step, tuple(joint for joint in step.joints if joint not in joints)) for step in steps]
+    return [replace(step, runs=step.runs if rest else None, joints=rest) for step, rest in left]
+
+
+def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:
+    """Whether a run moves a joint off its path that this move should; else it is a later move's."""
+    due = pattern.ways[move, list(odd)] > WAY
+    return bool(np.any((np.abs(run.after - run.before)[list(odd)] > POSE) & due))
+
+
+def _alone(run: Run, pattern: Pattern, move: int, shares: Mapping[int, list[float]]) -> tuple[int, ...]:
+    """Joints off their path that show a move nobody else makes; ``shares`` of their healthy ways are added to."""
+    there = pattern.poses[1][move] - pattern.poses[0][move]
+    out = []
+    for joint, of in shares.items():
+        if abs(there[joint]) <= WAY:
+            continue
+        share = float((run.after[joint] - run.before[joint]) / there[joint])
+        if LEAST_SHARE < share < MOST_SHARE:
+            of.append(share)
+            out.append(joint)
+    return tuple(out)
 
 
 def _end(runs: Sequence[Run], at: int, keep: NDArray[np.intp], after: Float, limit: Float) -> int | None:
@@ -170,34 +220,35 @@ def _timed(
     recording: Recording, runs: Sequence[Run], pattern: Pattern, index: int, steps: Sequence[_Step], odd: Sequence[int]
 ) -> Match | None:
     """The match with its time map; None where its pace is not that of one task."""
-    joints = [j for j in range(recording.joints) if j not in odd]
     timings: list[tuple[int, Timing]] = []
-    broken = []
-    for move, (first, last) in _seen(steps):
-        found = timing(pattern, move, recording, (runs[first].first, runs[last].last), joints)
-        timings.append((move, found))
+    broken: list[int] = []
+    unseen = [step.move for step in steps if step.runs is None]
+    for step in steps:
+        if step.runs is None:
+            continue
+        first, last = step.runs
+        found = timing(pattern, step.move, recording, (runs[first].first, runs[last].last), step.joints)
+        if found.error > EVEN_ALONE and set(step.joints) <= set(odd):
+            unseen.append(step.move)
+            continue
+        timings.append((step.move, found))
         if last > first or found.error > EVEN:
-            broken.append(move)
+            broken.append(step.move)
     paces = [_length(pattern, m) / (t.end - t.start) for m, t in timings if m not in broken and t.end > t.start]
     if not paces or not all(SLOWEST < p < FASTEST for p in paces):
         return None
-    seen = [r for _, r in _seen(steps)]
+    seen = [step.runs for step in steps if step.runs is not None]
     return Match(
         pattern=index,
         first=seen[0][0],
         last=seen[-1][1],
         odd=tuple(odd),
         warp=warp_of(pattern, timings),
-        unseen=tuple(s.move for s in steps if s.runs is None),
+        unseen=tuple(unseen),
         broken=tuple(broken),
         pace=float(np.median(paces)),
+        doubtful=bool(odd) and len(seen) <= FEWEST_BEGUN + len(odd),
     )
-
-
-def _seen(steps: Sequence[_Step]) -> Iterator[tuple[int, tuple[int, int]]]:
-    for step in steps:
-        if step.runs is not None:
-            yield step.move, step.runs
 
 
 def _length(pattern: Pattern, move: int) -> float:

@@ -74,6 +74,18 @@ class Pattern:
         start, end = self.moves[move]
         return slice(max(0, round(start / self.step)), round(end / self.step) + 1)
 
+    def passing(self, move: int, joints: tuple[int, ...]) -> Float:
+        """When each of ``LEVELS`` of a move's way, as ``joints`` (0-based) go it, has been gone, s."""
+        if (move, joints) not in self._passings:
+            part = self.part(move)
+            way = _passing(self.time[part], self.position[part][:, list(joints)], self.step)
+            self._passings[move, joints] = way
+        return self._passings[move, joints]
+
+    @cached_property
+    def _passings(self) -> dict[tuple[int, tuple[int, ...]], Float]:
+        return {}
+
     def position_at(self, tau: Float) -> Float:
         """(k, n) rad at times tau (k,) s of the pattern."""
         return np.column_stack([np.interp(tau, self.time, column) for column in self.position.T])
@@ -114,11 +126,10 @@ class Timing:
 
 def timing(pattern: Pattern, move: int, recording: Recording, span: tuple[int, int], joints: Sequence[int]) -> Timing:
     """Lay a move of the pattern over samples ``span`` of the recording, by the way of ``joints`` (0-based)."""
-    part = pattern.part(move)
     margin = round(MARGIN / recording.step)
     seen = slice(max(0, span[0] - margin), span[1] + margin + 1)
     own = _passing(recording.time[seen], recording.position[seen][:, list(joints)], recording.step)
-    model = _passing(pattern.time[part], pattern.position[part][:, list(joints)], pattern.step)
+    model = pattern.passing(move, tuple(joints))
     middle = model - model.mean()
     slope = float(middle @ own / (middle @ middle))
     offset = float(own.mean() - slope * model.mean())

@@ -6,6 +6,7 @@ with the belt off the motor turns its own rotor and bearings.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -14,24 +15,34 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.cycles.arm import Motion
+from cellwatt_plugins.faults.cycles.arm import Motion, friction
 from cellwatt_plugins.faults.cycles.identify import Arm
-from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone
+from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone, unsure_friction
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.faults.cycles.samples import DOUBT, Samples
 
 Float = NDArray[np.float64]
 
-Cause = Literal["encoder", "drive_cut", "belt_off"]
+Cause = Literal["encoder", "drive_cut", "belt_off", "moved"]
+"""``moved``: it did as its encoder shows, so this is another task."""
+
+STOPPED: tuple[Cause, ...] = ("drive_cut", "belt_off")
 
 STILL = 0.1
 """A joint that covers less than this share of its healthy range stands still."""
-MODEL = 0.03
+MODEL = 0.05
 """Share of the missing power by which the model may be wrong beyond its parameters."""
 RUBBING, RUBBING_DOUBT = 0.5, 0.3
 """Share of a joint's friction that is on the motor's side of its belt."""
+SMOOTH = 0.12
+"""s over which a shown path is smoothed before its acceleration is taken."""
+LEAST_KNOWN = 1.5
+"""W by which the model may miss what a joint takes, however little it is (one sigma)."""
+OFFSET = math.radians(0.4)
+"""rad by which an encoder that is merely shifted may be off its shift."""
 TURNING_DOUBT = 0.5
 """Share of a rotor's power that may be seen of a motor without its belt."""
 
@@ -49,36 +60,93 @@ class Reading:
     @property
     def stopped(self) -> tuple[int, ...]:
         """Joints that stand still."""
-        return tuple(joint for joint, cause in self.causes if cause != "encoder")
+        return tuple(joint for joint, cause in self.causes if cause in STOPPED)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it means that this is another task."""
+        return any(cause == "moved" for _, cause in self.causes)
 
 
 def readings(recording: Recording, match: Match, pattern: Pattern, arm: Arm, samples: Samples) -> Iterator[Reading]:
-    """Every combination of causes."""
+    """Every combination of causes; and that all is well in another task, where a joint shows another way."""
     gone = pattern.time <= samples.tau[-1]
     options: list[list[tuple[int, Cause]]] = []
+    vague = [np.empty((len(samples.residual), 0))]
+    elsewhere: bool = False
     for joint in match.odd:
         shown = np.interp(samples.time, recording.time, recording.position[:, joint])
         options.append([(joint, "encoder")])
         if np.ptp(shown) < STILL * np.ptp(pattern.position[gone, joint]):
             options[-1] += [(joint, "drive_cut"), (joint, "belt_off")]
+            share = _load(recording, arm, samples, [(joint, "drive_cut")]).power - samples.healthy.power
+            vague.append(LEAST_KNOWN * share[:, None] / max(float(np.abs(share).max()), 1e-9))
+        else:
+            elsewhere = elsewhere or _goes_elsewhere(recording, match, pattern, joint, float(samples.tau[-1]))
     for causes in product(*options):
-        yield _reading(arm, samples, causes)
+        yield _reading(recording, arm, samples, causes, np.column_stack(vague))
+    if elsewhere:
+        yield _reading(recording, arm, samples, [(joint, "moved") for joint in match.odd], np.column_stack(vague))
 
 
-def _reading(arm: Arm, samples: Samples, causes: Sequence[tuple[int, Cause]]) -> Reading:
-    """What is left of the residual once joints stand where they were at the cycle's start."""
+def _reading(
+    recording: Recording, arm: Arm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
+) -> Reading:
+    """What is left of the residual once joints stand where they were at the cycle's start, or go where they show."""
     healthy = samples.healthy
-    stopped = [joint for joint, cause in causes if cause != "encoder"]
-    if not stopped:
-        return Reading(tuple(causes), healthy, samples.residual, np.empty((len(samples.residual), 0)))
-    q, qd, qdd = healthy.motion.q.copy(), healthy.motion.qd.copy(), healthy.motion.qdd.copy()
-    q[:, stopped], qd[:, stopped], qdd[:, stopped] = q[0, stopped], 0.0, 0.0
-    load = load_of(arm.body, arm.parameters, Motion(q, qd, qdd), dead=stopped)
+    if all(cause == "encoder" for _, cause in causes):
+        return Reading(tuple(causes), healthy, samples.residual, vague)
+    load = _load(recording, arm, samples, causes)
     change = load.power - healthy.power
-    doubt = [DOUBT * (load.slope(arm.parameters) - healthy.slope(arm.parameters)) @ arm.deviations]
+    doubt = [vague, DOUBT * (load.slope(arm.parameters) - healthy.slope(arm.parameters)) @ arm.deviations]
     for joint, cause in causes:
+        if cause in STOPPED:
+            lever = healthy.lever[:, [joint]]
+            doubt.append(lever * unsure_friction(healthy, joint, friction(arm.parameters, healthy.motion.qd)[:, joint]))
         if cause == "belt_off":
             rubbing, turning = motor_alone(arm.parameters, healthy.motion, joint)
             change = change + RUBBING * load.gain * rubbing
             doubt.append(load.gain[:, None] * np.column_stack([RUBBING_DOUBT * rubbing, TURNING_DOUBT * turning]))
     return Reading(tuple(causes), load, samples.residual - change, np.column_stack([*doubt, MODEL * change]))
+
+
+def _load(recording: Recording, arm: Arm, samples: Samples, causes: Sequence[tuple[int, Cause]]) -> Load:
+    """The load of the arm while joints stand or go as the causes say."""
+    healthy = samples.healthy
+    stopped = [joint for joint, cause in causes if cause in STOPPED]
+    q, qd, qdd = healthy.motion.q.copy(), healthy.motion.qd.copy(), healthy.motion.qdd.copy()
+    q[:, stopped], qd[:, stopped], qdd[:, stopped] = q[0, stopped], 0.0, 0.0
+    for joint, cause in causes:
+        if cause == "moved":
+            q[:, joint], qd[:, joint], qdd[:, joint] = _shown(recording, joint, samples.time)
+    return load_of(arm.body, arm.parameters, Motion(q, qd, qdd), dead=stopped)
+
+
+def _goes_elsewhere(recording: Recording, match: Match, pattern: Pattern, joint: int, until: float) -> bool:
+    """Whether an encoder shows other ways between rests than the healthy ones: not if it is merely shifted."""
+    edges = np.minimum([edge for move in pattern.moves if move[0] < until for edge in move], until)
+    when = match.warp.to_recording(edges)
+    rows = _rows(recording, when, 0)
+    path = without_jumps(recording.position[rows][:, [joint]])[:, 0]
+    off = np.interp(when, recording.time[rows], path) - pattern.position_at(edges)[:, joint]
+    return bool(np.ptp(off) > OFFSET)
+
+
+def _rows(recording: Recording, time: Float, margin: int) -> slice:
+    """The samples from the first to the last of some times, and ``margin`` on either side."""
+    first, last = np.searchsorted(recording.time, [time[0], time[-1]])
+    return slice(max(0, int(first) - margin), int(last) + margin + 1)
+
+
+def _shown(recording: Recording, joint: int, time: Float) -> tuple[Float, Float, Float]:
+    """Angle, speed and acceleration of an encoder at times (N,) s."""
+    margin = round(SMOOTH / recording.step)
+    rows = _rows(recording, time, 2 * margin)
+    kernel = np.hanning(margin + 3)[1:-1]
+    way = without_jumps(recording.position[rows][:, [joint]])[:, 0]
+    path = np.pad(way, (len(kernel) // 2, len(kernel) - 1 - len(kernel) // 2), mode="edge")
+    smooth = np.convolve(path, kernel / kernel.sum(), mode="valid")
+    speed = np.gradient(smooth, recording.step)
+    rates = (smooth, speed, np.gradient(speed, recording.step))
+    angle, velocity, acceleration = (np.interp(time, recording.time[rows], rate) for rate in rates)
+    return angle, velocity, acceleration

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,17 @@ Float = NDArray[np.float64]
 class CycleStage:
     """Whole cycles of one arm judged while frames of ``step`` ns come; ``path`` is the reference's file."""
 
-    def __init__(self, reference: Reference, path: Path, robot: Path, step: int, alarms: CycleAlarms) -> None:
-        """Raises ``ModelError`` where the reference has no cycles or is of another arm."""
+    def __init__(
+        self, reference: Reference, path: Path, robot: Path, step: int, alarms: CycleAlarms, false_alarms: float
+    ) -> None:
+        """``false_alarms``: share of healthy intervals in which one is accepted.
+
+        Raises ``ModelError`` where the reference has no cycles or is of another arm.
+        """
         if reference.power_model is None or not reference.cycles:
             raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
         known = restored(reference.power_model, reference.cycles, load_robot(robot))
-        self._watch = CycleWatch(known, step * 1e-9)
+        self._watch = CycleWatch(replace(known, false_alarms=false_alarms), step * 1e-9)
         self._alarms = alarms
         self._count = 0
         self._epoch: int | None = None

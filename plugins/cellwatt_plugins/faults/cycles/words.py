@@ -26,10 +26,14 @@ _WHAT = {
 }
 
 
-def statement_on(joint: int, kind: str, blame: Blame | None, deviation: float, moves: Sequence[int]) -> str:
+def statement_on(
+    joint: int, kind: str, blame: Blame | None, deviation: float, moves: Sequence[int], or_kind: str | None
+) -> str:
     """One sentence on a fault; ``joint`` 0-based, ``deviation`` rad of its encoder, ``moves`` from 1."""
     where = f" (interval{'s' * (len(moves) > 1)} {', '.join(map(str, moves))})" if moves else ""
     off = f"The encoder of joint {joint + 1} is off the path by up to {math.degrees(deviation):.1f}°"
+    if or_kind is not None:
+        return f"{off}{where}: its encoder is wrong or the joint stands still; it takes too little power to tell which."
     if blame is None:
         return f"{off}, while power is as in healthy cycles{where}."
     watts = max(blame.watts.max(), -blame.watts.min())

@@ -1,4 +1,4 @@
-"""BEVF, Bode equations vector fitting of a power pattern (seed 002, section III and Fig. 6).
+"""BEVF, Bode equations vector fitting of a power pattern (Sabry et al., section III and Fig. 6).
 
 Three steps. The input adaptor takes time as frequency, s = j t, and the pattern as the magnitude of a response; the
 phase that a stable response of least phase then has follows from Bode's relation of gain and phase. Vector fitting

@@ -1,4 +1,4 @@
-"""A cycle against its healthy reference as in seed 002: criteria (16), both rules, codes (20), and the isolation.
+"""A cycle against its healthy reference as in Sabry et al.: criteria (16), both rules, codes (20), and the isolation.
 
 Time is compared with time, interval by interval, with fixed tolerances: a cycle that runs at another speed is another
 cycle. That is the paper's method with its limits, and the measure for what goes beyond it.

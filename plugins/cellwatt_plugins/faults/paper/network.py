@@ -1,4 +1,4 @@
-"""The neural network that names the joint from the ternary codes of a task's intervals (seed 002, section V.D).
+"""The neural network that names the joint from the ternary codes of a task's intervals (Sabry et al., section V.D).
 
 As many inputs as intervals, three times as many hidden neurons, one output for each joint and one more for "free".
 It is trained by back-propagation on the columns of the task's fault table and on a column of zeros, and decides by

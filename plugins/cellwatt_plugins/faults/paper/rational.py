@@ -1,7 +1,7 @@
 """Relaxed vector fitting: a rational function through samples on the imaginary axis.
 
 Gustavsen and Semlyen, "Rational approximation of frequency domain responses by vector fitting" (IEEE Trans. Power
-Delivery 14, 1999; reference [27] of seed 002), with the relaxed scaling of Gustavsen, "Improving the pole relocating
+Delivery 14, 1999; [27] of Sabry et al.), with the relaxed scaling of Gustavsen, "Improving the pole relocating
 properties of vector fitting" (IEEE Trans. Power Delivery 21, 2006).
 """
 

@@ -1,4 +1,4 @@
-"""The fits that seed 002 compares with BEVF (Fig. 12): Gaussian 8, Fourier 8, sum of sines 8, polynomial 9.
+"""The fits that Sabry et al. compares with BEVF (Fig. 12): Gaussian 8, Fourier 8, sum of sines 8, polynomial 9.
 
 The orders are the largest of the paper's tool. Each is brought to its least squares from several starts and the best
 is taken, so that the comparison is with what these families can do, not with a poor start.

@@ -40,7 +40,7 @@ _WHAT = {
 
 
 class PaperFaultsSettings(StageSettings):
-    """Compares whole cycles with healthy ones by the clock, as seed 002 does: fixed tolerances, fault tables."""
+    """Compares whole cycles with healthy ones by the clock, as Sabry et al. does: fixed tolerances, fault tables."""
 
     reference: Path
     """File made by ``cellwatt reference``; relative to the cell's file."""

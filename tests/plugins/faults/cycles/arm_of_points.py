@@ -28,7 +28,18 @@ STANDBY = 100.0
 HOME_A, HOME_B = np.array([0.3, -0.4, 0.5, 0.2]), np.array([-0.5, 0.2, -0.3, -0.4])
 TASK_A = ({0: 0.9}, {1: 0.6, 2: -0.7}, {3: 1.1}, {0: -0.7, 2: 0.5}, {0: -0.2, 1: -0.6, 2: 0.2, 3: -1.1})
 TASK_B = ({1: -0.5, 3: 0.9}, {0: 0.8}, {2: 0.8, 3: -0.4}, {0: -0.8, 1: 0.5, 2: -0.8, 3: -0.5})
+TASK_D = ({0: 0.9}, {2: -0.7}, {0: -0.5, 2: 0.3}, {0: -0.4, 2: 0.4})
+TASK_D2 = ({0: 0.7}, {2: -0.8}, {0: -0.5, 2: 0.5}, {0: -0.2, 2: 0.3})
+TASK_E = ({0: 0.6}, {1: 0.6, 2: -0.7}, {3: 0.7}, {0: -0.5, 2: 0.5}, {0: -0.1, 1: -0.6, 2: 0.2, 3: -0.7})
 TASK_C = ({0: 0.5}, {2: 0.6, 3: 0.8}, {1: 0.4}, {0: -0.5, 1: -0.4}, {2: -0.6, 3: -0.8})
+TASKS = {
+    "A": (HOME_A, TASK_A),
+    "B": (HOME_B, TASK_B),
+    "C": (HOME_B, TASK_C),
+    "D": (HOME_A, TASK_D),
+    "D2": (HOME_A, TASK_D2),
+    "E": (HOME_A, TASK_E),
+}
 
 
 @dataclass(frozen=True)
@@ -43,8 +54,10 @@ class Fault:
 
 @dataclass(frozen=True)
 class Cycle:
-    """A run of task A, B or C (never learned): ``pause`` s after its second move, ``part`` kg more from the second to
-    the third, ``warmth`` share of friction more."""
+    """A run of task A, B or D (two joints only), or one never learned: C, D2 (moves D's joints) or E (begins as A).
+
+    ``pause`` s after its second move, ``part`` kg more from the second to the third, ``warmth`` share of friction more.
+    """
 
     task: str = "A"
     speed: float = 1.0
@@ -67,11 +80,10 @@ class Run:
 def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
     """The cycles one after the other, with a rest and where needed a move between them."""
     random = np.random.default_rng(seed)
-    homes = {"A": HOME_A, "B": HOME_B, "C": HOME_B}
-    out, here = Run(), homes[cycles[0].task]
+    out, here = Run(), TASKS[cycles[0].task][0]
     positions, powers = [np.repeat(here[None], 80, axis=0)], [np.full(80, at_rest(here))]
     for cycle in cycles:
-        home = homes[cycle.task]
+        home = TASKS[cycle.task][0]
         if not np.allclose(here, home):
             between = np.concatenate([move(here, home, 0.9), np.repeat(home[None], 40, axis=0)])
             positions.append(between)
@@ -95,9 +107,9 @@ def run(cycles: Sequence[Cycle], seed: int = 0, noise: float = 1.0) -> Run:
 
 def way(cycle: Cycle, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Path (N, 4) rad of a cycle, and which move runs or ran last (N,), -1 before the first."""
-    pose = HOME_A if cycle.task == "A" else HOME_B
+    pose, moves_ = TASKS[cycle.task]
     parts, moves = [np.repeat(pose[None], 10, axis=0)], [np.full(10, -1)]
-    for number, by in enumerate({"A": TASK_A, "B": TASK_B, "C": TASK_C}[cycle.task]):
+    for number, by in enumerate(moves_):
         target = pose + np.array([by.get(j, 0.0) for j in range(4)])
         seconds = (0.55 + 0.4 * np.abs(target - pose).max()) / cycle.speed
         rest = 0.3 / cycle.speed + 0.02 * random.standard_normal() + (cycle.pause if number == 1 else 0.0)

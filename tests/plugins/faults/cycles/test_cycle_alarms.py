@@ -47,6 +47,19 @@ def test_an_early_alarm_goes_where_the_whole_cycle_names_another(book):
     assert "explained otherwise" in whole[1].statement
 
 
+def test_an_early_fault_that_may_be_one_already_told_raises_nothing(book):
+    book.take(cycle(fault(2)), 1, EPOCH)
+    assert book.take_early(cycle(fault(3, 0.7, (2,)), end=3.0), EPOCH) == []
+    assert told(book.take_early(cycle(fault(3, 0.7, (4,)), end=3.0), EPOCH)) == [(3, True, "warning")]
+
+
+def test_a_kind_that_cannot_be_told_is_in_the_evidence(book):
+    (alarm,) = book.take(cycle(replace(fault(2), or_kind="encoder")), 1, EPOCH)
+    assert alarm.evidence["or_kind"] == "encoder"
+    (alarm,) = book.take(cycle(fault(2)), 2, EPOCH)
+    assert "or_kind" not in alarm.evidence
+
+
 def test_an_alarm_of_an_earlier_cycle_stays_until_it_has_been_calm(book):
     book.take_early(cycle(fault(2), end=3.0), EPOCH)
     book.take(cycle(fault(2)), 1, EPOCH)

@@ -56,6 +56,7 @@ def test_the_pair_of_commands(folder, tmp_path):
         "confidence",
         "alternatives",
         "statement",
+        "or_kind",
     }
     assert "2 cycles: 1 fault, 1 healthy" in result.output
 

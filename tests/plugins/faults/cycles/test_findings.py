@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.findings import judge_recording
+from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
 
@@ -43,6 +44,42 @@ def test_a_wrong_encoder_is_named(known, what, size, joint):
     (cycle,) = judged(known, Cycle("A", faults=(Fault(what, joint, size),)))
     assert named(cycle) == [(joint + 1, "encoder")]
     assert "power is as in healthy cycles" in cycle.faults[0].statement
+
+
+@pytest.mark.parametrize("what, size, joint", [("spring", 400.0, 0), ("spring", 300.0, 1), ("friction", 4.0, 2)])
+@pytest.mark.parametrize("task", ["A", "B"])
+def test_a_large_fault_is_not_shared_out_to_two_joints(known, what, size, joint, task):
+    (cycle,) = judged(known, Cycle(task, faults=(Fault(what, joint, size),)))
+    assert named(cycle) == [(joint + 1, "joint")]
+    assert cycle.faults[0].size_watt > 60
+
+
+@pytest.fixture(scope="module")
+def of_two_joints(robot):
+    """What is known of a cell with a task in which only joints 1 and 3 move."""
+    measured = run([Cycle(task) for task in "DBBDDBDBBD"], seed=3)
+    return learn_known(Recording(measured.time, measured.position, measured.power), robot)
+
+
+@pytest.mark.parametrize(
+    "first, second",
+    [
+        (Fault("encoder_offset", 0, 0.1), Fault("encoder_scale", 2, 0.15)),
+        (Fault("encoder_scale", 0, -0.2), Fault("encoder_offset", 2, -0.08)),
+        (Fault("encoder_offset", 0, -0.06), Fault("drive_cut", 2)),
+    ],
+)
+def test_a_task_is_known_though_every_joint_that_moves_is_faulty(of_two_joints, first, second):
+    measured = run([Cycle("B"), Cycle("D", faults=(first, second)), Cycle("B")], seed=22)
+    found = judge_recording(Recording(measured.time, measured.position, measured.power), of_two_joints)
+    assert [len(cycle.faults) for cycle in found] == [0, 2, 0]
+    assert named(found[1]) == [(1, "encoder"), (3, "joint" if second.what == "drive_cut" else "encoder")]
+
+
+def test_a_new_task_of_the_same_two_joints_is_new(of_two_joints):
+    measured = run([Cycle("B"), Cycle("D2"), Cycle("B")], seed=23)
+    found = judge_recording(Recording(measured.time, measured.position, measured.power), of_two_joints)
+    assert [cycle.status for cycle in found] == ["healthy", "new_task", "healthy"]
 
 
 def test_two_faults_at_once(known):

@@ -115,6 +115,22 @@ def test_a_wrong_encoder_is_told_while_the_cycle_runs(known):
     assert names([first.finding]) == [[(1, "encoder")]]
 
 
+@pytest.mark.parametrize(
+    "fault", [Fault("encoder_offset", 0, 0.05), Fault("encoder_scale", 0, 0.2), Fault("encoder_offset", 2, 0.05)]
+)
+def test_a_wrong_encoder_is_told_after_the_first_move_where_power_tells(known, fault):
+    measured = run([Cycle("B"), Cycle("A", faults=(fault,)), Cycle("A")], seed=16)
+    first = next(t for t in fed(known, measured) if t.finding.faults)
+    assert names([first.finding]) == [[(fault.joint + 1, "encoder")]]
+    assert first.finding.end < move_ends(measured, 1)[0] + 0.1
+
+
+def test_a_new_task_that_begins_like_a_known_one_has_no_faults(known):
+    told = fed(known, run([Cycle("A"), Cycle("E"), Cycle("B"), Cycle("E"), Cycle("A")], seed=19))
+    assert [t.finding for t in told if t.finding.faults] == []
+    assert [t.finding.status for t in told] == ["healthy", "new_task", "healthy", "new_task", "healthy"]
+
+
 def test_nothing_is_told_while_healthy_cycles_run(known):
     changes = [Cycle("A", 1.04), Cycle("B", pause=2.0), Cycle("B", 0.6, warmth=0.15), Cycle("A", part=0.6), Cycle("C")]
     assert [t.finding for t in fed(known, run(changes, seed=17)) if t.finding.faults] == []

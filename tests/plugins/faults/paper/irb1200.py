@@ -1,4 +1,4 @@
-"""A six-joint arm of the IRB 1200's size that runs the two tasks of seed 002: the truth of these tests.
+"""A six-joint arm of the IRB 1200's size that runs the two tasks of Sabry et al.: the truth of these tests.
 
 Which joints move in which interval is read from fault tables I and II as printed; ways, masses and losses are our
 own. Power is standby, the drives' own, torque times speed (a part of it is lost on the way back), and copper loss.

@@ -1,0 +1,106 @@
+"""The evidence of a few effects together, with what their torques do to power in full.
+
+Power is no line in a torque: copper loss grows with its square, and a supply that keeps what drives give back has a
+corner where they begin to. So power is taken along its slope at the sizes found, and the sizes are found again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.faults.cycles.arm import Parameters
+from cellwatt_plugins.faults.cycles.effects import Effect
+from cellwatt_plugins.faults.cycles.evidence import Whitener, fit, products
+from cellwatt_plugins.faults.cycles.load import Load, unsure_friction
+
+Float = NDArray[np.float64]
+
+ROUNDS = 5
+SETTLED = 0.02
+"""Sizes that change by less than this share are found."""
+EFFECT_DOUBT = 0.03
+COPPER_DOUBT = 0.15
+"""Shares of a fault's power, and of its copper loss, by which the model may misjudge it (one sigma)."""
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Effects together: ``gain`` log evidence over none, ``sizes`` of each, ``misfit`` the sum of squares, in standard
+    deviations, that they leave."""
+
+    gain: float
+    sizes: tuple[Float, ...]
+    misfit: float
+
+
+@dataclass(frozen=True)
+class Bent:
+    """Power (N,) W of effects at their sizes, its ``slope`` (N, k) W by the sizes, ``doubt`` (N, d) W of it."""
+
+    power: Float
+    slope: Float
+    doubt: Float
+
+
+def weigh(
+    parameters: Parameters,
+    load: Load,
+    white: Whitener,
+    residual: Float,
+    effects: Sequence[Effect],
+    rounds: int = ROUNDS,
+) -> Weighed:
+    """Fit effects to a white residual (N,), ``rounds`` times anew along the slope of power."""
+    widths = [effect.columns.shape[1] for effect in effects]
+    cuts: list[int] = np.cumsum(widths)[:-1].tolist()
+    sizes = tuple(np.zeros(width) for width in widths)
+    count = sum(widths)
+    gain = left = 0.0
+    for _ in range(rounds):
+        bent = bend(parameters, load, effects, sizes)
+        columns = white(np.column_stack([bent.slope, bent.doubt]))
+        flat = residual - white(bent.power) + columns[:, :count] @ np.concatenate(sizes)
+        found = fit(products(flat, columns), np.arange(columns.shape[1]))
+        gain = found.gain + 0.5 * float(residual @ residual - flat @ flat)
+        rest = flat - columns @ found.sizes
+        left = float(rest @ rest)
+        moved = float(np.abs(found.sizes[:count] - np.concatenate(sizes)).max())
+        sizes = tuple(np.split(found.sizes[:count], cuts))
+        if moved < SETTLED * float(np.abs(found.sizes[:count]).max()):
+            break
+    return Weighed(gain, sizes, left)
+
+
+def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: Sequence[Float]) -> Bent:
+    """Power of effects of these sizes, without drawing the line longer than it is."""
+    before = load.drives.sum(axis=1)
+    more, slopes, doubts = np.zeros(len(before)), [], [np.empty((len(before), 0))]
+    for effect, size in zip(effects, sizes, strict=True):
+        slope = effect.columns / load.gain[:, None]
+        more += slope @ size
+        if effect.joint is not None and effect.torque is not None:
+            extra, copper = effect.torque @ size, parameters.copper[effect.joint]
+            more += copper * extra**2
+            slope = slope + 2 * copper * extra[:, None] * effect.torque
+            if extra.any():
+                doubts.append(load.gain[:, None] * _doubt(load, effect.what, effect.joint, extra, copper))
+        slopes.append(slope)
+    after = before + more
+    gain = np.where(after > 0, parameters.drive, parameters.regenerate)
+    power = gain * after - load.gain * before
+    return Bent(power, gain[:, None] * np.column_stack(slopes), np.column_stack(doubts))
+
+
+def _doubt(load: Load, what: str, joint: int, extra: Float, copper: float) -> Float:
+    """Columns (N, d) W at the drives by which the power of a torque ``extra`` (N,) Nm may be misjudged."""
+    speed, torque = load.motion.qd[:, joint], load.torque[:, joint]
+    losses = copper * (2 * torque + extra) * extra
+    columns = [EFFECT_DOUBT * (speed * extra + losses), COPPER_DOUBT * losses]
+    if what == "friction":
+        lever = speed + 2 * copper * torque + copper * extra
+        columns += [*(lever[:, None] * unsure_friction(load, joint, extra)).T]
+    return np.column_stack(columns)

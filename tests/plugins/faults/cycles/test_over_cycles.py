@@ -1,0 +1,67 @@
+"""Faults that grow, and faults that come and go, over many cycles."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.cycles.live import CycleWatch
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, run
+
+EPOCH = 10**18
+JOINT = 1
+"""Grows …"""
+LONE = Cycle("A", faults=(Fault("friction", 0, 1.0),))
+"""… and comes and goes: its joint moves alone in the first move."""
+GROWN = 20
+
+
+@pytest.fixture(scope="module")
+def wear():
+    """Friction of a joint that grows from nothing to 80 % more within twenty cycles."""
+    return [Cycle("AB"[k % 2], faults=(Fault("friction", JOINT, 0.8 * k / (GROWN - 1)),)) for k in range(GROWN)]
+
+
+def told(known, cycles, clear=3):
+    """Alarms over all, with the number of the cycle that was over or under way."""
+    measured = run(cycles, seed=31)
+    watch, book = CycleWatch(known, 1 / RATE), CycleAlarms("faults", "arm", clear)
+    number, out = 0, []
+    for finding in [*watch.feed(measured.time, measured.position, measured.power), *watch.close()]:
+        if finding.over:
+            number += 1
+            out += [(number, alarm) for alarm in book.take(finding.finding, number, EPOCH)]
+        else:
+            out += [(number + 1, alarm) for alarm in book.take_early(finding.finding, EPOCH)]
+    assert number == len(cycles)
+    return out
+
+
+def test_a_fault_that_grows_is_told_once_and_stays(known, wear):
+    alarms = told(known, wear)
+    assert {(a.joint, a.id, a.active) for _, a in alarms} == {(2, "faults.arm.joint_2.joint_fault", True)}
+    assert len({a.since for _, a in alarms}) == 1
+    first = alarms[0][0]
+    assert 2 < first <= GROWN // 2  # not at once, and long before it is at its worst
+    assert {number for number, _ in alarms} == set(range(first, GROWN + 1))  # every cycle since renews it
+    sizes = {number: a.evidence["power_residual_W"] for number, a in alarms}
+    assert all(late > early for early, late in pairwise(sizes[n] for n in range(first, GROWN + 1, 2)))
+
+
+def test_a_fault_that_comes_and_goes_keeps_one_alarm(known):
+    there, calm = LONE, replace(LONE, faults=())
+    pattern = [there, calm, there, calm, calm, there, calm, calm, calm]
+    alarms = told(known, [calm, *pattern, calm])
+    assert {a.id for _, a in alarms} == {"faults.arm.joint_1.joint_fault"}
+    assert len({a.since for _, a in alarms}) == 1
+    assert {n for n, a in alarms if a.active} == {2, 4, 7}
+    assert [n for n, a in alarms if not a.active] == [10]  # three calm cycles in a row
+
+
+def test_a_fault_that_comes_back_after_it_was_cleared_is_told_anew_under_its_id(known):
+    there, calm = LONE, replace(LONE, faults=())
+    alarms = told(known, [there, calm, there], clear=1)
+    assert {a.id for _, a in alarms} == {"faults.arm.joint_1.joint_fault"}
+    assert [n for n, a in alarms if not a.active] == [2]
+    assert len({a.since for _, a in alarms if a.active}) == 2

@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.faults.cycles.arm import Motion, drive_power, supply_power
+from cellwatt_plugins.faults.cycles.effects import joint_effects
+from cellwatt_plugins.faults.cycles.evidence import whitener
+from cellwatt_plugins.faults.cycles.load import load_of
+from cellwatt_plugins.faults.cycles.weigh import bend, weigh
+
+
+@pytest.fixture(scope="module")
+def load(known):
+    pattern = known.patterns[0]
+    return load_of(known.arm.body, known.arm.parameters, Motion(pattern.position, *pattern.rates))
+
+
+def effect(known, load, what, joint):
+    return next(e for e in joint_effects(known.arm, load, joint) if e.what == what)
+
+
+def in_full(known, load, joint, extra):
+    """Power (N,) W that a torque (N,) more at a joint takes, by the whole equations."""
+    torque = load.torque.copy()
+    torque[:, joint] += extra
+    p = known.arm.parameters
+    return supply_power(p, drive_power(p, torque, load.motion.qd)) - load.power
+
+
+@pytest.mark.parametrize("what", ["friction", "spring"])
+@pytest.mark.parametrize("size", [0.1, 3.0])
+def test_power_of_a_torque_is_that_of_the_whole_equations(known, load, what, size):
+    it = effect(known, load, what, 0)
+    sizes = np.array([size, 0.5 * size])
+    bent = bend(known.arm.parameters, load, [it], [sizes])
+    expected = in_full(known, load, 0, it.torque @ sizes)
+    assert np.abs(expected).max() > 1.0
+    assert bent.power == pytest.approx(expected, abs=1e-6)
+    step = 1e-5 * np.array([1.0, 0.0])
+    more = bend(known.arm.parameters, load, [it], [sizes + step]).power
+    steady = np.sign(load.drives.sum(axis=1)) == np.sign(load.drives.sum(axis=1) + bent.power)
+    assert ((more - bent.power) / 1e-5)[steady] == pytest.approx(bent.slope[steady, 0], rel=1e-2, abs=1e-2)
+
+
+def test_the_size_of_a_large_fault_is_found(known, load):
+    """Along the slope of power without a fault it is far off."""
+    it = effect(known, load, "spring", 2)
+    truth = np.array([4.0, -1.0])
+    residual = in_full(known, load, 2, it.torque @ truth) + np.random.default_rng(2).normal(0.0, 1.0, len(load.power))
+    white = whitener(np.ones(len(residual)), np.empty((len(residual), 0)))
+    found = weigh(known.arm.parameters, load, white, white(residual), [it])
+    straight = weigh(known.arm.parameters, load, white, white(residual), [it], rounds=1)
+    assert found.sizes[0] == pytest.approx(truth, rel=0.03)
+    assert abs(straight.sizes[0][0] / truth[0] - 1.0) > 0.1
+    assert found.misfit < 1.3 * len(residual) < straight.misfit
+
+
+def test_what_is_white_has_the_covariance_taken_off():
+    random = np.random.default_rng(6)
+    noise, harmless = random.uniform(0.5, 2.0, 40), random.normal(size=(40, 5))
+    covariance = np.diag(noise**2) + harmless @ harmless.T
+    white = whitener(noise, harmless)
+    columns = random.normal(size=(40, 3))
+    assert white(columns).T @ white(columns) == pytest.approx(columns.T @ np.linalg.solve(covariance, columns))
+    assert white(columns[:, 0]) == pytest.approx(white(columns)[:, 0])
+    relative = np.linalg.slogdet(covariance)[1] - 2 * np.log(noise).sum()
+    assert white.log_det == pytest.approx(relative)
+
+
+def test_more_harmless_columns_than_samples_are_no_trouble():
+    random = np.random.default_rng(7)
+    noise, harmless = np.ones(6), random.normal(size=(6, 20))
+    white = whitener(noise, harmless)
+    y = random.normal(size=6)
+    assert white(y) @ white(y) == pytest.approx(y @ np.linalg.solve(np.eye(6) + harmless @ harmless.T, y))
