@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
 from cellwatt_plugins.mismatch.effects.time_delay import SHARE, shifted
 from cellwatt_plugins.mismatch.findings import Parameter
 from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
-APART = tuple(sign * s for s in (0.004, 0.01, 0.025, 0.06, 0.15) for sign in (1, -1))
-"""s by which the clocks have come apart at the end of the longest run: drifts that are tried."""
+APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
+"""s by which the clocks have come apart at the end of the longest run: drifts that are tried, so near to each other
+that one of them is within the scale that is believed."""
 
 
 class ClockDrift(Effect):

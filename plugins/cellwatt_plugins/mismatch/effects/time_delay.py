@@ -12,9 +12,8 @@ from cellwatt_plugins.mismatch.findings import Parameter
 from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
-DELAYS = tuple(sign * d for d in (0.002, 0.005, 0.01, 0.02, 0.03, 0.045, 0.07, 0.1) for sign in (1, -1))
-"""s."""
-
+DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
+"""s, so near to each other that one of them is within the scale that is believed."""
 
 SHARE = 0.5
 """Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
