@@ -77,9 +77,9 @@ class Problem:
         return np.split(stacked, ends)
 
     def every_sample(self, stacked: Float) -> list[Float]:
-        """Fitted rows back to all samples of each run, the rows between repeated."""
+        """Fitted rows (N, C) back to all samples of each run, interpolated between them."""
         parts = zip(self.split(stacked), self.target, strict=True)
-        return [np.repeat(part, self.thin, axis=0)[: len(whole)] for part, whole in parts]
+        return [_between(part, np.arange(len(whole)) / self.thin) for part, whole in parts]
 
     def block(self, term: Term) -> Block:
         """The columns of a term over all runs, with their prior."""
@@ -220,6 +220,13 @@ def thinning(target: Sequence[Float], runs: Sequence[Run]) -> int:
     """Every how many samples are fitted so that about ``ROWS`` are, at ``LEAST_RATE`` or more."""
     most = sum(len(part) for part in target) / ROWS
     return max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
+
+
+def _between(rows: Float, places: Float) -> Float:
+    """Rows (M, C) at ``places`` (N,) between them, counted in rows; the last is held."""
+    before = places.astype(np.intp)
+    share = (places - before)[:, None]
+    return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
 
 
 def _without_gaps(variance: Float, run: Run) -> Float:

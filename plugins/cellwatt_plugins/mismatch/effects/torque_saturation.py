@@ -15,6 +15,8 @@ BELOW = (0.0, 1.0, 2.0, 3.0)
 """Standard deviations below the greatest measured torque at which the limit is tried."""
 CLIPPED = 10
 """Samples that must be clipped."""
+AMONG = (10, 20, 40)
+"""Greatest asked torques over whose readings the limit is also tried: clipped ones all read about the same."""
 
 
 class TorqueSaturation(Effect):
@@ -34,6 +36,8 @@ class TorqueSaturation(Effect):
         asked = np.concatenate([np.abs(run.torque[:, joint]) for run in runs])
         spread = float(np.median(np.abs(np.concatenate([r[:, joint] for r in residual])))) / 0.6745
         levels = [float(np.max(read)) - below * spread for below in BELOW]
+        greatest = np.argsort(-asked)[: max(AMONG)]
+        levels += [float(np.median(read[greatest[:count]])) for count in AMONG]
         return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
