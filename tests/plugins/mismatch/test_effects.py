@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from cellwatt_plugins.mismatch.belief import OFF_SCALE
 from cellwatt_plugins.mismatch.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.mismatch.effects.effect import Estimate, said
 from cellwatt_plugins.mismatch.effects.presliding_hysteresis import dahl_state
@@ -292,6 +293,34 @@ def test_late_torque_is_that_of_the_motion_before(full_runs, name):
     inner = slice(20, None)
     difference = (before - run.torque)[inner]
     assert np.sqrt(np.mean((got[inner] - difference) ** 2)) < 0.1 * np.sqrt(np.mean(difference**2))
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("time_delay", 0.002, 0.1), ("clock_drift", 0.004, 0.15)])
+def test_what_is_tried_lies_so_near_that_none_is_missed_between(full_runs, name, least, most):
+    longest = max(run.time[-1] - run.time[0] for run in full_runs) if name == "clock_drift" else 1.0
+    tried = np.array([shape[0] * longest for shape in BY_NAME[name].shapes(full_runs, None, [])])
+    for true in np.geomspace(least, most, 100):
+        for sign in (1, -1):
+            # The scale is taken along a line; a large shift bends, so that there must be room.
+            assert np.min(np.abs(sign * true / tried - 1)) < 0.7 * OFF_SCALE
+
+
+def test_a_limit_is_tried_where_the_greatest_torques_read(full_runs):
+    """Narrow peaks, clipped, of which only every third sample was fitted."""
+    time = np.arange(6000) / 200
+    asked = np.zeros((6000, 2))
+    asked[:, JOINT] = 4 * np.sin(time) + 6 * np.exp(-(((time % 3.0) - 1.5) ** 2) / 2e-4)
+    clipped, fitted = np.clip(asked, -7.0, 7.0), np.arange(0, 6000, 3)
+    left = np.stack([np.interp(np.arange(6000), fitted, one) for one in (clipped - asked)[fitted].T], axis=1)
+    levels = [shape[0] for shape in BY_NAME["torque_saturation"].shapes([Asked(asked)], JOINT, [left])]
+    assert min(abs(level - 7.0) for level in levels) < 0.1
+
+
+@dataclass
+class Asked:
+    """All of a run that the search for a limit looks at."""
+
+    torque: np.ndarray
 
 
 def test_errors_of_the_measurement_see_the_torque(full_runs):

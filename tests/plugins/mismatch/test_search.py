@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,11 +19,11 @@ def arm(tmp_path_factory):
     return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
 
 
-def searched(arm, missing, names, seed=1, thresholds=None):
+def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
     runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
     states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
     return search(
-        lambda turning: torque_problem(runs, states, turning),
+        lambda turning: replace(torque_problem(runs, states, turning), thin=thin),
         plant.JOINTS,
         thresholds or Thresholds(),
         [BY_NAME[name] for name in names],
@@ -119,6 +121,33 @@ def test_a_delay_of_one_joint_alone_is_no_delay_of_the_recording(arm):
     assert searched(arm, plant.Missing(read=late), ("time_delay",)).terms == []
     (whole,) = searched(arm, plant.Missing(delay=4 / plant.RATE), ("time_delay",)).terms
     assert whole.shape[0] == pytest.approx(4 / plant.RATE, rel=0.05)
+
+
+@pytest.mark.parametrize("thin", [1, 2, 3])
+def test_what_is_fitted_is_known_between_the_fitted_samples(arm, thin):
+    run = plant.record("run_01", 1, plant.NOTHING)
+    states = States(run.name, 0, run.time, moved(run), *arm)
+    problem = replace(torque_problem([run], [states]), thin=thin)
+    slope = np.outer(run.time, 1.0 + np.arange(plant.JOINTS))
+    (back,) = problem.every_sample(problem.stack([slope]))
+    inner = slice(0, (len(run.time) - 1) // thin * thin + 1)
+    np.testing.assert_allclose(back[inner], slope[inner], atol=1e-9)
+    assert len(back) == len(run.time)
+
+
+@pytest.mark.parametrize("thin", [1, 2, 3])
+def test_a_clipped_torque_is_found_where_only_some_samples_are_fitted(arm, thin):
+    limit = 0.8 * np.max(np.abs(plant.record("run_01", 1, plant.NOTHING).torque[:, 1]))
+
+    def clipped(torque):
+        out = torque.copy()
+        out[:, 1] = np.clip(torque[:, 1], -limit, limit)
+        return out
+
+    found = searched(arm, plant.Missing(read=clipped), ("torque_saturation",), thin=thin)
+    (term,) = found.terms
+    assert term.place == ("torque_saturation", 1)
+    assert term.shape[0] == pytest.approx(limit, rel=0.03)
 
 
 def test_what_turns_over_at_random_is_not_half_an_offset(arm):
