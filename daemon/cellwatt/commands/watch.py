@@ -18,9 +18,8 @@ from cellwatt.batch import Batch
 from cellwatt.commands.live_power import LivePower, power_of_frames
 from cellwatt.commands.live_view import LiveCell
 from cellwatt.config import load
-from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames
-from cellwatt.publish import ZenohSettings
+from cellwatt.publish.reach import link_to
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Message, Subscriber
 
 QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
@@ -66,15 +65,7 @@ def _target(
             raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
         return site, cell, LinkSettings(mode="client", connect=(connect,))
     config = load(file)
-    zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
-    endpoints = (*zenoh.listen, *zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
-    if not (connect or endpoints):
-        raise ConfigError(f"{file}: the cell is not on the bus: zenoh has neither listen nor connect; or use --connect")
-    endpoint = connect or endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-    link = LinkSettings(mode="client", connect=(endpoint,))
-    if isinstance(zenoh, ZenohSettings):
-        link = link.model_copy(update={k: getattr(zenoh, k) for k in ("tls", "user", "password", "namespace")})
-    return config.site, config.cell, link
+    return config.site, config.cell, link_to(config, connect, "; or use --connect")
 
 
 async def _watch(

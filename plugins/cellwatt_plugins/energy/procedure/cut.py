@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError, why
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.procedure.log import STATES, Log, Programme
-from cellwatt_plugins.energy.procedure.loops import Loop, find_loops, sample_step
+from cellwatt_plugins.energy.procedure.loops import Loop, find_loops
 from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows
 from cellwatt_plugins.energy.recordings import Motion
 
@@ -133,7 +133,7 @@ def _longest(loops: Sequence[Loop], speed: float, motion: Motion) -> list[Loop]:
 
 def _holes(motion: Motion, first: int, last: int) -> NDArray[np.intp]:
     """Samples from ``first`` to ``last`` after which some are missing."""
-    return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * sample_step(motion.time))
+    return first + np.flatnonzero(np.diff(motion.time[first : last + 1]) > MISSING * motion.step)
 
 
 def _sentence(loop: Loop) -> str:
@@ -143,7 +143,7 @@ def _sentence(loop: Loop) -> str:
 def _write_run(stretch: Stretch, programme: Programme, name: str, folder: Path) -> None:
     motion, power = stretch.motion, stretch.rows
     first, last = _edges(stretch)
-    every = max(1, int(1 / (sample_step(motion.time) * RATE) + 1e-6))
+    every = max(1, int(1 / (motion.step * RATE) + 1e-6))
     part = slice(first, last, every)
     columns = {
         f"{stem}_{i + 1}": values[part, i]

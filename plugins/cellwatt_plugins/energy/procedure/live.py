@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.batch import Batch
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
-from cellwatt.publish import ZenohSettings
+from cellwatt.publish.reach import link_to
 from cellwatt.subscriber import LinkSettings, Subscriber
 from cellwatt_plugins.energy.procedure.recorded import POWER
 
@@ -114,12 +114,7 @@ class Cell:
 def cell_of(file: Path) -> Cell:
     """The cell of a settings file. Raises ``ConfigError`` where it is not on the bus, or does not record."""
     config = load(file)
-    zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
-    if not isinstance(zenoh, ZenohSettings) or not (*zenoh.listen, *zenoh.connect):
-        raise ConfigError(f"{file}: the cell is not on the bus: zenoh has neither listen nor connect")
+    link = link_to(config)
     if config.record is None:
         raise ConfigError(f"{file}: the cell does not record: add record: {{folder: …}}, runs are cut from it")
-    endpoint = (*zenoh.listen, *zenoh.connect)[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-    same = {key: getattr(zenoh, key) for key in ("tls", "user", "password", "namespace")}
-    link = LinkSettings(mode="client", connect=(endpoint,)).model_copy(update=same)
     return Cell(config.site, config.cell, link, config.record.folder)

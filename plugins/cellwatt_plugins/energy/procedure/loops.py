@@ -60,11 +60,6 @@ class Loop:
         return self.end - self.start
 
 
-def sample_step(time: Float) -> float:
-    """Seconds between samples, where holes may be among them."""
-    return float(np.median(np.diff(time)))
-
-
 def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
     """All repetitions in their order, each with its speed or its problem; and what else there is to say."""
     rests = _rests(motion)
@@ -84,7 +79,7 @@ def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[
 
 def _rests(motion: Motion) -> list[tuple[int, int]]:
     """First and last sample (exclusive) of each rest."""
-    lag = max(1, round(LAG / sample_step(motion.time)))
+    lag = max(1, round(LAG / motion.step))
     moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
     still = moved < max(CREEP, 8 * encoder_noise(motion.position))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
@@ -144,7 +139,7 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
 
 
 def _timed(loop: Loop, usual: dict[float, float], motion: Motion, rests: Sequence[tuple[int, int]]) -> Loop:
-    if gap := _gap(motion.time[loop.first : loop.last + 1], sample_step(motion.time)):
+    if gap := _gap(motion.time[loop.first : loop.last + 1], motion.step):
         return replace(loop, problem=f"the arm's samples are missing for {gap:.2f} s")
     if loop.problem:
         stop = _longest_stop(loop, motion, rests)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.config import load
-from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
-from cellwatt.publish import ZenohSettings
-from cellwatt.subscriber import LinkSettings, Subscriber
+from cellwatt.publish.reach import link_to
+from cellwatt.subscriber import Subscriber
 from cellwatt_plugins.models.static.collect import Collector, Progress, place_of
 
 Float = NDArray[np.float64]
@@ -34,10 +34,11 @@ def collect(
 
     None where not one frame came. Raises ``ConfigError``, ``SinkError`` and ``RecordingError``.
     """
-    site, name, link = bus_of(cell)
+    config = load(cell)
+    link = link_to(config)
     end = np.inf if seconds is None else time.monotonic() + seconds
     collector: Collector | None = None
-    with Subscriber(site, name, link, want=("frame",), resume=place_of(out)) as subscriber:
+    with Subscriber(config.site, config.cell, link, want=("frame",), resume=place_of(out)) as subscriber:
         while time.monotonic() < end:
             try:
                 message = subscriber.receive(_TURN)
@@ -58,17 +59,6 @@ def collect(
                 if progress.total and progress.planned == progress.total:
                     return progress
     return None if collector is None else collector.progress
-
-
-def bus_of(cell: Path) -> tuple[str, str, LinkSettings]:
-    """Site, name and link of the cell of a settings file. Raises ``ConfigError`` where it is not on the bus."""
-    config = load(cell)
-    zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
-    if not isinstance(zenoh, ZenohSettings) or not (*zenoh.listen, *zenoh.connect):
-        raise ConfigError(f"{cell}: the cell is not on the bus: zenoh has neither listen nor connect")
-    endpoint = (*zenoh.listen, *zenoh.connect)[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-    same = {key: getattr(zenoh, key) for key in ("tls", "user", "password", "namespace")}
-    return config.site, config.cell, LinkSettings(mode="client", connect=(endpoint,)).model_copy(update=same)
 
 
 def read_plan(path: Path) -> Float:
