@@ -93,7 +93,7 @@ def listen(endpoint: str) -> None:
     session.close()
     in_daemon, by_robot, samples = [], {}, 0
     for at, payload, attachment in kept:
-        batch = decode(payload, Mark.decode(attachment))
+        batch = decode(payload, Mark.decode(attachment, payload))
         samples += len(batch)
         in_daemon.append(at - batch.arrival)
         by_robot.setdefault(batch.source, []).append(at - int(batch.device_time[-1]))

@@ -102,8 +102,7 @@ def consume(kind: str, endpoint: str) -> None:
         values += samples * CHANNELS
 
     def on_sample(sample: Any) -> None:
-        mark = Mark.decode(sample.attachment.to_bytes())
-        sample.payload.to_bytes()
+        mark = Mark.decode(sample.attachment.to_bytes(), sample.payload.to_bytes())
         take(mark.arrival, mark.count)
 
     if kind == "subscriber":
@@ -158,8 +157,9 @@ def bare(endpoint: str, payload: bytes | None) -> Iterator[Give]:
         }
 
         def give(batch: Batch) -> None:
-            mark = Mark(1, batch.sequence, len(batch), batch.arrival).encode()
-            publishers[batch.source].put(payload or encode_batch(batch), attachment=mark)
+            content = payload or encode_batch(batch)
+            mark = Mark(1, batch.sequence, len(batch), batch.arrival).encode(content)
+            publishers[batch.source].put(content, attachment=mark)
 
         yield give
 

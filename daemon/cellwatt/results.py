@@ -73,6 +73,8 @@ class Energy:
     no consumer accounts for. ``uncertainty`` J, one standard deviation, is how far that may be from 0 where all is
     well. ``positive_mechanical`` J is what the motors gave, braking not counted, and ``motion_efficiency_percent``
     its share of ``total``. ``total_per_part`` J is ``None`` where nobody said how many parts the task makes.
+    ``group_uncertainty`` J is one standard deviation of each of ``groups``, whose errors go together; it is empty in
+    what was recorded before there was one.
     """
 
     source: str
@@ -87,6 +89,7 @@ class Energy:
     positive_mechanical: float
     motion_efficiency_percent: float
     total_per_part: float | None = None
+    group_uncertainty: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

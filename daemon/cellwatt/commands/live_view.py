@@ -107,8 +107,13 @@ class LiveCell:
         text = Text("energy  ", style="bold")
         text.append(f" {energy['task']} × {energy['repetition']}  {energy['total']:.0f} J ", style="bold")
         text.append(f"± {energy['uncertainty']:.1f} J  ", style="dim")
+        unsure = energy.get("group_uncertainty") or {}
         ranked = sorted(energy["groups"].items(), key=lambda group: -abs(group[1]))
-        return text.append(" · ".join(f"{name.replace('_', ' ')} {value:.1f}" for name, value in ranked if value))
+        for i, (name, value) in enumerate((name, value) for name, value in ranked if value):
+            text.append(f"{' · ' * bool(i)}{name.replace('_', ' ')} {value:.1f}")
+            if unsure.get(name) is not None:
+                text.append(f" ± {unsure[name]:.2f}", style="dim")
+        return text
 
     def _alarms(self) -> RenderableType:
         if not self.alarms:

@@ -190,19 +190,18 @@ class Answers:
         key = self._keys.question(name)
         if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
             key = self._keys.backfill(answer.path)
-        attachment = None if answer.mark is None else answer.mark.encode()
+        attachment = None if answer.mark is None else answer.mark.encode(answer.payload)
         query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
 
     def _reply_alarms(self, query: zenoh.Query) -> None:
         with query:
             for mark, alarm in self.alarms(_asked(query)):
-                attachment = replace(mark, backfill=True).encode()
+                payload = encode_item(alarm, mark)
+                attachment = replace(mark, backfill=True).encode(payload)
                 # Zenoh by default keeps one reply a key: with its id each alarm has a key of its own.
                 for key in (alarm_path(alarm.severity, alarm.kind, alarm.id), alarm_path(alarm.severity, alarm.kind)):
                     if query.key_expr.intersects(self._keys.live(key)):
-                        query.reply(
-                            self._keys.live(key), encode_item(alarm, mark), encoding=JSON, attachment=attachment
-                        )
+                        query.reply(self._keys.live(key), payload, encoding=JSON, attachment=attachment)
                         break
 
 

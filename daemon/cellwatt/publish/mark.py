@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass
 from typing import Final
 
 from cellwatt.errors import ProtocolError
 
 _MARK = struct.Struct("<BBHIqqq")
+_CHECK = struct.Struct("<I")
 _VERSION: Final = 1
 _BACKFILL: Final = 1
 
@@ -18,8 +20,8 @@ class Mark:
     """Where a message stands: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
 
     ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. As bytes,
-    little-endian, 32 of them: u8 version = 1, u8 flags (bit 0: backfill), u16 = 0, u32 count, i64 session,
-    i64 sequence, i64 arrival.
+    little-endian, 36 of them: u8 version = 1, u8 flags (bit 0: backfill), u16 = 0, u32 count, i64 session,
+    i64 sequence, i64 arrival, u32 CRC-32 of these 32 bytes and the payload after them.
     """
 
     session: int
@@ -33,17 +35,26 @@ class Mark:
         """Number of the sample after the last."""
         return self.sequence + self.count
 
-    def encode(self) -> bytes:
-        """The attachment of a message."""
+    def encode(self, payload: bytes) -> bytes:
+        """The attachment of a message with this payload."""
         flags = _BACKFILL if self.backfill else 0
-        return _MARK.pack(_VERSION, flags, 0, self.count, self.session, self.sequence, self.arrival)
+        head = _MARK.pack(_VERSION, flags, 0, self.count, self.session, self.sequence, self.arrival)
+        return head + _CHECK.pack(zlib.crc32(payload, zlib.crc32(head)))
 
     @classmethod
-    def decode(cls, data: bytes) -> Mark:
-        """Read an attachment. Raises ``ProtocolError`` where it is none of ours."""
+    def decode(cls, data: bytes, payload: bytes) -> Mark:
+        """Read the attachment of a message. Raises ``ProtocolError`` where it is none of ours, or the two do not match.
+
+        Cells before this check was made send no sum; theirs pass.
+        """
         if len(data) < _MARK.size or data[0] != _VERSION:
             raise ProtocolError(
                 f"a message's attachment is not a cellwatt mark of version {_VERSION}: {data[:8].hex()}"
             )
-        _, flags, _, count, session, sequence, arrival = _MARK.unpack_from(data)
+        head = data[: _MARK.size]
+        if len(data) >= _MARK.size + _CHECK.size:
+            (said,) = _CHECK.unpack_from(data, _MARK.size)
+            if zlib.crc32(payload, zlib.crc32(head)) != said:
+                raise ProtocolError("a message was damaged on its way: its checksum is not that of its content")
+        _, flags, _, count, session, sequence, arrival = _MARK.unpack(head)
         return cls(session, sequence, count, arrival, bool(flags & _BACKFILL))

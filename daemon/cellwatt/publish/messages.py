@@ -94,8 +94,9 @@ def _with_nan(body: dict[str, Any]) -> dict[str, Any]:
     changed |= {name: _numbers(body[name]) for name in _NUMBER_LISTS if name in body}
     if "outputs" in body:
         changed["outputs"] = {name: _numbers(values) for name, values in body["outputs"].items()}
-    if "groups" in body:
-        changed["groups"] = dict(zip(body["groups"], _numbers(body["groups"].values()), strict=True))
+    for name in ("groups", "group_uncertainty"):
+        if name in body:
+            changed[name] = dict(zip(body[name], _numbers(body[name].values()), strict=True))
     return body | changed
 
 

@@ -108,6 +108,7 @@ class Publisher(threading.Thread):
 
         try:
             payload = encode(outgoing)
+            attachment = outgoing.mark.encode(payload)
         except (ValueError, TypeError):
             # One item that breaks its own contract costs that item, not the sink.
             log.exception("zenoh: an item of %s cannot be encoded", outgoing.topic)
@@ -115,7 +116,7 @@ class Publisher(threading.Thread):
             return
         try:
             for path in outgoing.paths:
-                self._publisher(session, path, outgoing).put(payload, attachment=outgoing.mark.encode())
+                self._publisher(session, path, outgoing).put(payload, attachment=attachment)
         except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
             raise

@@ -33,13 +33,13 @@ class Health:
 
 def read_message(sample: zenoh.Sample, kind: str) -> tuple[Mark, Batch | Frames | Result | Event]:
     """Mark and content of a message of a kind of topic. Raises ``ProtocolError`` where it is none."""
-    mark = _mark(sample)
     payload = sample.payload.to_bytes()
+    mark = _mark(sample, payload)
     return mark, decode(payload, mark) if kind in ("raw", FRAME) else decode_item(kind, payload)
 
 
-def _mark(sample: zenoh.Sample) -> Mark:
-    return Mark.decode(sample.attachment.to_bytes() if sample.attachment is not None else b"")
+def _mark(sample: zenoh.Sample, payload: bytes) -> Mark:
+    return Mark.decode(sample.attachment.to_bytes() if sample.attachment is not None else b"", payload)
 
 
 def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
@@ -47,9 +47,10 @@ def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Fr
     kind = topic.split("/", 1)[0]
     if kind in ("raw", FRAME):
         return [read_message(sample, kind)]
-    mark = _mark(sample)
+    payload = sample.payload.to_bytes()
+    mark = _mark(sample, payload)
     try:
-        bodies = json.loads(sample.payload.to_bytes())
+        bodies = json.loads(payload)
         return [(Mark(mark.session, b["mark"]["sequence"], 1, mark.arrival, True), from_json(kind, b)) for b in bodies]
     except (ValueError, KeyError, TypeError) as error:
         raise ProtocolError(f"an answer about {topic} is not a list of results: {error}") from error

@@ -40,6 +40,17 @@ def test_energy_of_the_last_task_is_shown_with_its_groups_the_largest_first():
     assert "stored" not in line  # nothing to tell
 
 
+def test_each_group_is_shown_with_its_uncertainty():
+    unsure = {"brakes": 0.125, "electronics": 1.0, "stored": 0.0, "regeneration": 0.25, "unexplained": 0.5}
+    energy = Energy("arm", "task_1", "speed=1.00", 4, 0, 9, 65.0, GROUPS, 0.5, 9.0, 13.8, group_uncertainty=unsure)
+    view = LiveCell(status=STATUS)
+    view.add("energy", asdict(energy))
+    (line,) = (line for line in shown(view).splitlines() if line.startswith("energy"))
+    assert line.endswith(
+        "electronics 60.0 ± 1.00 · brakes 5.5 ± 0.12 · unexplained -0.8 ± 0.50 · regeneration 0.2 ± 0.25"
+    )
+
+
 def test_what_it_does_not_show_is_let_by():
     view = LiveCell(status=STATUS)
     before = shown(view)

@@ -163,11 +163,14 @@ def test_damaged_payloads_never_do_worse_than_be_refused(data: st.DataObject) ->
     assert found.values.shape[0] == 3
 
 
-def test_mark_is_32_little_endian_bytes_as_documented() -> None:
+def test_mark_is_36_little_endian_bytes_as_documented() -> None:
     mark = Mark(0x0102030405060708, 0x1112, 0x21222324, -1, backfill=True)
     expected = bytes.fromhex("010100002423222108070605040302011211000000000000ffffffffffffffff")
-    assert mark.encode() == expected
-    assert Mark.decode(expected) == mark
+    # Computed bit by bit from the polynomial 0xEDB88320.
+    check = struct.pack("<I", crc32_bit_by_bit(expected + b"payload"))
+    assert mark.encode(b"payload") == expected + check
+    assert Mark.decode(expected + check, b"payload") == mark
+    assert Mark.decode(expected, b"of a cell that sends no sum") == mark
     assert mark.end == 0x1112 + 0x21222324
 
 
@@ -175,13 +178,35 @@ def test_mark_is_32_little_endian_bytes_as_documented() -> None:
 @given(INT64, st.integers(0, 2**62), st.integers(0, 2**32 - 1), INT64, st.booleans())
 def test_marks_survive(session: int, sequence: int, count: int, arrival: int, backfill: bool) -> None:
     mark = Mark(session, sequence, count, arrival, backfill)
-    assert Mark.decode(mark.encode() + b"a later version may say more") == mark
+    assert Mark.decode(mark.encode(b"x") + b"a later version may say more", b"x") == mark
+
+
+def crc32_bit_by_bit(data: bytes) -> int:
+    remainder = 0xFFFFFFFF
+    for byte in data:
+        remainder ^= byte
+        for _ in range(8):
+            remainder = (remainder >> 1) ^ (0xEDB88320 if remainder & 1 else 0)
+    return remainder ^ 0xFFFFFFFF
+
+
+@settings(deadline=None)
+@given(st.binary(min_size=1, max_size=400), st.data())
+def test_damage_of_a_message_is_noticed(payload: bytes, data: st.DataObject) -> None:
+    attachment = bytearray(Mark(1, 2, 3, 4).encode(payload))
+    damaged = bytearray(payload)
+    where = data.draw(st.sampled_from([damaged, attachment]))
+    first = data.draw(st.integers(0, len(where) - 1))
+    for place in range(first, min(first + data.draw(st.integers(1, 4)), len(where))):
+        where[place] ^= data.draw(st.integers(1, 255))
+    with pytest.raises(ProtocolError):
+        Mark.decode(bytes(attachment), bytes(damaged))
 
 
 @pytest.mark.parametrize("data", [b"", b"\x01" * 31, struct.pack("<B31x", 2)])
 def test_foreign_attachments_are_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError, match="attachment"):
-        Mark.decode(data)
+        Mark.decode(data, b"")
 
 
 def test_blocks_join_up_to_a_hole_and_a_limit() -> None:

@@ -22,7 +22,8 @@ INTERVAL = Interval("arm", 3, EPOCH, EPOCH + 10, (1, 4), (0.5, -1.0), (0.0, 1.0)
 TASK = Task("arm", "task_1", "1-14", "speed=0.60", 0.6, EPOCH, EPOCH + 9, (1, 2, 3), 4)
 PREDICTION = Prediction("power", 100, (1, 2), {"power": (1.5, 2.5)}, {"power": "W"})
 SPLIT = {"electronics": 60.0, "brakes": 5.5, "unexplained": -0.25}
-ENERGY = Energy("arm", "task_1", "speed=0.60", 4, EPOCH, EPOCH + 9, 65.25, SPLIT, 0.5, 12.5, 19.2, 32.625)
+UNSURE = {"electronics": 0.25, "brakes": 0.125, "unexplained": 0.5}
+ENERGY = Energy("arm", "task_1", "speed=0.60", 4, EPOCH, EPOCH + 9, 65.25, SPLIT, 0.5, 12.5, 19.2, 32.625, UNSURE)
 EVENT = Event(EPOCH, None, "reloaded", "settings", {"sources": 2})
 ITEMS: list[Any] = [INTERVAL, TASK, ENERGY, replace(ENERGY, total_per_part=None), PREDICTION, alarm(2), EVENT]
 MARK = Mark(EPOCH, 17, 1, EPOCH)
@@ -77,13 +78,22 @@ def test_what_is_not_finite_is_null_and_comes_back_as_nan() -> None:
     task = decode_item("task", encode_item(Task("a", "t", "s", "v", math.nan, 1, 2, (), 0), MARK))
     assert isinstance(task, Task)
     assert math.isnan(task.speed)
-    odd = replace(ENERGY, total=math.nan, uncertainty=math.inf, groups={"brakes": math.nan, "electronics": 1.0})
+    half = {"brakes": math.nan, "electronics": 1.0}
+    odd = replace(ENERGY, total=math.nan, uncertainty=math.inf, groups=half, group_uncertainty=half)
     energy = decode_item("energy", encode_item(odd, MARK))
     assert isinstance(energy, Energy)
     assert math.isnan(energy.total)
     assert math.isnan(energy.uncertainty)
     assert math.isnan(energy.groups["brakes"])
     assert energy.groups["electronics"] == 1.0
+    assert math.isnan(energy.group_uncertainty["brakes"])
+    assert energy.group_uncertainty["electronics"] == 1.0
+
+
+def test_an_energy_from_before_groups_had_uncertainties_is_read() -> None:
+    body = json.loads(encode_item(ENERGY, MARK))
+    del body["group_uncertainty"]
+    assert decode_item("energy", encode_json(body)) == replace(ENERGY, group_uncertainty={})
 
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
@@ -100,6 +110,7 @@ NUMBER = st.floats(allow_nan=False, allow_infinity=False)
         positive_mechanical=NUMBER,
         motion_efficiency_percent=NUMBER,
         total_per_part=st.none() | NUMBER,
+        group_uncertainty=st.dictionaries(st.text(max_size=20), NUMBER, max_size=8),
     )
 )
 def test_any_energy_survives_the_wire_to_the_bit(energy: Energy) -> None:
@@ -126,6 +137,7 @@ def test_evidence_may_hold_what_stages_work_with() -> None:
         ("prediction", b'{"outputs": []}'),
         ("energy", b"{}"),
         ("energy", b'{"groups": []}'),
+        ("energy", b'{"group_uncertainty": 3}'),
         ("speed", b"{}"),
     ],
 )

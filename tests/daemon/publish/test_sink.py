@@ -24,6 +24,10 @@ from tests.daemon.publish.processes import eventually, free_port
 ROOT = "cellwatt/plant-1/weld-3"
 
 
+def mark_of(sample: Any) -> Mark:
+    return Mark.decode(sample.attachment.to_bytes(), sample.payload.to_bytes())
+
+
 class Consumer:
     """A plain session that keeps all it hears of the cell."""
 
@@ -106,7 +110,7 @@ async def test_each_item_has_its_key_encoding_and_mark(consumer: Consumer, sink:
     samples = await consumer.until(5)
     assert consumer.keys() == ["prediction/power", "alarm/error/joint_fault", "event", "frame", "raw/arm/samples"]
     assert [str(s.encoding) for s in samples] == ["application/json"] * 3 + ["application/vnd.apache.arrow.stream"] * 2
-    marks = [Mark.decode(s.attachment.to_bytes()) for s in samples]
+    marks = [mark_of(s) for s in samples]
     assert [(m.sequence, m.count, m.backfill) for m in marks] == [(0, 1, False)] * 3 + [(8, 2, False), (20, 5, False)]
     assert marks[4].session == EPOCH
     decoded = decode(samples[4].payload.to_bytes(), marks[4])
@@ -137,7 +141,7 @@ async def test_a_late_comer_gets_the_active_alarms_and_not_the_cleared_ones(
     # The default consolidation keeps one reply a key: two alarms of one kind must still both arrive.
     replies = await consumer.ask("alarm/**")
     assert sorted(json.loads(r.ok.payload.to_bytes())["id"] for r in replies) == ["alarm-1", "alarm-3"]
-    assert all(Mark.decode(r.ok.attachment.to_bytes()).backfill for r in replies)
+    assert all(mark_of(r.ok).backfill for r in replies)
     assert sorted(str(r.ok.key_expr) for r in replies)[0] == f"{ROOT}/alarm/error/joint_fault/alarm-1"
     assert await consumer.ask("alarm/warning/**") == []
     assert len(await consumer.ask("alarm/error/**")) == 2
@@ -156,7 +160,7 @@ async def test_whoever_follows_one_severity_hears_of_a_change(consumer: Consumer
         "alarm/error/joint_fault",
         "alarm/warning/joint_fault",
     ]
-    marks = {Mark.decode(s.attachment.to_bytes()).sequence for s in consumer.samples}
+    marks = {mark_of(s).sequence for s in consumer.samples}
     assert marks == {0, 1}
 
 
@@ -180,7 +184,7 @@ async def test_history_is_answered_on_its_backfill_key(consumer: Consumer, view:
     assert str(plain.ok.key_expr) == f"{ROOT}/@/history"
     (reply,) = await consumer.ask(asked, accept_replies=zenoh.ReplyKeyExpr.ANY)
     assert str(reply.ok.key_expr) == f"{ROOT}/backfill/raw/arm/samples"
-    assert Mark.decode(reply.ok.attachment.to_bytes()) == Mark(EPOCH, 4, 3, EPOCH, backfill=True)
+    assert mark_of(reply.ok) == Mark(EPOCH, 4, 3, EPOCH, backfill=True)
     table = pa.ipc.open_stream(reply.ok.payload.to_bytes()).read_all()
     assert [row[0] for row in table["values"].to_pylist()] == [4, 5, 6]
     (nothing,) = await consumer.ask("@/history?source=arm;stream=samples;first=40")
@@ -249,7 +253,7 @@ async def test_stopping_drains_what_waits(sink: ZenohSink, endpoint: str) -> Non
                 sink.offer(batch(first, 3))
         assert sink.account.received == 3000
         assert sink.account.residue == 0
-        last = lambda: Mark.decode(consumer.samples[-1].attachment.to_bytes())  # noqa: E731
+        last = lambda: mark_of(consumer.samples[-1])  # noqa: E731
         await eventually(lambda: consumer.samples and last().end == 3000, "the last sample")
     finally:
         if session is not None:
@@ -316,7 +320,7 @@ async def test_an_item_that_cannot_be_encoded_costs_only_itself(
     await eventually(lambda: sink.account.dropped, "the refusal")
     sink.offer(batch(3, 2))
     await consumer.until(1)
-    assert Mark.decode(consumer.samples[0].attachment.to_bytes()).sequence == 3
+    assert mark_of(consumer.samples[0]).sequence == 3
     assert "an item of raw/arm/samples cannot be encoded" in caplog.text
     assert sink.account.dropped == {"not encodable": 3}
     assert sink.account.residue == 0

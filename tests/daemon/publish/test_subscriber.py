@@ -8,11 +8,14 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import suppress
 
+import numpy as np
 import pytest
 
 from cellwatt import Alarm, Batch, ConfigError, SinkError
 from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.publish.encode import encode_batch
 from cellwatt.publish.link import open_session
+from cellwatt.publish.mark import Mark
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.publish.processes import eventually, free_port
@@ -252,6 +255,24 @@ async def test_what_others_put_on_the_cells_keys_is_counted_and_ignored(
             (message,) = await read(subscriber, 1)
     assert message.sequence == 0
     assert "is not a key of a cellwatt cell" in caplog.text
+
+
+async def test_a_message_that_was_damaged_on_its_way_is_asked_for_again(cell: Cell) -> None:
+    payload = encode_batch(batch(0, 5))
+    damaged = payload[:-40] + bytes(b ^ 0x5A for b in payload[-40:])
+    with await asyncio.to_thread(open_session, cell.link) as between:
+        async with cell.subscriber(want=("raw",)) as subscriber:
+            await joined(subscriber)
+            between.put(
+                f"cellwatt/{SITE}/{CELL}/raw/arm/samples", damaged, attachment=Mark(EPOCH, 0, 5, EPOCH).encode(payload)
+            )
+            await eventually(lambda: subscriber.counts.get("unreadable") == 1, "the damaged one")
+            cell.give(0, 5, live=False)
+            cell.give(5, 5)
+            again, following = await read(subscriber, 2)
+    assert (again.sequence, again.backfilled) == (0, True)
+    assert (following.sequence, following.backfilled) == (5, False)
+    np.testing.assert_array_equal(again.content.values, batch(0, 5).values)
 
 
 async def test_an_answer_that_cannot_be_read_is_a_gap_after_some_patience(

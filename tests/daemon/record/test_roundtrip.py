@@ -13,6 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from cellwatt import Alarm, Batch, Channel, Energy, Event, Interval, Prediction, RecordingError, Stream, Task, Tick
 from cellwatt.record import Health, Recorder, Recording, RecordSettings
+from cellwatt.record.messages import decode, encode
 
 from .making import (
     ARM,
@@ -140,6 +141,7 @@ RESULTS = [
         0.5,
         9.0,
         14.0,
+        group_uncertainty={"brakes": 0.25, "unexplained": 0.5},
     ),
     Prediction("power", 7, (SESSION, SESSION + 20), {"power": (1.5, float("inf"))}, {"power": "W"}),
     Alarm("a1", "joint_fault", "error", True, SESSION, SESSION + 1, "elbow", "arm", 3, (2,), 9, {"power_W": 12.5}),
@@ -174,6 +176,7 @@ ANY = st.floats(width=64)
             positive_mechanical=ANY,
             motion_efficiency_percent=ANY,
             total_per_part=st.none() | ANY,
+            group_uncertainty=st.dictionaries(st.text(max_size=20), ANY, max_size=8),
         ),
         min_size=1,
         max_size=5,
@@ -185,6 +188,13 @@ def test_energies_come_back_to_the_bit(energies, tmp_path_factory):
     recording = Recording.open(folder)
     assert [repr(energy) for energy in recording.results()] == [repr(energy) for energy in energies]
     assert recording.counts == {"/energy": len(energies)}
+
+
+def test_an_energy_recorded_before_groups_had_uncertainties_is_read():
+    (energy,) = (result for result in RESULTS if isinstance(result, Energy))
+    body = json.loads(encode(energy))
+    del body["group_uncertainty"]
+    assert decode(Energy, json.dumps(body).encode()) == replace(energy, group_uncertainty={})
 
 
 def test_numbers_that_json_lacks_stay_valid_json(tmp_path):
