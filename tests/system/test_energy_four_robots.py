@@ -17,6 +17,7 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess
 from cellwatt_plugins.energy.procedure.log import AtRest, Log, Programme, StateName, write_log
+from tests.plugins.energy.running import MEASURED
 from tests.system.running import Audience, free_port, running
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(1200)]
@@ -35,14 +36,6 @@ RATE = 100.0
 """Hz of the tables; the arm's signals are sampled, the analyzer's are means."""
 NOISE = 0.25
 """W at that rate: 0.08 W of one value of the analyzer."""
-GROUPS = (
-    "electronics",
-    "brakes",
-    "mechanical_losses",
-    "electrical_losses_with_regeneration",
-    "positive_mechanical",
-    "total",
-)
 DEVICES = {
     "UR5e": ("ur", ""),
     "UR10e": ("ur", ""),
@@ -195,10 +188,10 @@ def split(folder: Path, plant, robot: Path, states: dict[StateName, tuple[float,
 
 def errors(plant, found: dict) -> dict[str, float]:
     """Worst of all runs: groups and regeneration in percent of the run's energy, ε in points, fixed powers in W."""
-    worst = dict.fromkeys((*GROUPS, "regeneration", "epsilon", "fixed"), 0.0)
+    worst = dict.fromkeys((*MEASURED, "regeneration", "epsilon", "fixed"), 0.0)
     for run in found["runs"]:
         true = plant.truth(run["speed_mm_s"], run["payload_kg"])
-        for name in GROUPS:
+        for name in MEASURED:
             worst[name] = max(worst[name], 100 * abs(run[name] - true[name]) / true["total"])
         if run["regeneration"] is None:
             assert run["notes"], "a split that is refused says why"
@@ -228,6 +221,6 @@ async def test_what_the_emulated_arm_truly_spent(robot: str, tmp_path: Path, mon
     write_log(day.log(robot, epoch), tmp_path / "campaign.json")
     worst = errors(plant, split(tmp_path, plant, described, day.states))
     print(robot, {name: round(value, 3) for name, value in worst.items()})
-    assert max(worst[name] for name in (*GROUPS, "regeneration")) < 1.0, worst
+    assert max(worst[name] for name in (*MEASURED, "regeneration")) < 1.0, worst
     assert worst["epsilon"] < 0.3, worst
     assert worst["fixed"] < 0.2, worst

@@ -14,7 +14,7 @@ from tests.plugins.mismatch.emulated_arm import recorded, write_rtde
 from tests.plugins.mismatch.recorded_arm import write_robot
 from tests.system.running import Audience, Daemon, balanced, running
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(420)]
 
 FRICTION = 30.0
 """Nm s/rad that joint 2 has from then on …"""
@@ -50,7 +50,7 @@ async def told(daemon: Daemon, audience: Audience, tmp_path: Path) -> None:
     await audience.until(lambda a: of("simulation_differs", a), 60)
     differs = of("simulation_differs", audience)[0]
     assert differs.joint == 2
-    await audience.until(lambda a: of("mismatch", a) or of("explanation_failed", a), 100)
+    await audience.until(lambda a: of("mismatch", a) or of("explanation_failed", a), 270)
     assert not of("explanation_failed", audience)
     alarm = of("mismatch", audience)[0]
     findings = alarm.evidence["findings"]
