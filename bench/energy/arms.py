@@ -24,6 +24,8 @@ class Case:
     current: bool = True
     """Torque estimated from current, off by a factor a joint; otherwise measured."""
     gains: tuple[float, float] = (0.85, 1.15)
+    sensor: float = 0.0
+    """Share by which measured torque is off, one standard deviation a joint."""
     gear: float = 1.0
     """Gear friction against that of harmonic drives."""
     brakes: float = 5.0
@@ -43,6 +45,8 @@ class Case:
     """Rise of winding resistance in the heaviest run, as a share."""
     repetitions: int = 4
     rest: float = 1.0
+    meter: float = 0.0
+    """Share by which the analyzer reads too much."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +109,13 @@ def make_arm(case: Case) -> Truth:
         iron=rng.uniform(0.1, 0.6) * rng.normal(1, 0.2, n).clip(0.3),
         coulomb=5.0 * friction * rng.uniform(0.7, 1.3, n),
         viscous=7.0 * friction * rng.uniform(0.7, 1.3, n),
-        gains=rng.uniform(*case.gains, n) if case.current else np.ones(n),
+        gains=rng.uniform(*case.gains, n) if case.current else _sensors(case),
         tool=(0.0, 0.03 * rng.uniform(-1, 1), 0.06),
     )
+
+
+def _sensors(case: Case) -> np.ndarray:
+    return 1.0 + case.sensor * np.random.default_rng([case.seed, 13]).standard_normal(case.joints)
 
 
 def _links(case: Case, rng: np.random.Generator) -> tuple[Link, ...]:

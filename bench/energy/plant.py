@@ -67,7 +67,7 @@ def _write_states(case: Case, fixed: dict, hold: float, rng: np.random.Generator
     level = 0.0
     for name, more in zip(("controller", "connected", "released"), fixed.values(), strict=True):
         level += more + (hold if name == "released" else 0.0)
-        power = level + rng.normal(0, case.noise, 600)
+        power = level * (1 + case.meter) + rng.normal(0, case.noise, 600)
         pq.write_table(pa.table({"t": 0.05 + ANALYZER * np.arange(600), "power": power}), folder / f"{name}.parquet")
 
 
@@ -177,20 +177,23 @@ def _write_analyzer_file(case: Case, supply: np.ndarray, rng: np.random.Generato
     """Means over 0.1 s that begin anywhere, on a clock of its own; returns analyzer's time less robot's."""
     each, first = round(ANALYZER / STEP), int(rng.integers(0, 100))
     count = (len(supply) - first) // each
-    means = supply[first : first + count * each].reshape(count, each).mean(axis=1)
+    means = supply[first : first + count * each].reshape(count, each).mean(axis=1) * (1 + case.meter)
     offset = float(rng.uniform(-1, 1))
     time = (first + each * (np.arange(count) + 0.5) - 0.5) * STEP + offset
     pq.write_table(pa.table({"t": time, "power": means + rng.normal(0, case.noise, count)}), path)
     return offset
 
 
-def production(case: Case, fixed: dict, speed: float, payload: float, repetitions: int, pause: float, rate: float):
+def production(
+    case: Case, fixed: dict, speed: float, payload: float, repetitions: int, pause: float, rate: float, points=None
+):
     """A task as it runs in a cell: on a grid of ``rate`` Hz position, velocity, torque as given, power and groups (W).
 
-    Power and groups are means over the grid step; the analyzer's and the encoders' noise are in.
+    Power and groups are means over the grid step; the analyzer's and the encoders' noise are in. Without ``points``
+    (k, n) rad the way is that of the campaign.
     """
     truth, rng = make_arm(case), np.random.default_rng([case.seed, 11])
-    points = _points_of(case)
+    points = _points_of(case) if points is None else points
     q, qd, qdd = _motion(case, points, speed)
     wait = np.repeat(points[:1], round(pause / STEP), 0)
     q, qd, qdd = (
@@ -202,7 +205,7 @@ def production(case: Case, fixed: dict, speed: float, payload: float, repetition
     each = round(1 / rate / STEP)
     count = len(q) // each
     means = {k: v[: count * each].reshape(count, each).mean(axis=1) for k, v in groups.items()}
-    power = means["supply"] + sum(fixed.values()) + rng.normal(0, case.noise, count)
+    power = (means["supply"] + sum(fixed.values())) * (1 + case.meter) + rng.normal(0, case.noise, count)
     samples = {"position": q, "velocity": qd, "torque": torque * truth.gains}
     seen = {k: v[each // 2 :: each][:count] + rng.normal(0, 2e-5, (count, case.joints)) for k, v in samples.items()}
     return seen, power, means

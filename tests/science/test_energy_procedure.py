@@ -13,15 +13,8 @@ from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states
 from cellwatt_plugins.energy.procedure.recorded import Recorded
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
+from tests.plugins.energy.running import MEASURED
 
-GROUPS = (
-    "electronics",
-    "brakes",
-    "mechanical_losses",
-    "electrical_losses_with_regeneration",
-    "positive_mechanical",
-    "total",
-)
 REPETITIONS = 3
 BENCH = Path(__file__).resolve().parents[2] / "bench"
 
@@ -70,7 +63,7 @@ def test_what_an_arm_truly_spent(robot, tmp_path):
     worst, epsilon = 0.0, 0.0
     for run in findings.runs:
         true = plant.truth(run.speed_mm_s, run.payload_kg)
-        for group in GROUPS:
+        for group in MEASURED:
             worst = max(worst, 100 * abs(getattr(run, group) - true[group]) / true["total"])
         epsilon = max(epsilon, abs(run.motion_efficiency_percent - 100 * true["positive_mechanical"] / true["total"]))
         assert run.regeneration == pytest.approx(true["regeneration"], abs=0.01 * true["total"])

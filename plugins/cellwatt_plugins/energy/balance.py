@@ -11,22 +11,18 @@ from numpy.typing import NDArray
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.consumers import brake_energy, motion_efficiency
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
+from cellwatt_plugins.energy.follow import Level, at_campaign
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.energy.spread import GROUPS, UNEXPLAINED, Causes, deviations, group_covariance
 
 Float = NDArray[np.float64]
 
-GROUPS = (
-    "electronics",
-    "brakes",
-    "stored",
-    "mechanical_losses",
-    "electrical_losses",
-    "regeneration",
-    "unexplained",
-)
-"""Where the energy of a task goes: together they are its total."""
-SAMPLED = 0.003
-"""Share of a task's energy by which torque and velocity, taken once a frame, may miss it: one standard deviation."""
+HELD = 0.003
+"""Share of a task's energy by which power that is held on the frames may miss it: one standard deviation."""
+MASSES = 0.03
+"""Share by which the described masses, and so what a path lifted, may be off."""
+GRAVITY = 9.81
+"""m/s²."""
 
 
 @dataclass(frozen=True)
@@ -54,24 +50,35 @@ class TaskEnergy:
     electrical_losses: float
     regeneration: float
     unexplained: float
-    """Measured energy that is in no group; within ``uncertainty`` where all is well."""
+    """Measured energy that is in no group; within its uncertainty where all is well."""
     positive_mechanical: float
     motion_efficiency_percent: float
-    uncertainty: float
-    """One standard deviation of ``unexplained``."""
+    covariance: Float
+    """(7, 7) J² of ``GROUPS``: errors of the groups go together."""
 
     def groups(self) -> dict[str, float]:
         """What adds up to ``total``, by name."""
         return {name: float(getattr(self, name)) for name in GROUPS}
 
+    def group_uncertainty(self) -> dict[str, float]:
+        """One standard deviation of each group, J."""
+        return deviations(self.covariance)
+
+    @property
+    def uncertainty(self) -> float:
+        """One standard deviation of ``unexplained``."""
+        return float(np.sqrt(self.covariance[UNEXPLAINED, UNEXPLAINED]))
+
 
 def task_energy(
-    arm: Arm, known: Known, stretch: Stretch, drift: float = 0.0, unsure: float = 0.0, edge: float = 0.0
+    arm: Arm, known: Known, stretch: Stretch, level: Level | None = None, edge: float = 0.0, meter: float = 0.0
 ) -> TaskEnergy:
-    """Split one task (eqs 1 … 5, 14, 19); ``drift`` W is what the electronics now take beyond the campaign's value.
+    """Split one task (eqs 1 … 5, 14, 19); ``level`` is what the electronics draw now, else as in the campaign.
 
-    ``unsure`` W is the uncertainty of ``drift``; ``edge`` J that of the total, by meter values that come early or late.
+    ``edge`` J is the uncertainty of the total by meter values that come early or late, ``meter`` that of the meter's
+    factor, as a share; one standard deviation each.
     """
+    level = at_campaign(known) if level is None else level
     step, drive = stretch.step, known.drive
     seconds = step * len(stretch.power)
     feature = features(arm, stretch.torque, stretch.velocity)
@@ -81,23 +88,29 @@ def task_energy(
     stored = stored_energy(arm, stretch)
     chopper = float(chopper_power(drive, bus).sum()) * step
     total = float(stretch.power.sum()) * step
-    electronics = (known.electronics + drift) * seconds
+    electronics = (known.electronics + level.drift) * seconds
     brakes = brake_energy(known.brakes, seconds)
     said = float((supply_power(drive, bus) - drive.fixed).sum()) * step
     positive = float(np.maximum(work, 0.0).sum()) * step
-    model = float(np.hypot(known.model_error, SAMPLED))
+    losses, electrical = mechanical - stored, said - mechanical - chopper
+    causes = Causes(
+        model=known.model_error * total,
+        stored=float(np.hypot(MASSES * stored, _payload_lifted(arm, stretch))),
+        total=float(np.hypot(HELD * total, edge)),
+        meter=meter * np.array([electronics, brakes, stored, losses, electrical, chopper, total]),
+    )
     return TaskEnergy(
         total=total,
         electronics=electronics,
         brakes=brakes,
         stored=stored,
-        mechanical_losses=mechanical - stored,
-        electrical_losses=said - mechanical - chopper,
+        mechanical_losses=losses,
+        electrical_losses=electrical,
         regeneration=chopper,
         unexplained=total - electronics - brakes - said,
         positive_mechanical=positive,
         motion_efficiency_percent=motion_efficiency(positive, total),
-        uncertainty=float(np.linalg.norm([model * total, known.brakes_uncertainty * seconds, unsure * seconds, edge])),
+        covariance=group_covariance(known, level, feature, step, causes),
     )
 
 
@@ -110,6 +123,17 @@ def stored_energy(arm: Arm, stretch: Stretch) -> float:
         return float(pin.computePotentialEnergy(model, data, q) + pin.computeKineticEnergy(model, data, q, qd))
 
     return at(-1) - at(0)
+
+
+def _payload_lifted(arm: Arm, stretch: Stretch) -> float:
+    """One standard deviation, J, of what a payload between none and the maximum adds to the stored energy."""
+    model, data = arm.body.model, arm.body.model.createData()
+
+    def height(index: int) -> float:
+        pin.forwardKinematics(model, data, stretch.position[index])
+        return float(data.oMi[model.njoints - 1].translation[2])
+
+    return GRAVITY * arm.supplied.payload * abs(height(-1) - height(0)) / 3**0.5
 
 
 def resting_power(arm: Arm, known: Known, torque: Float) -> float:

@@ -29,9 +29,7 @@ FROM_CURRENT = 0.15
 FROM_SENSOR = 0.002
 """Factor a joint by which torque may be off, one standard deviation, by where it comes from."""
 FROM_RIGID = 0.03
-"""Factors found by the rigid body are taken to be no better than this, since no URDF is complete …"""
-SHY = 4.0
-"""… and no better than their uncertainty by the fit, times this."""
+"""Factors found by the rigid body are taken to be no better than this, since no URDF is complete."""
 DRAWS = 60
 """Draws of the parameters for the uncertainty of what follows from them."""
 OFF = 0.02
@@ -72,6 +70,7 @@ def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
         returned_uncertainty=float(np.sqrt(identified.covariance[-1, -1])),
         model_error_percent=_model_error(identified, repetitions),
         notes=_notes(arm, identified),
+        covariance=_covariance(identified),
     )
     return Outcome(findings, identified, repetitions)
 
@@ -83,7 +82,7 @@ def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, R
     torque, spread = ones, FROM_SENSOR * ones
     if arm.supplied.torque_from == "current":
         torque = rigid.torque
-        spread = np.minimum(np.hypot(SHY * rigid.uncertainty, FROM_RIGID), FROM_CURRENT)
+        spread = np.minimum(np.hypot(rigid.uncertainty, FROM_RIGID), FROM_CURRENT)
     if arm.supplied.brakes:
         level, unsure = rest.released.power - HOLD[0], float(np.hypot(HOLD[1], rest.released.uncertainty))
     else:
@@ -116,10 +115,17 @@ def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
 
 
 def fixed_uncertainty(identified: Identified) -> float:
-    """W: of the fixed power, with how it wandered from run to run."""
+    """W: of the fixed power, where it wandered from run to run by more than is expected beforehand too."""
     means = [float(residual(one, identified.drive)[1].mean()) for one in identified.observed]
-    wandering = float(np.std(means)) / np.sqrt(len(means))
-    return float(np.hypot(np.sqrt(identified.covariance[0, 0]), wandering))
+    wandering = float(np.std(means) / np.sqrt(len(means)))
+    return max(float(np.sqrt(identified.covariance[0, 0])), wandering)
+
+
+def _covariance(identified: Identified) -> tuple[tuple[float, ...], ...]:
+    """That of the fit, wider where the fixed power wandered."""
+    covariance = identified.covariance.copy()
+    covariance[0, 0] = fixed_uncertainty(identified) ** 2
+    return tuple(tuple(row) for row in covariance.tolist())
 
 
 def _average_shares(runs: Sequence[RunEnergy]) -> dict[str, float]:

@@ -107,6 +107,9 @@ class Findings:
     model_error_percent: float
     """How far the modelled energy of a repetition is from the measured one, rms over the runs."""
     notes: tuple[str, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = field(kw_only=True)
+    """(2 + 5 n, 2 + 5 n) of fixed power (W), of torque's factor, copper, switching, iron and hysteresis, all joints of
+    each in turn, and of ``returned``, in the units of ``Drive``."""
 
     def as_json(self) -> dict[str, Any]:
         """As plain data, for ``energy.json``."""

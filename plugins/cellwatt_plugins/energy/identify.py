@@ -34,6 +34,10 @@ SHARPEST = 0.05
 SHIFT = 0.05
 """s: how far the clocks may still be off while the drive is fitted, one standard deviation. A shift makes part of the
 friction look like inertia, so that it must be free for the factors on the torque to be as certain as they are told."""
+WANDERED = 0.1
+"""W: how far the electronics of a run may be from the others', one standard deviation …"""
+WARMED = 0.02
+"""… and the resistance of all windings, as a share: 5 K."""
 NEIGHBOURS = 10.0
 """What the model misses is alike in so many neighbouring values, and again in each repetition."""
 
@@ -120,9 +124,15 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
     covariance = np.zeros((0, 0))
     for _ in range(ROUNDS):
         tables = [_equations(one, drive) for one in runs]
-        drive, covariance = _solve(tables, scatter, drive, belief)
+        found, covariance = _solve(tables, scatter, drive, belief)
+        shared = len(covariance)
+        drive = _drive(found[:shared])
+        own = found[shared:].reshape(len(runs), -1)
+        scatter = [
+            _weighed(table, np.concatenate([found[:shared], mine]), belief.noise, one.repetitions)
+            for table, mine, one in zip(tables, own, runs, strict=True)
+        ]
         runs = [replace(one, offset=_realigned(one, drive)) for one in runs]
-        scatter = [_weighed(one, drive, belief.noise) for one in runs]
     return Identified(drive, covariance, tuple(runs), tuple(scatter))
 
 
@@ -138,15 +148,20 @@ def _realigned(one: Observed, drive: Drive) -> Offset:
     return refine(one.run.reading, modelled(one.run, one.feature, drive), one.offset.seconds)
 
 
-def _weighed(one: Observed, drive: Drive, noise: float) -> float:
+def _weighed(table: tuple[Float, Float], found: Float, noise: float, repetitions: int) -> float:
     """W, what one value counts for: noise averages out over values, what the model misses does so less."""
-    square = float(np.mean(residual(one, drive)[1] ** 2))
-    missed = max(square - noise**2, 0.0) * NEIGHBOURS * one.repetitions
+    design, value = table
+    square = float(np.mean((value - design @ found) ** 2))
+    missed = max(square - noise**2, 0.0) * NEIGHBOURS * repetitions
     return max(SHARPEST, float(np.sqrt(min(noise**2, square) + missed)))
 
 
 def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
-    """Design (M, 3 + 5 n) and measured power (M,): columns fixed, weights, returned, and a shift of the clocks."""
+    """Design (M, 2 + 5 n + 3) and measured power (M,): columns fixed, weights, returned, and what is the run's own.
+
+    That is a shift of the clocks, s, more power of the electronics, W, and resistance, as a share.
+    """
+    n = len(drive.torque)
     bus = bus_power(drive, one.feature)
     share = np.where(bus > 0, 1.0, drive.returned)[:, None]
     columns = np.hstack([np.ones((len(bus), 1)), one.feature * share, np.minimum(bus, 0.0)[:, None]])
@@ -158,23 +173,25 @@ def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
     supply = modelled(one.run, one.feature, drive)
     h = reading.step / 10
     slope = (supply.between(start - h, end - h) - supply.between(start + h, end + h)) / (2 * h * reading.step)
+    warmer = design[:, 1 + n : 1 + 2 * n] @ drive.copper
     # Linear about the present value of ``returned``, whose column is how power changes with it.
     value = reading.power[used] + drive.returned * design[:, -1]
-    return np.column_stack([design, slope]), value
+    return np.column_stack([design, slope, np.ones(len(slope)), warmer]), value
 
 
 def _solve(
     tables: Sequence[tuple[Float, Float]], scatter: Sequence[float], drive: Drive, belief: Belief
-) -> tuple[Drive, Float]:
+) -> tuple[Float, Float]:
+    """Parameters of the drive, then each run's own; and the covariance of the drive's."""
     prior_design, prior_value = _prior(drive, belief)
     shared, n = prior_design.shape[1], len(drive.torque)
-    shifts = block_diag(*(d[:, shared:] / s for (d, _), s in zip(tables, scatter, strict=True)))
+    own = block_diag(*(d[:, shared:] / s for (d, _), s in zip(tables, scatter, strict=True)))
     common = np.vstack([d[:, :shared] / s for (d, _), s in zip(tables, scatter, strict=True)])
-    known = block_diag(prior_design, np.eye(len(tables)) / SHIFT)
-    design = np.vstack([np.hstack([common, shifts]), known])
+    known = block_diag(prior_design, np.diag(np.tile(1 / np.array([SHIFT, WANDERED, WARMED]), len(tables))))
+    design = np.vstack([np.hstack([common, own]), known])
     values = [v / s for (_, v), s in zip(tables, scatter, strict=True)]
-    value = np.concatenate([*values, prior_value, np.zeros(len(tables))])
-    free = np.full(len(tables), np.inf)
+    value = np.concatenate([*values, prior_value, np.zeros(own.shape[1])])
+    free = np.full(own.shape[1], np.inf)
     lower = np.concatenate([[0.0], np.full(n, 0.2), np.zeros((KINDS - 1) * n + 1), -free])
     upper = np.concatenate([np.full(1 + KINDS * n, np.inf), [1.0], free])
     scale = np.linalg.norm(design, axis=0)
@@ -183,7 +200,7 @@ def _solve(
     solved = lsq_linear(triangle[:, :-1], triangle[:, -1], (lower * scale, upper * scale), method="bvls")
     information = (design / scale).T @ (design / scale)
     covariance = np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
-    return _drive((solved.x / scale)[:shared]), covariance[:shared, :shared]
+    return solved.x / scale, covariance[:shared, :shared]
 
 
 def _prior(drive: Drive, belief: Belief) -> tuple[Float, Float]:

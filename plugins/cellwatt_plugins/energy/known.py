@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.energy.arm import Arm
-from cellwatt_plugins.energy.drive import Drive
+from cellwatt_plugins.energy.drive import KINDS, Drive
+
+Float = NDArray[np.float64]
 
 ALIKE = 0.03
 """s: by so much, beside their uncertainty, offsets of the analyzer's clock in one cell may differ …"""
@@ -26,7 +30,6 @@ class Known:
     robot: str
     drive: Drive
     electronics: float
-    electronics_uncertainty: float
     brakes: float
     brakes_uncertainty: float
     model_error: float
@@ -37,12 +40,19 @@ class Known:
     """Nm of each joint."""
     late: float
     """s by which power comes later than the joints."""
+    covariance: Float
+    """(3 + 5 n, 3 + 5 n) of the electronics' power, and of fixed power, weights and ``returned`` of the drive."""
 
 
 def load_known(path: Path, arm: Arm) -> Known:
-    """Read ``energy.json``. Raises ``ModelError`` where it is no such file or is of another arm."""
+    """Read ``energy.json``. Raises ``ModelError`` where it is no such file, is of another arm or of an old cellwatt."""
     try:
         found: dict[str, Any] = json.loads(path.read_text())
+        if "drives" in found and "covariance" not in found:
+            raise ModelError(
+                f"{path}: is of an earlier cellwatt and does not say how its parameters are uncertain: "
+                "run `cellwatt disaggregate` again"
+            )
         known = _known(found, arm)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
@@ -64,19 +74,27 @@ def _known(found: dict[str, Any], arm: Arm) -> Known:
     electronics = fixed["controller"] + fixed["robot_electronics"]
     level = electronics + fixed["brakes"]
     drive = Drive(level, factor, ohm * factor**2 / described, switching * factor, iron, hysteresis, found["returned"])
-    unsure = float(np.hypot(fixed["controller_uncertainty"], fixed["robot_electronics_uncertainty"]))
     return Known(
         robot=found["robot"],
         drive=drive,
         electronics=electronics,
-        electronics_uncertainty=unsure,
         brakes=fixed["brakes"],
         brakes_uncertainty=fixed["brakes_uncertainty"],
         model_error=found["model_error_percent"] / 100,
         viscous=tuple(joint["viscous"] for joint in found["friction"]),
         coulomb=tuple(joint["coulomb"] for joint in found["friction"]),
         late=_late(found["runs"]),
+        covariance=_covariance(fixed, found["covariance"], arm),
     )
+
+
+def _covariance(fixed: dict[str, Any], drive: list[list[float]], arm: Arm) -> Float:
+    """The electronics' power is one reading, that with the arm connected: what the controller takes of it cancels."""
+    square = fixed["robot_electronics_uncertainty"] ** 2 - fixed["controller_uncertainty"] ** 2
+    covariance = block_diag(max(square, 0.0), np.array(drive, np.float64))
+    if covariance.shape != (3 + KINDS * arm.joints,) * 2:
+        raise ValueError(f"covariance of {len(drive)} parameters, expected {2 + KINDS * arm.joints}")
+    return np.asarray(covariance)
 
 
 def _late(runs: list[dict[str, Any]]) -> float:

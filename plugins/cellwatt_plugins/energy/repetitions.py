@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.energy.rests import encoder_noise, rests, spans
 
 Float = NDArray[np.float64]
 
 SHORTEST_REST = 0.3
 """s: staying at the start pose for so long is a rest between repetitions."""
-STILL = 0.1
-"""s in which an arm at rest does not leave the noise."""
 MOST = 20
 """Places of rest that are looked at: corners, where a slow arm hardly moves, are among them."""
 FEWEST = 4
@@ -75,43 +74,29 @@ def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:
     return kept, notes
 
 
-def encoder_noise(position: Float) -> float:
-    """Noise of the encoders (one standard deviation, rad) from third differences, in which slow motion cancels."""
-    third = np.diff(position, n=3, axis=0)
-    scale = np.median(np.abs(third), axis=0) / (0.6745 * np.sqrt(20.0))
-    return max(float(np.median(scale)), 1e-7)
-
-
 def _stays(motion: Motion, noise: float) -> list[tuple[int, int]]:
     """First and last sample (exclusive) of each rest at the start pose: where the arm is for the longest in all."""
-    lag = max(1, round(STILL / motion.step))
-    moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
-    spans = sorted(_spans(moved < 8 * noise), key=lambda span: span[0] - span[1])[:MOST]
+    longest = sorted(rests(motion), key=lambda rest: rest[0] - rest[1])[:MOST]
     least = round(SHORTEST_REST / motion.step)
     best: list[tuple[int, int]] = []
-    for a, b in spans:
-        pose = np.median(motion.position[a : b + lag], axis=0)
+    for a, b in longest:
+        pose = np.median(motion.position[a:b], axis=0)
         at = np.all(np.abs(motion.position - pose) < 6 * noise, axis=1)
-        stays = [(c, d) for c, d in _spans(at | _gaps(at, 3)) if d - c >= least]
+        stays = [(c, d) for c, d in spans(at | _gaps(at, 3)) if d - c >= least]
         best = max(best, stays, key=_length)
     return best
 
 
-def _length(spans: list[tuple[int, int]]) -> int:
-    return sum(b - a for a, b in spans)
+def _length(stays: list[tuple[int, int]]) -> int:
+    return sum(b - a for a, b in stays)
 
 
 def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     """True where at most ``longest`` samples in a row are false between true ones: single noisy samples."""
     out = np.zeros_like(flags)
-    for a, b in _spans(~flags):
+    for a, b in spans(~flags):
         out[a:b] = b - a <= longest and a > 0 and b < len(flags)
     return out
-
-
-def _spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _between(motion: Motion, before: tuple[int, int], after: tuple[int, int], noise: float) -> Repetition:

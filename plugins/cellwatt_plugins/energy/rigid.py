@@ -1,8 +1,10 @@
 """Torque against the rigid body: factors on the torque, and friction joint by joint (eqs 6, 7 of ECDP).
 
-For each joint, h τ = Y(q, θ̇, θ̈) (π₀ + δ) + J θ̈ + friction(θ̇): linear in the factor h, in the deviations δ of the
-links from the URDF, in the rotor inertia and in friction. The payload's mass is known, so that the difference between
-loaded and unloaded runs fixes h where inertias alone would leave it within their tolerance.
+For each joint, τ = g (Y(q, θ̇, θ̈) (π₀ + δ) + J θ̈) + friction(θ̇), where τ is given and g = 1/h: with the g of the round
+before beside δ, linear in g, in the deviations δ of the links from the URDF, in the rotor inertia and in friction.
+τ, with its noise and what (7) misses of friction, stands alone on its side: as a regressor, h τ = …, it would draw h to
+zero where most of it is friction. The payload's mass is known, so that the difference between loaded and unloaded runs
+fixes h where inertias alone would leave it within their tolerance.
 """
 
 from __future__ import annotations
@@ -31,8 +33,10 @@ LEAST = 0.003
 """Share of the arm's largest torque: no joint's torque is explained better."""
 ALIKE = 10.0
 """So many neighbouring samples share what the model misses, and count as one."""
-ROUNDS = 4
+ROUNDS = 6
 """Fits, each weighted by what the one before missed."""
+FURTHEST = 3.0
+"""Torque as given is taken to be within this factor of the true one, either way."""
 REACH = 0.3
 """m: scale of a link's size, for what 1 % of a first moment is …"""
 TOOL = 0.1
@@ -66,25 +70,28 @@ class _Samples:
 def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: Float) -> RigidFit:
     """Fit all runs; ``expected`` and ``uncertainty`` (n,) are what is believed of the factors before."""
     samples = _gather(runs)
-    design, value = _equations(arm, samples)
-    n = arm.joints
-    sigma, mean = _priors(arm, float(samples.payload.max()), expected, uncertainty)
+    value = samples.torque.reshape(-1)
+    n, given = arm.joints, 1.0 / expected
+    sigma, mean = _priors(arm, float(samples.payload.max()), given, uncertainty * given**2)
     largest = np.abs(samples.torque).max(axis=0)
     least = LEAST * float(largest.max())
     missed = np.tile(MISSED * largest + least, (len(samples.position), 1))
     for _ in range(ROUNDS):
+        design = _equations(arm, samples, given)
         weight = 1.0 / (missed.reshape(-1) * np.sqrt(ALIKE))
         whole = np.vstack([design * sigma * weight[:, None], np.eye(len(sigma))])
         right = np.concatenate([(value - design @ mean) * weight, np.zeros(len(sigma))])
         covariance = np.linalg.inv(whole.T @ whole)
         found = mean + sigma * (covariance @ (whole.T @ right))
         missed = _missed((value - design @ found).reshape(-1, n)) + least
+        given = np.clip(found[:n], 1 / FURTHEST, FURTHEST)
     spread = sigma * np.sqrt(np.diag(covariance))
     lower = np.full(len(sigma), -np.inf)
     # Friction takes energy: all but the offset only ever brakes.
     lower[-FRICTION * n :].reshape(FRICTION, n)[[0, 1, 3]] = 0.0
     bounded = mean + sigma * lsq_linear(whole, right, (lower, np.inf), method="bvls").x
-    return RigidFit(found[:n], spread[:n], bounded[-FRICTION * n :].reshape(FRICTION, n).T)
+    friction = bounded[-FRICTION * n :].reshape(FRICTION, n) / given
+    return RigidFit(1.0 / given, spread[:n] / given**2, friction.T)
 
 
 def _missed(residual: Float) -> Float:
@@ -110,9 +117,8 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
     return _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _equations(arm: Arm, samples: _Samples) -> tuple[Float, Float]:
-    """Design (N n, columns) and value (N n,): h | links | rotor | payload's centre and shape | friction."""
-    n, count = arm.joints, len(samples.position)
+def _equations(arm: Arm, samples: _Samples, given: Float) -> Float:
+    """Design (N n, columns): g | links | rotor | payload's centre and shape | friction; ``given`` (n,) is g so far."""
     regressor = arm.body.regressor(samples.position, samples.velocity, samples.acceleration)
     last = regressor[:, :, -PER_LINK:]
     known = regressor @ arm.body.parameters() + arm.column("rotor_inertia") * samples.acceleration
@@ -120,9 +126,9 @@ def _equations(arm: Arm, samples: _Samples) -> tuple[Float, Float]:
     velocity = samples.velocity
     own = [velocity, np.tanh(velocity / TURN), np.ones_like(velocity), velocity * np.abs(velocity)]
     loaded = (samples.payload > 0).astype(np.float64)[:, None, None]
-    columns = [-_diagonal(samples.torque), regressor, _diagonal(samples.acceleration), last[:, :, 1:] * loaded]
-    design = np.concatenate([*columns, *(_diagonal(f) for f in own)], axis=2)
-    return design.reshape(count * n, -1), -known.reshape(count * n)
+    deviations = [regressor, _diagonal(samples.acceleration), last[:, :, 1:] * loaded]
+    columns = [_diagonal(known), *(part * given[:, None] for part in deviations), *(_diagonal(f) for f in own)]
+    return np.concatenate(columns, axis=2).reshape(len(velocity) * arm.joints, -1)
 
 
 def _diagonal(values: Float) -> Float:

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.quantity import Seconds
+from cellwatt.quantity import Fraction, Seconds
 from cellwatt.results import Alarm, Energy, Interval, Result, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
 
@@ -28,8 +28,6 @@ LONGEST = 600 * 10**9
 """ns of frames that are kept: a longer task is not split."""
 REST = 10**9
 """ns: a rest that is shorter says nothing of the electronics."""
-FOLLOW = 0.2
-"""How far a rest moves the level of the electronics towards what it shows."""
 MISSING = 0.02
 """Share of a task's frames that may be missing; they are filled in between."""
 EARLY_OR_LATE = 10**8
@@ -57,6 +55,8 @@ class EnergySettings(StageSettings):
     """Parts that one task makes, where energy per part is to be told too."""
     brake_time: Seconds = Field(default=2.0, ge=0)
     """Time lost with putting brakes on and off, for the advice to park with brakes on."""
+    meter_class: Fraction = Field(default=0.001, ge=0, lt=1)
+    """What the maker says the power meter may be off, as a share of its reading; for the uncertainties."""
 
 
 class EnergyStage(Stage[EnergySettings]):
@@ -70,6 +70,7 @@ class EnergyStage(Stage[EnergySettings]):
         super().__init__(name, settings, layout, cell)
         try:
             from cellwatt_plugins.energy.arm import load_arm
+            from cellwatt_plugins.energy.follow import at_campaign
             from cellwatt_plugins.energy.known import load_known
         except ModuleNotFoundError as error:
             raise ConfigError(
@@ -84,7 +85,7 @@ class EnergyStage(Stage[EnergySettings]):
         self._source = layout.channels[self._columns[0]].source
         self._time = np.empty(0, np.int64)
         self._values = np.empty((0, len(self._columns)))
-        self._drift, self._unsure = 0.0, self._known.electronics_uncertainty
+        self._level = at_campaign(self._known)
         self._late = round(self._known.late * 1e9)
         self._waiting: list[Task] = []
         self._last: dict[str, Task] = {}
@@ -171,14 +172,10 @@ class EnergyStage(Stage[EnergySettings]):
         stretch = self._stretch(interval.start + self._late, interval.end)
         if stretch is None:
             return
-        from cellwatt_plugins.energy.balance import resting_power
+        from cellwatt_plugins.energy.follow import followed
 
-        hold = resting_power(self._arm, self._known, stretch.torque.mean(axis=0))
-        seen = float(stretch.power.mean()) - self._known.drive.fixed - hold
-        if self._known.brakes and seen < -0.5 * self._known.brakes:
-            return  # its brakes are on
-        self._unsure = float(np.hypot((1 - FOLLOW) * self._unsure, FOLLOW * abs(seen - self._drift)))
-        self._drift += FOLLOW * (seen - self._drift)
+        torque, power = stretch.torque.mean(axis=0), float(stretch.power.mean())
+        self._level = followed(self._level, self._arm, self._known, torque, power)
 
     def _split(self, task: Task) -> list[Result]:
         from cellwatt_plugins.energy.balance import task_energy
@@ -189,7 +186,8 @@ class EnergyStage(Stage[EnergySettings]):
         if stretch is None:
             return []
         edge = self._edge(task)
-        energy = task_energy(self._arm, self._known, stretch, self._drift, self._unsure, edge)
+        meter = self.settings.meter_class / 3**0.5  # as good as any within its class
+        energy = task_energy(self._arm, self._known, stretch, self._level, edge, meter)
         out: list[Result] = [self._told(task, energy), *self._balance(task, energy)]
         if task.repetition == TOLD_AT and before is not None:
             out += self._advice(task, before, stretch)
@@ -219,6 +217,7 @@ class EnergyStage(Stage[EnergySettings]):
             positive_mechanical=energy.positive_mechanical,
             motion_efficiency_percent=energy.motion_efficiency_percent,
             total_per_part=None if parts is None else energy.total / parts,
+            group_uncertainty=energy.group_uncertainty(),
         )
 
     def _balance(self, task: Task, energy: TaskEnergy) -> list[Result]:

@@ -7,6 +7,8 @@ from cellwatt_plugins.energy.recordings import read_reading, read_runs
 
 STATES = ("controller", "connected", "released")
 GROUPS = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration", "positive_mechanical")
+MEASURED = (*GROUPS, "total")
+"""What a campaign is to find of every run."""
 
 
 def run_on(folder):
@@ -21,7 +23,7 @@ def worst_error(key, findings):
     worst = 0.0
     for true in key["runs"]:
         both = {"electrical_losses_with_regeneration": true["electrical_losses"] + true["regeneration"]}
-        for group in (*GROUPS, "total"):
+        for group in MEASURED:
             off = getattr(found[true["run"]], group) - (true | both)[group]
             worst = max(worst, 100 * abs(off) / true["total"])
     return worst

@@ -6,7 +6,8 @@ from energy.plant import _timing
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
-from cellwatt_plugins.energy.repetitions import encoder_noise, find_repetitions
+from cellwatt_plugins.energy.repetitions import find_repetitions
+from cellwatt_plugins.energy.rests import encoder_noise
 
 NOISE = 2e-5
 RATE = 100.0

@@ -13,16 +13,15 @@ from numpy.typing import NDArray
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.recordings import Motion
-from cellwatt_plugins.energy.repetitions import Repetition, encoder_noise
+from cellwatt_plugins.energy.repetitions import Repetition
+from cellwatt_plugins.energy.rests import rests
 
 Float = NDArray[np.float64]
 
 REST: Final = 0.4
 """s: staying so long is a rest."""
-LAG: Final = 0.1
-"""s in which an arm at rest moves less than the noise, or than …"""
 CREEP: Final = 3e-4
-"""… rad: a joint at 3 mrad/s is at rest."""
+"""rad in 0.1 s: a joint at 3 mrad/s is at rest."""
 HERE: Final = 5e-3
 """rad: rests with all joints within this of each other are at one pose."""
 COUNTS: Final = 3.0
@@ -62,36 +61,26 @@ class Loop:
 
 def find_loops(arm: Arm, motion: Motion, speeds: Sequence[float]) -> tuple[list[Loop], list[str]]:
     """All repetitions in their order, each with its speed or its problem; and what else there is to say."""
-    rests = _rests(motion)
-    stays = _at_start(motion, rests)
+    found = [rest for rest in rests(motion, CREEP) if _seconds(motion, rest) >= REST]
+    stays = _at_start(motion, found)
     if len(stays) < 2:
         return [], ["the arm does not come back to rest where it began: no repetition"]
     loops = [_loop(arm, motion, before, after) for before, after in pairwise(stays)]
-    found = _judged(loops, motion, rests, speeds)
+    judged = _judged(loops, motion, found, speeds)
     notes = []
     if _moves_after(motion, stays[-1][1]):
         at = float(motion.time[stays[-1][1] - 1])
         notes.append(
             f"what begins at t = {at:.1f} s does not come back to the start: incomplete, or the arm was parked"
         )
-    return found, notes
+    return judged, notes
 
 
-def _rests(motion: Motion) -> list[tuple[int, int]]:
-    """First and last sample (exclusive) of each rest."""
-    lag = max(1, round(LAG / motion.step))
-    moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
-    still = moved < max(CREEP, 8 * encoder_noise(motion.position))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
-    spans = zip(edges[::2].tolist(), (edges[1::2] + lag).tolist(), strict=True)
-    return [(a, b) for a, b in spans if _seconds(motion, (a, b)) >= REST]
-
-
-def _at_start(motion: Motion, rests: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+def _at_start(motion: Motion, stops: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """The rests at the pose where the arm rests most often and longest."""
     poses: list[Float] = []
     members: list[list[tuple[int, int]]] = []
-    for a, b in rests:
+    for a, b in stops:
         pose = np.median(motion.position[a:b], axis=0)
         near = next((i for i, other in enumerate(poses) if np.abs(other - pose).max() < HERE), None)
         if near is None:
@@ -115,7 +104,7 @@ def _loop(arm: Arm, motion: Motion, before: tuple[int, int], after: tuple[int, i
 
 
 def _judged(
-    loops: Sequence[Loop], motion: Motion, rests: Sequence[tuple[int, int]], speeds: Sequence[float]
+    loops: Sequence[Loop], motion: Motion, stops: Sequence[tuple[int, int]], speeds: Sequence[float]
 ) -> list[Loop]:
     """Each loop against its neighbours in speed: way, time and speed."""
     length = float(np.median([loop.mean_speed * loop.seconds for loop in loops]))
@@ -124,7 +113,7 @@ def _judged(
         speed: float(np.median([loop.seconds for loop in named if loop.speed == speed]))
         for speed in {loop.speed for loop in named if not loop.problem}
     }
-    return [_timed(loop, usual, motion, rests) for loop in named]
+    return [_timed(loop, usual, motion, stops) for loop in named]
 
 
 def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
@@ -138,21 +127,21 @@ def _named(loop: Loop, length: float, speeds: Sequence[float]) -> Loop:
     return replace(loop, speed=nearest)
 
 
-def _timed(loop: Loop, usual: dict[float, float], motion: Motion, rests: Sequence[tuple[int, int]]) -> Loop:
+def _timed(loop: Loop, usual: dict[float, float], motion: Motion, stops: Sequence[tuple[int, int]]) -> Loop:
     if gap := _gap(motion.time[loop.first : loop.last + 1], motion.step):
         return replace(loop, problem=f"the arm's samples are missing for {gap:.2f} s")
     if loop.problem:
-        stop = _longest_stop(loop, motion, rests)
+        stop = _longest_stop(loop, motion, stops)
         return replace(loop, problem=f"{loop.problem}{stop}") if stop and "mean speed" in loop.problem else loop
     expected = usual[loop.speed]
     if abs(loop.seconds - expected) > LATE * expected + SLACK:
-        stop = _longest_stop(loop, motion, rests)
+        stop = _longest_stop(loop, motion, stops)
         return replace(loop, problem=f"it took {loop.seconds:.1f} s instead of {expected:.1f} s: interrupted{stop}")
     return loop
 
 
-def _longest_stop(loop: Loop, motion: Motion, rests: Sequence[tuple[int, int]]) -> str:
-    inside = [(_seconds(motion, (a, b)), a) for a, b in rests if loop.first < a and b < loop.last]
+def _longest_stop(loop: Loop, motion: Motion, stops: Sequence[tuple[int, int]]) -> str:
+    inside = [(_seconds(motion, (a, b)), a) for a, b in stops if loop.first < a and b < loop.last]
     if not inside:
         return ""
     stood, at = max(inside)

@@ -1,0 +1,61 @@
+"""What the electronics draw now: they warm up and their fans start, and every rest shows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.energy.arm import Arm
+from cellwatt_plugins.energy.drive import bus_power, features
+from cellwatt_plugins.energy.known import Known
+
+Float = NDArray[np.float64]
+
+FOLLOW = 0.2
+"""How far a rest moves the level of the electronics towards what it shows."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """The electronics' present power against that of the campaign."""
+
+    drift: float
+    """W beyond the campaign's value."""
+    scatter: float
+    """W, rms: how far the last rests were from what was followed until then. So well the level is known beside …"""
+    slope: Float
+    """(3 + 5 n,) … what it changes with the campaign's parameters, in the order of ``Known.covariance``."""
+
+
+def at_campaign(known: Known) -> Level:
+    """The level before any rest was seen: what the campaign read."""
+    return Level(0.0, 0.0, _unit(known, 0))
+
+
+def followed(level: Level, arm: Arm, known: Known, torque: Float, power: float) -> Level:
+    """The level after a rest of mean ``power`` W, held by ``torque`` (n,) Nm as given, unless its brakes are on."""
+    feature = features(arm, torque[None, :], np.zeros((1, arm.joints)))
+    seen = power - known.drive.fixed - float(bus_power(known.drive, feature)[0])
+    if known.brakes and seen < -0.5 * known.brakes:
+        return level
+    # By a rest the electronics are its power less the brakes' and what holds the arm.
+    shown = -brake_slope(known)
+    shown[2:-1] -= feature[0]
+    missed = seen - level.drift
+    return Level(
+        level.drift + FOLLOW * missed,
+        float(np.sqrt((1 - FOLLOW) * level.scatter**2 + FOLLOW * missed**2)),
+        (1 - FOLLOW) * level.slope + FOLLOW * shown,
+    )
+
+
+def brake_slope(known: Known) -> Float:
+    """(3 + 5 n,) how the brakes' power, fixed power less the electronics', changes with the parameters."""
+    none = np.zeros(len(known.covariance))
+    return _unit(known, 1) - _unit(known, 0) if known.brakes_uncertainty else none
+
+
+def _unit(known: Known, place: int) -> Float:
+    return np.asarray(np.eye(len(known.covariance))[place])

@@ -1,0 +1,117 @@
+"""How far the groups of one task may be off, all of them together.
+
+What the campaign found is the same for every sample of a task: its covariance goes through the groups' slopes, linear
+about what was found. Noise of the samples averages out. What one cause moves from one group to another, or in all
+groups alike, is one column; only so the groups' errors add up to that of the measured total.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power
+from cellwatt_plugins.energy.follow import Level, brake_slope
+from cellwatt_plugins.energy.known import Known
+
+Float = NDArray[np.float64]
+
+GROUPS = (
+    "electronics",
+    "brakes",
+    "stored",
+    "mechanical_losses",
+    "electrical_losses",
+    "regeneration",
+    "unexplained",
+)
+"""Where the energy of a task goes: together they are its total."""
+ELECTRONICS, BRAKES, STORED, MECHANICAL, ELECTRICAL, REGENERATION, UNEXPLAINED = range(len(GROUPS))
+TOTAL = UNEXPLAINED
+"""Column of the measured total in tables that do not hold the unexplained, which follows from the others."""
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What else makes a task's groups uncertain, one standard deviation each, J."""
+
+    model: float
+    """What the model of the drive misses: in the electrical losses."""
+    stored: float
+    """Of what the path lifted: what is not stored was lost on the way, so that mechanical losses change against it."""
+    total: float
+    """Of the measured total alone."""
+    meter: Float
+    """(7,) by the meter's class, which moves all groups and the total (last) alike."""
+
+
+def group_covariance(known: Known, level: Level, feature: Float, step: float, causes: Causes) -> Float:
+    """(7, 7) J² of ``GROUPS``, of a task whose samples every ``step`` s have ``feature`` (N, 5 n)."""
+    slope = group_slopes(known, level, feature, step)
+    covariance = slope @ known.covariance @ slope.T + _sampled(known.drive, feature, step)
+    seconds = step * len(feature)
+    columns = np.column_stack(
+        [
+            _column((ELECTRONICS, level.scatter * seconds)),
+            _column((ELECTRICAL, causes.model)),
+            _column((STORED, causes.stored), (MECHANICAL, -causes.stored)),
+            _column((TOTAL, causes.total)),
+            causes.meter,
+        ]
+    )
+    covariance = covariance + columns @ columns.T
+    return np.asarray(_LEFT @ covariance @ _LEFT.T)
+
+
+def group_slopes(known: Known, level: Level, feature: Float, step: float) -> Float:
+    """(7, 3 + 5 n) how each group changes with the campaign's parameters; the last row, of the total, is 0."""
+    drive, joints = known.drive, len(known.drive.torque)
+    seconds, energy = step * len(feature), feature.sum(axis=0) * step
+    bus = bus_power(drive, feature)
+    slope = np.zeros((len(GROUPS), len(known.covariance)))
+    slope[ELECTRONICS] = level.slope * seconds
+    slope[BRAKES] = brake_slope(known) * seconds
+    slope[MECHANICAL, 2 : 2 + joints] = energy[:joints]
+    slope[ELECTRICAL, 2 + joints : -1] = energy[joints:]
+    slope[REGENERATION, 2:-1] = -(1.0 - drive.returned) * feature[bus < 0].sum(axis=0) * step
+    slope[REGENERATION, -1] = np.minimum(bus, 0.0).sum() * step
+    return slope
+
+
+def _sampled(drive: Drive, feature: Float, step: float) -> Float:
+    """(7, 7) J² by noise of the samples, seen in third differences of the groups' power, in which motion cancels."""
+    joints = len(drive.torque)
+    weights = drive.weights()
+    mechanical, electrical = feature[:, :joints] @ weights[:joints], feature[:, joints:] @ weights[joints:]
+    power = np.column_stack([mechanical, electrical, chopper_power(drive, mechanical + electrical)])
+    third = np.diff(power, n=3, axis=0)
+    out = np.zeros((len(GROUPS), len(GROUPS)))
+    if len(third):
+        place = slice(MECHANICAL, REGENERATION + 1)
+        out[place, place] = third.T @ third / (20.0 * len(third)) * len(power) * step**2
+    return out
+
+
+def _column(*entries: tuple[int, float]) -> Float:
+    out = np.zeros(len(GROUPS))
+    for place, energy in entries:
+        out[place] = energy
+    return out
+
+
+def deviations(covariance: Float) -> dict[str, float]:
+    """One standard deviation of each group, J, by name."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return {name: float(value) for name, value in zip(GROUPS, spread, strict=True)}
+
+
+def _left() -> Float:
+    """What turns groups and total into groups and what is in none of them."""
+    turned = np.eye(len(GROUPS))
+    turned[UNEXPLAINED, :UNEXPLAINED] = -1.0
+    return turned
+
+
+_LEFT = _left()

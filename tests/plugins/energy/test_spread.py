@@ -1,0 +1,145 @@
+"""Uncertainty of a task's groups, against draws of the parameters and against causes put in by hand."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from energy.live import RATE
+from energy.plant import production
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.energy.arm import load_arm
+from cellwatt_plugins.energy.balance import Stretch, task_energy
+from cellwatt_plugins.energy.drive import features
+from cellwatt_plugins.energy.follow import at_campaign, followed
+from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.energy.spread import GROUPS, group_slopes
+
+DRAWS = 4000
+
+
+@pytest.fixture(scope="module")
+def arm_and_known(measured, outcome, tmp_path_factory):
+    path = tmp_path_factory.mktemp("known") / "energy.json"
+    path.write_text(json.dumps(outcome.findings.as_json()))
+    arm = load_arm(measured[1])
+    return arm, load_known(path, arm)
+
+
+@pytest.fixture(scope="module")
+def stretch(measured):
+    """Once round, without payload."""
+    case, _, key = measured
+    seen, power, _ = production(case, key["fixed"], 700.0, 0.0, 1, 0.5, RATE)
+    return Stretch(1 / RATE, seen["position"], seen["velocity"], seen["torque"], power)
+
+
+def drawn(known, generator):
+    """As the campaign might have found the arm."""
+    vector = generator.multivariate_normal(np.zeros(len(known.covariance)), known.covariance)
+    drive, (electronics, fixed, *weights) = known.drive, vector
+    moved = np.array(weights[:-1]).reshape(5, -1)
+    names = ("torque", "copper", "switching", "iron", "hysteresis")
+    changed = {name: getattr(drive, name) + more for name, more in zip(names, moved, strict=True)}
+    drive = replace(drive, fixed=drive.fixed + fixed, returned=drive.returned + weights[-1], **changed)
+    brakes = known.brakes + fixed - electronics
+    return replace(known, drive=drive, electronics=known.electronics + electronics, brakes=brakes)
+
+
+def test_parameters_reach_the_groups_as_draws_of_them_do(arm_and_known, stretch):
+    arm, known = arm_and_known
+    small = replace(known, covariance=known.covariance / 100)  # linear about what was found
+    rng = np.random.default_rng(4)
+    rows = [list(task_energy(arm, drawn(small, rng), stretch).groups().values()) for _ in range(DRAWS)]
+    slope = group_slopes(small, at_campaign(small), features(arm, stretch.torque, stretch.velocity), stretch.step)
+    slope[-1] = -slope[:-1].sum(axis=0)
+    stated = slope @ small.covariance @ slope.T
+    seen = np.cov(np.array(rows).T)
+    spread = np.sqrt(np.diag(seen))
+    taken = spread > 1e-6
+    assert [name for name, there in zip(GROUPS, taken, strict=True) if not there] == ["stored"]
+    assert np.sqrt(np.diag(stated))[taken] == pytest.approx(spread[taken], rel=0.06)
+    both = np.outer(spread, spread)[np.ix_(taken, taken)]
+    assert stated[np.ix_(taken, taken)] / both == pytest.approx(seen[np.ix_(taken, taken)] / both, abs=0.06)
+
+
+def test_errors_of_all_groups_together_are_those_of_the_measured_total(arm_and_known, stretch):
+    """Not the root of the squares: what one group has too much another has too little."""
+    arm, known = arm_and_known
+    energy = task_energy(arm, known, stretch, edge=2.0, meter=0.001)
+    of_total = np.linalg.norm([2.0, 0.003 * energy.total, 0.001 * energy.total])
+    assert np.sqrt(energy.covariance.sum()) == pytest.approx(of_total, rel=1e-9)
+    said = energy.group_uncertainty()
+    assert said["unexplained"] == energy.uncertainty
+    apart = np.linalg.norm([said[name] for name in GROUPS])
+    assert apart > 1.05 * of_total
+    explained = energy.covariance[:-1, :-1].sum()
+    assert energy.uncertainty**2 == pytest.approx(
+        explained + np.linalg.norm([2.0, 0.003 * energy.total]) ** 2, rel=0.02
+    )
+
+
+def test_a_meter_that_is_off_moves_all_groups_alike_and_hides_nothing(arm_and_known, stretch):
+    arm, known = arm_and_known
+    without, within = (task_energy(arm, known, stretch, meter=meter) for meter in (0.0, 0.01))
+    for name, value in without.groups().items():
+        more = within.group_uncertainty()[name] ** 2 - without.group_uncertainty()[name] ** 2
+        assert more == pytest.approx((0.01 * value) ** 2, abs=1e-6)
+
+
+def test_noise_of_the_samples_averages_out(arm_and_known, stretch):
+    """Torque that is noisier, against the scatter of the groups over many such tasks."""
+    arm, known = arm_and_known
+    sure = replace(known, covariance=0 * known.covariance, model_error=0.0)
+    rng = np.random.default_rng(2)
+    groups, said = [], []
+    for _ in range(200):
+        noise = 6.0 * rng.standard_normal(stretch.torque.shape)
+        energy = task_energy(arm, sure, replace(stretch, torque=stretch.torque + noise))
+        groups.append(energy.groups()["mechanical_losses"])
+        said.append(energy.group_uncertainty()["mechanical_losses"])
+    assert np.mean(said) == pytest.approx(np.std(groups), rel=0.15)
+
+
+def test_what_an_open_path_lifted_is_unsure_by_the_payload(arm_and_known, stretch):
+    arm, known = arm_and_known
+    half = slice(len(stretch.power) // 3)
+    part = replace(stretch, **{n: getattr(stretch, n)[half] for n in ("position", "velocity", "torque", "power")})
+    energy, closed = (task_energy(arm, known, one) for one in (part, stretch))
+    assert closed.group_uncertainty()["stored"] < 0.01 < energy.group_uncertainty()["stored"]
+    stored, mechanical = (GROUPS.index(name) for name in ("stored", "mechanical_losses"))
+    assert energy.covariance[stored, mechanical] == pytest.approx(-energy.covariance[stored, stored])
+
+
+def test_after_many_rests_electronics_are_as_sure_as_the_brakes(arm_and_known, stretch):
+    """A rest shows both together, and what holds the arm."""
+    arm, known = arm_and_known
+    level = at_campaign(known)
+    for _ in range(60):
+        level = followed(level, arm, known, np.zeros(6), known.drive.fixed + 3.0)
+    assert level.drift == pytest.approx(3.0, abs=1e-4)
+    energy = task_energy(arm, known, stretch, level)
+    said = energy.group_uncertainty()
+    assert said["electronics"] == pytest.approx(said["brakes"], rel=0.01)
+    assert energy.covariance[0, 1] == pytest.approx(-(said["brakes"] ** 2), rel=0.01)
+
+
+def test_a_jump_of_the_electronics_is_within_what_is_said_of_them(arm_and_known):
+    arm, known = arm_and_known
+    level = at_campaign(known)
+    for _ in range(30):
+        level = followed(level, arm, known, np.zeros(6), known.drive.fixed + 4.0)
+        assert abs(level.drift - 4.0) < 2 * level.scatter
+
+
+def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome, tmp_path):
+    found = outcome.findings.as_json()
+    arm, path = load_arm(measured[1]), tmp_path / "energy.json"
+    path.write_text(json.dumps(found | {"covariance": [row[:-1] for row in found["covariance"][:-1]]}))
+    with pytest.raises(ModelError, match="covariance of 31 parameters, expected 32"):
+        load_known(path, arm)
+    del found["covariance"]
+    path.write_text(json.dumps(found))
+    with pytest.raises(ModelError, match=r"earlier cellwatt .* run `cellwatt disaggregate` again"):
+        load_known(path, arm)
