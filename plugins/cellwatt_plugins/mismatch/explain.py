@@ -18,6 +18,7 @@ from cellwatt_plugins.mismatch.naming import findings_of, unknown_findings
 from cellwatt_plugins.mismatch.problem import Problem, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.run import Run
 from cellwatt_plugins.mismatch.search import search
+from cellwatt_plugins.mismatch.shaken import remaining
 from cellwatt_plugins.mismatch.solution import DEFAULT, Solution, Thresholds
 from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot import RigidBody, RobotDescription
@@ -107,7 +108,7 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
         held = HeldOut(solution.problem, solution.factor)
         own = unexplained(_nominal_chi2(solution.problem), solution, limits)
         found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
-        if solution is torque or np.max(torque.problem.chi2(torque.residual)) < SETTLED:
+        if solution is torque or np.max(remaining(torque)) < SETTLED:
             found += unknown_findings(solution, own, held)
         left += [leftover(u, *channel(solution.problem, u.channel)) for u in own]
         fit += _fit(solution, held)

@@ -8,13 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.findings import Leftover, Span
+from cellwatt_plugins.mismatch.shaken import shaken, still
 from cellwatt_plugins.mismatch.solution import Solution
 
 Float = NDArray[np.float64]
-
-
-FELT = 0.3
-"""Share of a channel's noise floor from which an effect is felt there."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +23,8 @@ class Limits:
     share: float = 0.2
     """Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""
     rough: float = 4.0
-    """The same for effects that are simulated sample by sample and whose course is sensitive."""
+    """The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much
+    as ``share`` of it is left while no link swings, too."""
     window: float = 0.5
     """s of the windows that are looked at."""
     strong: float = 6.0
@@ -49,26 +47,14 @@ def unexplained(before: Float, solution: Solution, limits: Limits = Limits()) ->
     """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone."""
     problem, residual = solution.problem, solution.residual
     left = problem.chi2(residual)
-    shaken = _shaken(solution)
+    rough, calm = shaken(solution), still(solution)
     out = []
     for channel, excess in enumerate(left - 1.0):
         explained = max(0.0, float(before[channel] - left[channel]))
-        rough = channel in shaken
-        share = limits.rough if rough else limits.share
-        if excess > max(limits.excess, share * explained):
+        share = limits.rough if channel in rough else limits.share
+        theirs = channel in rough and calm[channel] - 1.0 < max(limits.excess, limits.share * excess)
+        if excess > max(limits.excess, share * explained) and not theirs:
             out.append(_place(solution, channel, _strong(solution, channel, limits), limits))
-    return out
-
-
-def _shaken(solution: Solution) -> set[int]:
-    """Channels in which an effect that is simulated sample by sample is felt."""
-    out: set[int] = set()
-    for term in solution.terms:
-        if term.effect.costly:
-            block, place = solution.block(term)
-            added = block.times(solution.fit.coefficients[place], len(solution.problem.floor))
-            size = np.sqrt(np.mean(np.square(added), axis=0)) / solution.problem.floor
-            out |= {int(c) for c in np.flatnonzero(size > FELT)}
     return out
 
 

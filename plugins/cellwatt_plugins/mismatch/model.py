@@ -22,7 +22,7 @@ from cellwatt_plugins.robot.law import copper_loss
 
 Float = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -162,6 +162,8 @@ def load_model(path: Path) -> Model:
         content = yaml.safe_load(file.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
+    if isinstance(content, dict) and content.get("format") == 1:
+        raise ConfigError(f"{file}: is of an earlier cellwatt: run `cellwatt explain` again")
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ConfigError(f"{file}: is not a model that `cellwatt explain` wrote")
     try:

@@ -47,6 +47,8 @@ class Moved:
     """Standard deviation of that sign, from what the encoders leave open."""
     resolution: Float
     """Noise (n,) of the encoders, rad; 0 where the motion is known."""
+    velocity_spread: Float
+    """Standard deviation of the velocity, rad/s."""
     acceleration_spread: Float
     """Standard deviation of the acceleration, rad/s², where it had to be differentiated from encoders alone."""
 
@@ -66,7 +68,7 @@ def moved(run: Run) -> Moved:
     open_ = _average(np.square(fast[1] - slow[1]), width)
     spread = np.sqrt(np.square(slow[3]) + open_ + _within_sample(acceleration, run.step))
     sign, doubt = expected_sign(velocity, spread)
-    return Moved(position, velocity, acceleration, sign, doubt, noise, np.zeros_like(velocity))
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, np.zeros_like(velocity))
 
 
 def _followed(run: Run) -> Plan:
@@ -99,6 +101,7 @@ def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
         np.tanh(velocity / SIGN_WIDTH),
         np.zeros_like(velocity),
         np.zeros(velocity.shape[1]),
+        np.zeros_like(velocity),
         np.zeros_like(velocity),
     )
 
@@ -153,7 +156,7 @@ def _from_encoders(run: Run) -> Moved:
     spread = np.sqrt(np.square(gain * noise) + open_ + _within_sample(acceleration, run.step))
     cut = _average(np.square(harder - acceleration), width) - np.square(jerkier * noise)
     doubt = np.sqrt(np.square(jerky * noise) + np.maximum(cut, 0.0))
-    return Moved(kept, velocity, acceleration, *expected_sign(velocity, spread), noise, doubt)
+    return Moved(kept, velocity, acceleration, *expected_sign(velocity, spread), noise, spread, doubt)
 
 
 def _smoothed(error: Float, noise: Float, step: float, bandwidth: float) -> tuple[Float, Float, Float, Float]:

@@ -206,8 +206,10 @@ def supply_problem(runs: Sequence[Run], states: Sequence[States], doubt: Sequenc
         (run.power - nominal_power(robot, s.torque, s.qd))[:, None] for run, s in pairs if run.power is not None
     )
     noise = floor(target, [run.step for run, _ in pairs])
+    unsure = [np.square(s.qd * d) + np.square(s.torque * s.moved.velocity_spread) for _, s, d in triples]
     variance = tuple(
-        _without_gaps(noise[0] ** 2 + np.sum(np.square(s.qd * d), axis=1, keepdims=True), run) for run, s, d in triples
+        _without_gaps(noise[0] ** 2 + np.sum(u, axis=1, keepdims=True), run)
+        for (run, _, _), u in zip(triples, unsure, strict=True)
     )
     power = np.concatenate([run.power for run, _ in pairs if run.power is not None])
     size = np.array([max(0.1 * float(np.std(power)), 0.03 * float(np.mean(power)), noise[0])])

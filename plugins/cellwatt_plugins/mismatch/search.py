@@ -27,6 +27,7 @@ from cellwatt_plugins.mismatch.findings import Trial
 from cellwatt_plugins.mismatch.problem import Problem, Term
 from cellwatt_plugins.mismatch.refinement import climb
 from cellwatt_plugins.mismatch.regression import Block, Regression
+from cellwatt_plugins.mismatch.shaken import remaining
 from cellwatt_plugins.mismatch.solution import DEFAULT, Candidate, Solution, Thresholds
 from cellwatt_plugins.robot.law import column
 
@@ -72,7 +73,7 @@ class _Search:
             now = self._drop(self._swap(self._reweighed(entered)))
         for term in now.terms[:-1]:
             now = self._refined(now, term)
-        now = self._lasting(self._credible(self._drop(now, keep=0)))
+        now = self._lasting(self._credible(self._sizeable(self._drop(now, keep=0))))
         now.rivals = {term.place: self._compared(now, term) for term in now.terms}
         refused = [t for place, t in self.tried.items() if place not in {term.place for term in now.terms}]
         now.tried = [self._kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
@@ -151,8 +152,8 @@ class _Search:
         gains = now.fit.gains(blocks, keep=lasting)
         found = [
             Candidate(term, gain - effect.charge(now.problem.states, term.shape), coefficients)
-            for term, (gain, coefficients) in zip(terms, gains, strict=True)
-            if physical(term, coefficients, robot) and usual(term, coefficients, blocks[0].prior)
+            for term, block, (gain, coefficients) in zip(terms, blocks, gains, strict=True)
+            if physical(term, coefficients, robot) and usual(term, coefficients, block.prior)
         ]
         return max(found, key=lambda c: c.gain, default=None)
 
@@ -209,10 +210,10 @@ class _Search:
         return None
 
     def _asked(self, term: Term) -> float:
-        """nats that a term must add; half where the description has a plain parameter at 0: no rare thing."""
+        """nats that a term must add; half of what is no rare thing, as a plain parameter that is described as 0."""
         described = term.effect.described(self.start.states[0].robot, term.joint)
-        plain = bool(term.effect.nominal) and described == 0
-        return 0.5 * self.thresholds.gain if plain else self.thresholds.gain
+        ordinary = term.effect.ordinary or (bool(term.effect.nominal) and described == 0)
+        return 0.5 * self.thresholds.gain if ordinary else self.thresholds.gain
 
     def _instead(self, now: Solution, old: Term, new: Term) -> Solution | None:
         """The solution with a new term in an old one's place; None where the old one has more evidence."""
@@ -241,14 +242,24 @@ class _Search:
                     now, own = new, gain
         return now
 
+    def _sizeable(self, now: Solution) -> Solution:
+        """Without the terms that add less than the form of another one there may be wrong by."""
+        for term in list(now.terms):
+            doubt = {t.effect.name: t.effect.inexact * self._share(now, t) for t in now.terms if t is not term}
+            name = max(doubt, key=lambda n: doubt[n], default="")
+            if name and self._share(now, term) < doubt[name]:
+                self._note(term, 0.0, f"is less than the form of {name.replace('_', ' ')} may be wrong by")
+                now = self._solve([t for t in now.terms if t is not term])
+        return now
+
     def _credible(self, now: Solution) -> Solution:
         """Without the terms of a joint that explain little of what differs there: they only lean on the unknown."""
-        left = now.problem.chi2(now.residual)
+        left = remaining(now)
         for term in list(now.terms):
             if term.joint is None or term.effect.costly or left[term.joint] - 1 < EXCESS:
                 continue
             without = self._solve([t for t in now.terms if t is not term])
-            drop = float(without.problem.chi2(without.residual)[term.joint] - left[term.joint])
+            drop = float(remaining(without)[term.joint] - left[term.joint])
             share = drop / (drop + float(left[term.joint]) - 1)
             if share < self.thresholds.credible:
                 self._note(

@@ -72,6 +72,11 @@ class RigidBody:
         model, data = self.model, self._data
         return np.stack([pin.crba(model, data, row)[:, joint] for row in q])
 
+    def gravity_slope(self, q: Float, joint: int) -> Float:
+        """How gravity's torques (N, n) change with the angle of ``joint`` (0-based) at ``q`` (N, n) rad, Nm/rad."""
+        model, data = self.model, self._data
+        return np.stack([pin.computeGeneralizedGravityDerivatives(model, data, row)[:, joint] for row in q])
+
     def tilt_torque(self, q: Float, gravity: Float) -> Float:
         """Torques (N, n) Nm that ``gravity`` (3,) m/s² in the base frame, instead of the vertical one, would need."""
         tilted = self.model.copy()

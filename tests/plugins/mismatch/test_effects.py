@@ -35,6 +35,7 @@ ACTS_AT_REST = {
     "gravity_tilt",
     "spring_load",
     "position_periodic_torque",
+    "joint_elasticity",
     "external_contact",
     "torque_gain",
     "torque_offset",
@@ -152,6 +153,17 @@ def test_other_joints_feel_a_swinging_link(full_runs):
     assert np.allclose(columns[:, [0, 2], 1], mass[:, [0, 2]] * more[:, None], atol=1e-6)
     assert not columns[:, [0, 2], 0].any()
     assert not columns[:, 1, 1].any()
+
+
+def test_a_link_that_hangs_behind_its_motor_turns_what_it_carries(full_runs):
+    run, stiffness = full_runs[0], 3000.0
+    columns = BY_NAME["joint_elasticity"].columns(run, 1, (stiffness, 2.0, 0.0))
+    twist = (plant.links(plant.NOMINAL, run.q, run.qd, run.qdd)[:, 1] + columns[:, 1, 0]) / stiffness
+    still, hanging = np.zeros_like(run.qd), run.q.copy()
+    hanging[:, 1] -= twist
+    change = plant.links(plant.NOMINAL, hanging, still, still) - plant.links(plant.NOMINAL, run.q, still, still)
+    assert np.max(np.abs(change)) > 0.05
+    assert np.allclose(columns[:, :, 2], change, atol=0.05 * np.max(np.abs(change)))
 
 
 def test_at_rest_there_is_nothing_unless_the_effect_acts_there(effect, setting):

@@ -89,9 +89,9 @@ def test_a_simulated_effect_counts_as_far_as_other_runs_confirm_it(problem):
     term = Term(BY_NAME["joint_elasticity"], 1, (4000.0, 8.0, 0.0))
     courses = problem.columns(term)
     nothing = np.zeros_like(problem.design.target)
-    assert confirmed(problem, term, np.array([1.0, 0.0]), nothing) == pytest.approx(1.0, abs=0.05)
+    assert confirmed(problem, term, np.array([1.0, 0.0, 0.0]), nothing) == pytest.approx(1.0, abs=0.05)
     other_way = problem.stack([-2 * courses[0][:, :, 0], np.zeros_like(courses[1][:, :, 0])])
-    assert confirmed(problem, term, np.array([1.0, 0.0]), other_way) < 0.3
+    assert confirmed(problem, term, np.array([1.0, 0.0, 0.0]), other_way) < 0.3
 
 
 def test_sums_by_block_are_over_the_rows_of_each_block(problem):

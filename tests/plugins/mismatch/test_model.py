@@ -59,7 +59,7 @@ TERMS = (
     term("spring_load", 2, (), [12.0, -3.0]),
     term("torque_gain", 0, (), [0.07]),
     term("time_delay", None, (0.013,), [1.0]),
-    term("joint_elasticity", 0, (3000.0, 12.0, 0.0), [1.0, 0.9]),
+    term("joint_elasticity", 0, (3000.0, 12.0, 0.0), [1.0, 0.9, 0.8]),
     term("fan_switching", None, (1.0, 2.0, 3.0), [30.0]),
     term("converter_efficiency", None, (0.0,), [0.2]),
 )
@@ -149,6 +149,7 @@ def damaged(folder, robot, change):
     ("change", "said"),
     [
         (lambda c: c.update(format=99), "not a model"),
+        (lambda c: c.update(format=1), "run `cellwatt explain` again"),
         (lambda c: c.pop("retuned"), "retuned"),
         (lambda c: c["robot"].pop("joints"), "damaged"),
         (lambda c: c["retuned"].update(standby_power="much"), "damaged"),

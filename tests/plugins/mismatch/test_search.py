@@ -6,7 +6,7 @@ import pytest
 from cellwatt_plugins.mismatch.belief import blurred, tension
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.problem import Term, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.refinement import at_bound, climb
 from cellwatt_plugins.mismatch.search import search
 from cellwatt_plugins.mismatch.solution import Solution, Thresholds
@@ -102,6 +102,72 @@ def test_an_error_of_the_last_link_is_not_named_beside_a_payload(arm):
     carried = plant.Missing(arm=plant.loaded(plant.REAL, 3.0, 0.3))
     solution = searched(arm, carried, ("payload", "link_inertial_error"))
     assert [t.effect.name for t in solution.terms] == ["payload"]
+
+
+@pytest.mark.parametrize(
+    "real",
+    [
+        replace(plant.REAL, masses=(11.5, 4.3)),
+        replace(plant.REAL, centres=(0.36, 0.21)),
+        replace(plant.REAL, masses=(11.0, 4.3), centres=(0.30, 0.21), transverse=(0.33, 0.088)),
+    ],
+    ids=["mass", "centre", "all of it"],
+)
+def test_the_link_that_is_off_is_told_from_its_neighbours(arm, real):
+    solution = searched(arm, plant.Missing(arm=real), ("link_inertial_error",))
+    assert places(solution) == {("link_inertial_error", 2)}
+
+
+def test_a_link_may_be_off_as_links_are(arm):
+    """It is heavier, or weighs elsewhere; no moment comes without inertia, nor inertia about one axis alone."""
+    run = plant.record("run_01", 1, plant.NOTHING)
+    states = [States(run.name, 0, run.time, moved(run), *arm)]
+    effect = BY_NAME["link_inertial_error"]
+    covariance = effect.prior(states, 1, np.empty((0, 3, 10)), np.ones(3)).covariance
+
+    def parameters(mass, centre, share):
+        """Of the plant's second link; its centre on x, so the inertia about y and z has the centre's, too."""
+        inertia = share * np.array([0.03, 0.0, 0.22, 0.0, 0.0, 0.22])
+        inertia[[2, 5]] += mass * centre**2
+        return np.array([mass, mass * centre, 0.0, 0.0, *inertia])
+
+    def unlikely(change):
+        return float(change @ np.linalg.solve(covariance, change))
+
+    nominal = parameters(7.5, 0.24, 1.0)
+    assert unlikely(parameters(1.4 * 7.5, 0.24, 1.4) - nominal) < 1.5
+    assert unlikely(parameters(7.5, 0.29, 1.0) - nominal) < 1.5
+    assert unlikely(0.75 * np.eye(10)[1]) > 10
+    assert unlikely(0.2 * np.eye(10)[6]) > 10
+
+
+def test_a_delay_of_less_than_a_tenth_of_a_sample_is_how_torque_was_sampled(arm):
+    run = plant.record("run_01", 1, plant.NOTHING)
+    states = [States(run.name, 0, run.time, moved(run), *arm)]
+    for share, resolved in ((0.08, False), (-0.08, False), (0.12, True), (-0.12, True)):
+        assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
+
+
+def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
+    """Loss by hysteresis and eddy currents, which one power of speed does not follow in full."""
+
+    def drawn(brakes):
+        def power(time, power, qd):
+            iron = 60 * np.sum(np.abs(qd) + qd**2, axis=1)
+            return power + iron + brakes * np.any(qd != 0, axis=1)
+
+        return power
+
+    def found(brakes):
+        missing = plant.Missing(drawn=drawn(brakes))
+        runs = [plant.record(f"run_0{i}", i, missing, plan=True) for i in (1, 2)]
+        states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+        problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
+        effects = [BY_NAME["iron_loss"], BY_NAME["brake_power"]]
+        return {t.effect.name for t in search(lambda _: problem, 1, effects=effects).terms}
+
+    assert found(0.0) == {"iron_loss"}
+    assert found(15.0) == {"iron_loss", "brake_power"}
 
 
 def test_effects_see_the_load_with_what_the_arm_carries(arm):

@@ -52,7 +52,7 @@ class Backlash(Effect):
         return [found[:, i : i + 1] for i in range(len(shapes))]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        return with_others(run, joint or 0, self.grid(run, joint, [shape])[0][:, 0])
+        return with_others(run, joint or 0, self.grid(run, joint, [shape])[0][:, 0], shape[1])
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         if columns.ndim == 2:

@@ -91,8 +91,12 @@ class Effect(ABC):
     """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
     family: ClassVar[str] = ""
     """Effects of one family stand for one another: one of them at a joint."""
+    ordinary: ClassVar[bool] = False
+    """No rare thing: half as much evidence is asked."""
     costly: ClassVar[bool] = False
     """Simulated sample by sample: tried only where much is unexplained."""
+    inexact: ClassVar[float] = 0.0
+    """Share of what it adds by which its form may be wrong: what adds less beside it is not believed."""
     varies: ClassVar[bool] = False
     """Its shapes come from what is left unexplained, or its columns from the fitted torque."""
     most: ClassVar[float] = float("inf")

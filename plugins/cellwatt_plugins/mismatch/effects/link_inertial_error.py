@@ -12,12 +12,20 @@ from cellwatt_plugins.mismatch.regression import Prior
 from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
+OFF = 0.4
+"""Share of its mass, of its inertia, and of its centre's distance by which a link may be off."""
+NEAR = 0.03
+"""m by which the centre of mass of a link that has it on its axis is thought to be away from there."""
+BESIDES = 0.02
+"""Share of each parameter that may be off by itself."""
+
 
 class LinkInertialError(Effect):
     """Errors of the ten inertial parameters of the link that a joint moves."""
 
     name = "link_inertial_error"
     loads = True
+    ordinary = True
     most = 2.5
     confusions = (
         Confusion("payload", "weigh with the tool off, then on"),
@@ -33,11 +41,21 @@ class LinkInertialError(Effect):
         return run.regressor[:, :, first : first + 10]
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """Well off as links are: all of it scaled, its centre of mass elsewhere, its inertia scaled; little besides.
+
+        Ten parameters that were free of one another could stand for the link before or after, too: what a mass adds
+        at this link's centre must come with the mass.
+        """
         own = runs[0].body.parameters()[10 * (joint or 0) :][:10]
-        mass, centre = max(own[0], 0.1), float(np.linalg.norm(own[1:4])) / max(own[0], 0.1)
+        mass = max(float(own[0]), 0.1)
+        centre = own[1:4] / mass
+        reach = float(np.linalg.norm(centre)) + NEAR
+        moves = [_moved(mass, centre, step) for step in OFF * reach * np.eye(3)]
+        swelling = np.concatenate([np.zeros(4), own[4:] - mass * _entries(_around(centre, centre))])
+        ways = np.array([OFF * own, *moves, OFF * swelling])
         turn = float(np.max(np.abs(own[[4, 6, 9]])))
-        deviations = [0.4 * mass, *(3 * [0.4 * mass * centre + 0.03 * mass]), *(6 * [0.4 * turn + 1e-4 * mass])]
-        return Prior.spread(np.array(deviations))
+        besides = [mass, *(3 * [mass * reach]), *(6 * [2 * turn + 1e-3 * mass])]
+        return Prior(np.zeros(10), ways.T @ ways + np.diag(np.square(BESIDES * np.array(besides))))
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         names = ("mass", "moment_x", "moment_y", "moment_z")
@@ -50,3 +68,18 @@ class LinkInertialError(Effect):
             f"The link moved by {who.lower()} is well off its description: its mass by {said(parameters['mass'])}, "
             f"its first moment by ({moment[0]:.3g}, {moment[1]:.3g}, {moment[2]:.3g}) kg m."
         )
+
+
+def _moved(mass: float, centre: Float, step: Float) -> Float:
+    """What ten parameters (mass, first moment, inertia at the joint) gain where the centre of mass moves by a step."""
+    return np.concatenate([[0.0], mass * step, mass * _entries(_around(centre, step) + _around(step, centre))])
+
+
+def _around(a: Float, b: Float) -> Float:
+    """a·b 1 - a bᵀ, (3, 3): the inertia of a unit mass, for a = b."""
+    return np.asarray((a @ b) * np.eye(3) - np.outer(a, b))
+
+
+def _entries(tensor: Float) -> Float:
+    """A symmetric tensor as xx, xy, yy, xz, yz, zz."""
+    return np.asarray(tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])

@@ -25,7 +25,7 @@ class Payload(Effect):
     loads = True
     place = "robot"
     positive = True
-    plainer = 6.0
+    plainer = 10.0
     scales_with_torque = ("mass",)
     confusions = (
         Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link stays"),

@@ -17,6 +17,8 @@ DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in
 
 SHARE = 0.5
 """Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
+LEAST = 0.1
+"""Of a sample: a delay as short as that is how torque was sampled."""
 
 
 class TimeDelay(Effect):
@@ -36,7 +38,8 @@ class TimeDelay(Effect):
         return [(d,) for d in DELAYS]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        return not any(run.unplanned for run in runs) or abs(shape[0]) > SHARE * runs[0].step
+        least = SHARE if any(run.unplanned for run in runs) else LEAST
+        return abs(shape[0]) > least * runs[0].step
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return (shifted(run.time, run.torque, shape[0]) - run.torque)[:, :, None]

@@ -48,22 +48,25 @@ def elastic(run: States, joint: int, stiffness: Float, damping: Float, at_rest: 
     return out
 
 
-def with_others(run: States, joint: int, own: Float) -> Float:
-    """Columns (N, n, 2): ``own`` (N,) Nm that a swinging link adds at its joint, and what the others feel of it.
+def with_others(run: States, joint: int, own: Float, stiffness: float) -> Float:
+    """Columns (N, n, 3): ``own`` (N,) Nm that a swinging link adds at its joint, and what else comes of it.
 
-    The link's acceleration differs from the motor's by own / M_jj; joint k needs M_kj of that.
+    The link's acceleration differs from the motor's by own / M_jj; joint k needs M_kj of that. And the link hangs
+    behind its motor by the twist of the spring, which turns all that it carries in the field of gravity.
     """
-    out = np.zeros((*run.q.shape, 2))
+    out = np.zeros((*run.q.shape, 3))
     mass = run.body.inertia_of(run.q, joint)
     out[:, :, 1] = mass * (own / mass[:, joint])[:, None]
     out[:, joint, 0], out[:, joint, 1] = own, 0.0
+    twist = (run.rigid[:, joint] + own) / stiffness
+    out[:, :, 2] = -twist[:, None] * run.body.gravity_slope(run.q, joint)
     return out
 
 
 def coupled(own: Prior) -> Prior:
-    """Prior of both columns of ``with_others``: whether the other joints feel the link depends on their drives."""
-    covariance = np.diag([*np.diag(own.covariance), OTHERS[1] ** 2])
-    return Prior(np.array([*own.mean, OTHERS[0]]), covariance)
+    """Prior of the columns of ``with_others``: how much of the link the others feel depends on their drives."""
+    covariance = np.diag([*np.diag(own.covariance), OTHERS[1] ** 2, OTHERS[1] ** 2])
+    return Prior(np.array([*own.mean, OTHERS[0], OTHERS[0]]), covariance)
 
 
 def _transition(inertia: Float, stiffness: Float, damping: Float, step: float) -> tuple[Float, Float, Float, Float]:
