@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path as File
 
 import numpy as np
 from concealed.arms import Array, draw_arm, mistune
 from concealed.describe import robot_yaml, urdf
 
+from faults.bound import signal_to_noise, signal_to_spread
 from faults.plant import ENCODER_FAULTS, JOINT_FAULTS, SIZES, Cell, Fault, draw_cell, measure
-from faults.tasks import STEP, Path, Task, draw_task, run, transfer
+from faults.tasks import STEP, Path, Task, draw_task, edit, run, transfer
 
 HARMLESS = ("speed_override", "part_weight", "pause", "warm_up", "new_task")
+WARMTH, PART = 0.15, 0.15
+"""Shares by which friction of all joints may be higher, and a part heavier or lighter, in healthy cycles."""
+OFF_PATH = math.radians(0.4)
+"""rad from which an encoder is off its path for certain."""
+EDITED = 12
+"""Tasks with a changed pose, in a cell that has such."""
 FAMILIES = ("industrial6", "collaborative6", "compact6", "light7", "service7")
 
 
@@ -40,6 +49,10 @@ class Truth:
     """Move (from 1) in which each fault first moves the power by a tenth of its most, or its encoder off the path."""
     ends: tuple[float, ...]
     """When each move ended, s."""
+    signal_to_noise: tuple[float, ...]
+    """Of each fault by the end of the move in which it first acts; infinite where an encoder is off by then."""
+    signal_to_spread: tuple[float, ...]
+    """The same where harmless changes have no bound."""
 
 
 @dataclass
@@ -66,8 +79,11 @@ class Case:
     robot: File
 
 
-def make_case(seed: int, folder: File, cycles: int = 60, calm: bool = False) -> Case:
-    """A cell drawn by its seed, with no fault at all where it is `calm`; its description is written to `folder`."""
+def make_case(seed: int, folder: File, cycles: int = 60, calm: bool = False, edited: bool = False) -> Case:
+    """A cell drawn by its seed, with no fault at all where it is `calm`; its description is written to `folder`.
+
+    Where it is `edited`, every cycle is that of a known task of which somebody has changed a pose.
+    """
     rng = np.random.default_rng(seed)
     arm = draw_arm(rng, FAMILIES[seed % len(FAMILIES)])
     told = mistune(rng, arm, 1.5)
@@ -76,10 +92,11 @@ def make_case(seed: int, folder: File, cycles: int = 60, calm: bool = False) -> 
     (folder / "robot.yaml").write_text(robot_yaml(told, 1.0 / STEP))
     cell = draw_cell(rng, arm)
     tasks = [draw_task(rng, arm) for _ in range(3)]
-    strange = [draw_task(rng, arm) for _ in range(2)]
+    strange = [edit(rng, tasks[k % 3]) for k in range(EDITED)] if edited else [draw_task(rng, arm) for _ in range(2)]
     plans = [Plan(t, s) for t in range(3) for s in (1.0, 1.0, 1.0, 1.0, 1.0, 0.6, 0.6, 0.6, 0.6)]
     healthy = record(rng, cell, tasks, strange, [plans[i] for i in rng.permutation(len(plans))], cold=0.15)
-    judged = record(rng, cell, tasks, strange, draw_plans(rng, arm.joints, tasks, cycles, calm), cold=0.0)
+    judged_plans = [Plan(None, 1.0)] * cycles if edited else draw_plans(rng, arm.joints, tasks, cycles, calm)
+    judged = record(rng, cell, tasks, strange, judged_plans, cold=0.0)
     return Case(columns(rng, cell, healthy), columns(rng, cell, judged), tuple(judged.truths), folder)
 
 
@@ -135,21 +152,32 @@ def run_cycle(rng: np.random.Generator, cell: Cell, task: Task, plan: Plan, take
     pause = (int(rng.integers(len(task.seconds))), 2.5) if plan.harmless == "pause" else None
     path = run(task, speed, rng.normal(0.0, 0.012, len(task.seconds)), pause)
     held = holding(task, path)
-    part = cell.part + (0.15 * cell.part * rng.choice([-1, 1]) if plan.harmless == "part_weight" else 0.0)
-    warmth += 0.15 if plan.harmless == "warm_up" else 0.0
+    part = cell.part + (PART * cell.part * rng.choice([-1, 1]) if plan.harmless == "part_weight" else 0.0)
+    warmth += WARMTH if plan.harmless == "warm_up" else 0.0
     start = take.seconds
-    q, power = measure(cell, path, held, part=part, warmth=warmth, faults=plan.faults)
-    alone = [measure(cell, path, held, part=part, warmth=warmth, faults=(f,)) for f in plan.faults]
-    calm = measure(cell, path, held, part=part, warmth=warmth, faults=()) if plan.faults else (q, power)
-    watts = tuple(float(np.abs(p - calm[1]).max()) for _, p in alone)
+    measured = partial(measure, cell, path, held)
+    q, power = measured(part=part, warmth=warmth, faults=plan.faults)
+    alone = [measured(part=part, warmth=warmth, faults=(f,)) for f in plan.faults]
+    calm = measured(part=part, warmth=warmth, faults=()) if plan.faults else (q, power)
+    effects = [p - calm[1] for _, p in alone]
     acts = tuple(
-        first_move(path, f, np.abs(s - calm[0])[:, f.joint], np.abs(p - calm[1]))
-        for f, (s, p) in zip(plan.faults, alone, strict=True)
+        first_move(path, f, np.abs(s - calm[0])[:, f.joint], np.abs(effect))
+        for f, (s, _), effect in zip(plan.faults, alone, effects, strict=True)
+    )
+    changes = ((part, warmth + WARMTH), ((1.0 + PART) * part, warmth)) if plan.faults else ()
+    harmless = [measured(part=kg, warmth=share, faults=())[1] - calm[1] for kg, share in changes]
+    ratios = tuple(
+        tuple(
+            np.inf if _shown(path, move, s - calm[0]) else of(path, move, effect, harmless, cell.noise)
+            for (s, _), move, effect in zip(alone, acts, effects, strict=True)
+        )
+        for of in (signal_to_noise, signal_to_spread)
     )
     take.q.append(q)
     take.power.append(power)
     ends = tuple(start + STEP * float(np.flatnonzero(path.move == m)[-1]) for m in range(len(task.seconds)))
-    take.truths.append(Truth(plan, start, take.seconds, watts, len(task.seconds), acts, ends))
+    watts = tuple(float(np.abs(effect).max()) for effect in effects)
+    take.truths.append(Truth(plan, start, take.seconds, watts, len(task.seconds), acts, ends, *ratios))
 
 
 def first_move(path: Path, fault: Fault, off: Array, watts: Array) -> int:
@@ -157,6 +185,11 @@ def first_move(path: Path, fault: Fault, off: Array, watts: Array) -> int:
     size = off if fault.kind == "encoder" else watts
     shows = np.flatnonzero((size > 0.1 * size.max()) & (path.move >= 0))
     return int(path.move[shows[0]]) + 1 if len(shows) else 0
+
+
+def _shown(path: Path, move: int, off: Array) -> bool:
+    """Whether encoders are ``off`` (N, n) rad by more than rest poses differ, by the end of a move from 1."""
+    return bool(np.abs(off[: np.flatnonzero(path.move == move - 1)[-1] + 1]).max() > OFF_PATH)
 
 
 def holding(task: Task, path: Path) -> Array:

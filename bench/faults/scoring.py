@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from itertools import product
 
 from cellwatt_plugins.faults.cycles.findings import CycleFinding
+from faults.bound import THRESHOLD, told_at_best
 from faults.cases import Truth
 
 CLEAR = 8.0
@@ -26,12 +28,21 @@ class Count:
     clear_faults: int = 0
     isolated: int = 0
     in_first_interval: int = 0
+    """Clear faults detected by then: told that there is one which this joint has or may have, of whatever kind."""
     named_alone_in_first_interval: int = 0
+    """Those of which the joint, alone, and its kind were told."""
     by_next_interval: int = 0
+    told_at_best: float = 0.0
+    """Clear faults that the best detector there can be is expected to tell in the first interval."""
+    out_of_reach: int = 0
+    """Clear faults that it would rather miss than tell."""
+    out_of_spread: int = 0
+    """The same where harmless changes have no bound."""
     undecided: int = 0
     """Faulty joints off their path of which it was said that power cannot tell the kind: neither isolated nor wrong."""
     wrong_names: int = 0
     wrong_names_while_running: int = 0
+    wrong_kinds_while_running: int = 0
     calm_cycles: int = 0
     calm_intervals: int = 0
     false_alarms: int = 0
@@ -64,18 +75,10 @@ def _of(truth: Truth, found: Sequence[CycleFinding]) -> list[CycleFinding]:
     return [f for f in found if min(f.end, truth.end) - max(f.start, truth.start) > 0.5 * (f.end - f.start)]
 
 
-def _names(cycles: Sequence[CycleFinding], others: bool = False) -> set[Name]:
-    """Joints and kinds that were told; with the joints said to explain it nearly as well.
-
-    A joint of which it is said that its kind cannot be told is none of them.
-    """
+def _names(cycles: Sequence[CycleFinding]) -> set[Name]:
+    """Joints and kinds that were told; a joint of which it is said that its kind cannot be told is none of them."""
     faults = [fault for cycle in cycles for fault in cycle.faults if fault.or_kind is None]
-    return {
-        (joint, kind)
-        for fault in faults
-        for joint in (fault.joint, *(fault.alternatives if others else ()))
-        for kind in _KINDS[fault.kind]
-    }
+    return {(fault.joint, kind) for fault in faults for kind in _KINDS[fault.kind]}
 
 
 def _in_vain(cycles: Sequence[CycleFinding], wanted: set[Name]) -> int:
@@ -86,22 +89,22 @@ def _in_vain(cycles: Sequence[CycleFinding], wanted: set[Name]) -> int:
 
 
 def _told_in(
-    truth: Truth, mine: Sequence[CycleFinding], at_once: bool, early: Sequence[CycleFinding]
+    truth: Truth, mine: Sequence[CycleFinding], at_once: bool, early: Sequence[CycleFinding], alone: bool = False
 ) -> dict[Name, int]:
-    """The move, from 1, at whose end each name was first told, if only as one of several while the cycle ran."""
+    """The move, from 1, at whose end each name was first told; not as one of several where it must be ``alone``.
+
+    Nor then if it was left open whether the joint or its encoder is faulty.
+    """
     out: dict[Name, int] = {}
-    for cycle in early:
-        gone = sum(end < cycle.end + LATE for end in truth.ends)
-        out |= {name: min(gone, out.get(name, gone)) for name in _names([cycle], others=True)}
-    for cycle in mine:
-        for fault in (fault for fault in cycle.faults if fault.or_kind is None):
-            move = min(fault.intervals, default=truth.moves) if at_once else truth.moves
-            out |= {name: out.get(name, move) for name in ((fault.joint, kind) for kind in _KINDS[fault.kind])}
+    for cycle, over in (*((cycle, False) for cycle in early), *((cycle, True) for cycle in mine)):
+        gone = truth.moves if over else sum(end < cycle.end + LATE for end in truth.ends)
+        for fault in cycle.faults:
+            if alone and (fault.alternatives or fault.or_kind is not None):
+                continue
+            move = min(fault.intervals, default=gone) if over and at_once else gone
+            names = product((fault.joint, *fault.alternatives), _KINDS[fault.kind])
+            out |= {name: min(move, out.get(name, move)) for name in names}
     return out
-
-
-def _unambiguous(cycle: CycleFinding) -> CycleFinding:
-    return replace(cycle, faults=tuple(fault for fault in cycle.faults if not fault.alternatives))
 
 
 def _calm(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFinding]) -> Count:
@@ -121,28 +124,42 @@ def _calm(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFindi
 
 def _faulty(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFinding], at_once: bool) -> Count:
     named = _names(mine)
-    told_in = _told_in(truth, mine, at_once, early)
-    alone = _told_in(truth, mine, at_once, [_unambiguous(cycle) for cycle in early])
     wanted = {(fault.joint + 1, fault.kind) for fault in truth.plan.faults}
-    clear = {
+    acts = {
         (fault.joint + 1, fault.kind): move
         for fault, watts, move in zip(truth.plan.faults, truth.watts, truth.first_acts, strict=True)
         if fault.kind == "encoder" or watts >= CLEAR
     }
+    clear = set(acts)
+    reach = [k for k, fault in enumerate(truth.plan.faults) if (fault.joint + 1, fault.kind) in clear]
     open_kind = {fault.joint for cycle in mine for fault in cycle.faults if fault.or_kind is not None}
     faulty = {joint for joint, _ in wanted}
-    late = [told_in[name] - move for name, move in clear.items() if name in told_in]
+    # That something is wrong with a joint is told by an alarm of the other kind, too: only the isolation is wrong.
+    detected = _by_joint(_told_in(truth, mine, at_once, early))
+    isolated = _told_in(truth, mine, at_once, early, alone=True)
+    late = [detected[joint] - move for (joint, _), move in acts.items() if joint in detected]
     return Count(
         cycles=1,
         cycles_recognised=bool(mine),
         clear_faults=len(clear),
-        isolated=len(named & set(clear)),
+        isolated=len(named & clear),
         in_first_interval=sum(moves <= 0 for moves in late),
-        named_alone_in_first_interval=sum(alone[name] <= move for name, move in clear.items() if name in alone),
+        named_alone_in_first_interval=sum(isolated.get(name, truth.moves + 1) <= move for name, move in acts.items()),
         by_next_interval=sum(moves <= 1 for moves in late),
+        told_at_best=sum(told_at_best(truth.signal_to_noise[k]) for k in reach),
+        out_of_reach=sum(truth.signal_to_noise[k] < THRESHOLD for k in reach),
+        out_of_spread=sum(truth.signal_to_spread[k] < THRESHOLD for k in reach),
         undecided=len(open_kind & faulty),
         wrong_names=len(named - wanted) + len(open_kind - faulty),
         wrong_names_while_running=_in_vain(early, wanted),
+        wrong_kinds_while_running=len({(j, k) for j, k in _names(early) if j in faulty} - wanted),
         small_faults=len(wanted) - len(clear),
-        small_isolated=len((wanted - set(clear)) & named),
+        small_isolated=len((wanted - clear) & named),
     )
+
+
+def _by_joint(told_in: Mapping[Name, int]) -> dict[int, int]:
+    out: dict[int, int] = {}
+    for (joint, _), move in told_in.items():
+        out[joint] = min(move, out.get(joint, move))
+    return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from concealed.arms import Arm, Array
@@ -60,6 +60,18 @@ def draw_task(rng: np.random.Generator, arm: Arm) -> Task:
     held = tuple(sorted(rng.choice(count, 2, replace=False).tolist())) if rng.random() < 0.6 else None
     seconds = np.maximum.reduce([speedy, hard, np.full(count, 0.5)])
     return Task(np.array(poses), seconds, rng.uniform(0.2, 0.5, count), shape, held)
+
+
+def edit(rng: np.random.Generator, task: Task) -> Task:
+    """The task with one pose changed in one joint to three that go there or from there, by 0.1 to 0.8 rad."""
+    poses = task.poses.copy()
+    pose = int(rng.integers(1, len(poses) - 1))
+    moving = np.flatnonzero(
+        np.maximum(np.abs(poses[pose] - poses[pose - 1]), np.abs(poses[pose + 1] - poses[pose])) > 0.2
+    )
+    chosen = rng.choice(moving, min(int(rng.choice([1, 1, 2, 3])), len(moving)), replace=False)
+    poses[pose, chosen] += rng.uniform(0.1, 0.8, len(chosen)) * rng.choice([-1.0, 1.0], len(chosen))
+    return replace(task, poses=poses)
 
 
 def run(task: Task, speed: float, jitter: Array, pause: tuple[int, float] | None = None) -> Path:

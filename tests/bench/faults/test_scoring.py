@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from faults.bound import THRESHOLD
 from faults.cases import Plan, Truth, draw_plans
 from faults.plant import Fault
 from faults.scoring import count
@@ -14,9 +15,10 @@ CUT = Fault("drive_cut", 2, 1.0, 0.5)
 STUCK = Fault("encoder_stuck", 0, 1.0, 0.5)
 
 
-def truth(*faults, watts=20.0, acts=1):
+def truth(*faults, watts=20.0, acts=1, ratio=30.0):
     n = len(faults)
-    return Truth(Plan(0, 1.0, faults), 0.0, 5.0, (watts,) * n, len(ENDS), (acts,) * n, ENDS)
+    first, ratios = (acts,) * n, ((ratio,) * n, (ratio / 2,) * n)
+    return Truth(Plan(0, 1.0, faults), 0.0, 5.0, (watts,) * n, len(ENDS), first, ENDS, *ratios)
 
 
 def told(joint, kind, **more):
@@ -33,6 +35,32 @@ def test_a_right_name_is_isolated_and_dated_by_when_it_was_first_told():
     assert (found.in_first_interval, found.by_next_interval) == (0, 1)
     at_once = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "joint"), end=1.0)])
     assert at_once.in_first_interval == 1
+
+
+def test_an_alarm_that_leaves_the_joint_or_the_kind_open_detects_and_does_not_isolate():
+    several = replace(told(4, "joint"), alternatives=(3,))
+    for early in (several, told(3, "joint", or_kind="encoder"), told(3, "encoder")):
+        found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(early, end=1.0)])
+        assert (found.in_first_interval, found.named_alone_in_first_interval, found.isolated) == (1, 0, 1)
+    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "joint"), end=1.0)])
+    assert found.named_alone_in_first_interval == 1
+
+
+def test_an_alarm_on_another_joint_detects_nothing():
+    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(4, "joint"), end=1.0)])
+    assert (found.in_first_interval, found.wrong_names_while_running) == (0, 1)
+
+
+def test_a_wrong_kind_while_the_cycle_runs_is_counted():
+    found = count([truth(CUT)], [cycle(told(3, "joint"))], [cycle(told(3, "encoder"), end=1.0)])
+    assert (found.wrong_kinds_while_running, found.wrong_names_while_running) == (1, 0)
+
+
+@pytest.mark.parametrize("ratio, best, beyond", [(np.inf, 1.0, 0), (THRESHOLD, 0.5, 0), (0.0, 1e-4, 1)])
+def test_what_the_best_detector_would_tell(ratio, best, beyond):
+    found = count([truth(CUT, ratio=ratio)], [], [])
+    assert found.told_at_best == pytest.approx(best)
+    assert (found.out_of_reach, found.out_of_spread) == (beyond, ratio < np.inf)
 
 
 def test_a_kind_that_cannot_be_told_is_neither_isolated_nor_wrong():

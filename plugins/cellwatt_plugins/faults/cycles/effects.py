@@ -1,10 +1,12 @@
 """How each thing that may be wrong, or only different, shows in the supply's power.
 
-A torque Δτ more at joint j takes ΔP = g (q̇_j + 2 c_j τ_j) Δτ; a winding of (1 + a) times the resistance g c_j τ_j² a.
+A torque Δτ more at joint j takes ΔP = g (q̇_j + 2 c_j τ_j) Δτ; a winding of (1 + a) times the resistance g c_j τ_j² a;
+a joint that a brake or nothing at all holds in place of its motor gives back its g c_j τ_j².
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
@@ -21,6 +23,10 @@ Float = NDArray[np.float64]
 
 SPRING = 10.0
 """A spring's torque over a radian, and where it is slack, relative to the joint's Coulomb friction (one sigma)."""
+AT_REST = math.radians(2.0)
+"""A joint that goes less far only holds itself …"""
+LEAST_UNHELD, MOST_UNHELD = 0.5, 1.5
+"""… with power that lacks as a whole, if it does: of which the model may have these shares."""
 PART = 0.3
 REACH = 0.06
 UNSURE = 0.03
@@ -45,7 +51,9 @@ class Effect:
         return self.joint is None
 
     def sensible(self, sizes: Float) -> bool:
-        """Whether the sizes have the sign that the thing must have."""
+        """Whether the sizes have the sign that the thing must have, or are near what they must be."""
+        if self.what == "unheld":
+            return bool(LEAST_UNHELD < sizes[0] < MOST_UNHELD)
         return self.harmless or bool(sizes[0] > 0)
 
 
@@ -60,7 +68,10 @@ def joint_effects(arm: Arm, load: Load, joint: int) -> Iterator[Effect]:
     stiff = SPRING * max(coulomb, 1e-3)
     pull = stiff * np.column_stack([angle - angle[0], np.ones(len(angle))])
     yield Effect("spring", joint, lever[:, None] * pull, pull)
-    yield Effect("winding", joint, (load.gain * p.copper[joint] * load.torque[:, joint] ** 2)[:, None])
+    copper = (load.gain * p.copper[joint] * load.torque[:, joint] ** 2)[:, None]
+    yield Effect("winding", joint, copper)
+    if np.ptp(angle) < AT_REST:
+        yield Effect("unheld", joint, -copper)
 
 
 def part_effects(arm: Arm, load: Load, inside: Float) -> Iterator[Effect]:

@@ -30,8 +30,6 @@ BESIDE_STOPPED = 0.2
 """The same where a joint stands still: what its motion would have taken is the model's word alone."""
 CLOSE, CLOSE_YET = 3.0, 7.0
 """Joints whose log odds are no further apart than this cannot be told apart; and not yet while a cycle runs."""
-FOREIGN_ODDS = 12.0
-"""Natural logarithm of the odds against another task where all joints but one or two keep to a known one."""
 CERTAIN = 3.0
 """Standard deviations by which a warm-up must differ from none to be told."""
 
@@ -74,7 +72,7 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
     inside = _inside(pattern, samples.tau, until)
     answers = [explain(arm, samples, r, inside, odds) for r in readings(recording, match, pattern, arm, samples)]
     temper = min(temper_of(answer.misfit) for answer in answers)
-    weights = _weights(answers, temper, 0.0 if match.doubtful else FOREIGN_ODDS)
+    weights = _weights(answers, temper, match.known)
     best = _most_likely(answers, weights)
     part, left = 0.0, best.reading.residual
     gone = samples.residual - best.reading.residual
@@ -93,7 +91,7 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
         blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint, temper, close)))
     beside = BESIDE_STOPPED if best.reading.stopped else BESIDE
     largest = max((np.abs(blame.watts).max() for blame in blames), default=0.0)
-    named = tuple(b for b in blames if np.abs(b.watts).max() >= max(LEAST, beside * largest))
+    named = tuple(b for b in blames if b.what in STOPPED or np.abs(b.watts).max() >= max(LEAST, beside * largest))
     encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in best.reading.causes if cause not in STOPPED}
     warm = _warm(arm, samples, best, left)
     foreign = float(weights[[answer.reading.foreign for answer in answers]].sum() / weights.sum())

@@ -30,6 +30,10 @@ SHORTLIST = 4
 """So many sets that look best along a line are weighed in full, and readings of the part tried beside faults."""
 POOL = 10
 """So many faults that look best alone are tried in pairs."""
+UNEXPLAINED = 3.0
+"""Variance left, relative to the noise's, from which faults are weighed in full though along a line none explains it:
+where drives give back what the supply burns, power has no slope. With less, harmless changes may have done it: of them
+only lines are known."""
 ALIKE = 5.0
 """What nothing explains stays alike for so many samples: its variance counts so many times."""
 
@@ -75,7 +79,7 @@ def odds_of(rate: float) -> float:
 def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float, fault_odds: float = FAULT_ODDS) -> Answer:
     """Explain what is left in one reading; ``inside`` (N, M + 1) says after which moves' starts each sample lies."""
     effects = [
-        e for j in range(arm.body.joints) if j not in reading.stopped for e in joint_effects(arm, reading.load, j)
+        e for j in range(arm.body.joints) if j not in reading.silent for e in joint_effects(arm, reading.load, j)
     ]
     effects += part_effects(arm, reading.load, inside)
     shared = [samples.harmless, reading.doubt, WARM * warm_up(arm.parameters, reading.load)[:, None]]
@@ -173,10 +177,11 @@ class _Search:
         return {chosen: k for chosen, k in sets.items() if self._allowed(chosen)}
 
     def _singles(self) -> list[tuple[int, ...]]:
-        """Single effects worth weighing: none where no line explains anything."""
+        """Single effects worth weighing: none where no line explains anything and little is to be explained."""
         gains = {k: self._line((k,)) - self.odds((k,)) for k in range(len(self.effects)) if self._allowed((k,))}
         ranked = sorted(gains, key=lambda k: gains[k], reverse=True)
-        if not ranked or gains[ranked[0]] < 0.0:
+        little = self._straight.misfit < UNEXPLAINED * len(self.residual)
+        if not ranked or (little and gains[ranked[0]] < 0.0):
             return []
         parts = [k for k in ranked if self.effects[k].harmless][:SHORTLIST]
         return [(k,) for k in ranked if not self.effects[k].harmless or k in parts]

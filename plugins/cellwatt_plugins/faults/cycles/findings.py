@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
-from cellwatt_plugins.faults.cycles.match import WAY, Match, find_cycles
+from cellwatt_plugins.faults.cycles.match import Match, find_cycles
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.readings import STOPPED
 from cellwatt_plugins.faults.cycles.recording import Recording
@@ -37,8 +38,6 @@ KIND_CERTAIN = 0.95
 """Probability below which a joint off its path may be of either kind."""
 CERTAIN = 0.999
 """Probability of a fault from which it is told before its cycle is over."""
-COMPANY = 2
-"""Joints on their path by which a cycle is known of which little more has been seen."""
 UNEXPLAINED = 3.0
 """Variance left, relative to the noise's, from which the explanation of a cycle under way is not the right one yet."""
 
@@ -90,8 +89,8 @@ def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
 def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFinding:
     """What is said of a known cycle that is under way, as far as its last move that has been seen.
 
-    Only what is certain to be a fault is told, though it may leave the choice between joints; and nothing while
-    power still differs from what the best explanation says.
+    Only what is certain to be a fault is told, though it may leave the choice between joints, or whether a joint off
+    its path stands still; and of the others nothing while power still differs from what the best explanation says.
     """
     pattern = known.patterns[match.pattern]
     last = int(np.searchsorted([end for _, end in pattern.moves], match.warp.tau[-1] - pattern.step))
@@ -99,23 +98,21 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), end)
     verdict = examine(recording, match, known, end + MARGIN)
-    if verdict.misfit > UNEXPLAINED or _may_be_new(match, pattern, verdict, last):
+    if _may_be_new(match, verdict):
         return _finding(match, pattern, "", (), end)
-    blames = tuple(blame for blame in verdict.blames if blame.certainty >= CERTAIN)
-    encoders = {joint: sure for joint, sure in verdict.encoders.items() if sure >= CERTAIN}
-    certain = replace(verdict, blames=blames, encoders=encoders)
-    return _finding(match, pattern, "", _faults(recording, match, pattern, certain), end)
+    explained = verdict.misfit <= UNEXPLAINED
+    blames = tuple(b for b in verdict.blames if b.what in STOPPED or (explained and b.certainty >= CERTAIN))
+    certain = replace(verdict, blames=blames)
+    return _finding(match, pattern, "", _faults(recording, match, pattern, certain, CERTAIN), end)
 
 
-def _may_be_new(match: Match, pattern: Pattern, verdict: Verdict, last: int) -> bool:
+def _may_be_new(match: Match, verdict: Verdict) -> bool:
     """Whether this may be a new task that begins like a known one.
 
-    Where power cannot tell, as of a joint that stands still, several others that go exactly where they should can.
+    Of a joint that stands still power cannot tell; the others that go exactly where they should can.
     """
-    others = np.delete(pattern.ways[: last + 1].max(axis=0), match.odd)
-    alone = int(np.sum(others > WAY)) < COMPANY
     stands = any(joint not in verdict.encoders for joint in match.odd)
-    return verdict.foreign > 1.0 - CERTAIN or (match.doubtful and stands and alone)
+    return verdict.foreign > 1.0 - CERTAIN or (stands and match.known < -math.log(1.0 - CERTAIN))
 
 
 def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFinding:
@@ -127,7 +124,7 @@ def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFindin
     if verdict.foreign > 0.5:
         start, end = match.warp.to_recording(np.array([pattern.moves[0][0], pattern.moves[-1][1]])).tolist()
         return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
-    faults = _faults(recording, match, pattern, verdict)
+    faults = _faults(recording, match, pattern, verdict, KIND_CERTAIN)
     return _finding(match, pattern, note_on(match, verdict), faults, pattern.moves[-1][1])
 
 
@@ -145,7 +142,10 @@ def _finding(match: Match, pattern: Pattern, note: str, faults: tuple[FaultFindi
     return CycleFinding(float(start), float(stop), pattern.task, speed, status, note, faults)
 
 
-def _faults(recording: Recording, match: Match, pattern: Pattern, verdict: Verdict) -> tuple[FaultFinding, ...]:
+def _faults(
+    recording: Recording, match: Match, pattern: Pattern, verdict: Verdict, kind_certain: float
+) -> tuple[FaultFinding, ...]:
+    """The faults of a verdict; the kind of a joint off its path is left open below a probability."""
     blamed = {blame.joint: blame for blame in verdict.blames}
     gone = pattern.time[pattern.time <= verdict.tau[-1]]
     out = []
@@ -159,7 +159,7 @@ def _faults(recording: Recording, match: Match, pattern: Pattern, verdict: Verdi
         watts = 0.0 if blame is None else float(np.abs(blame.watts).max())
         confidence = min(c for c in (encoder, blame.confidence if blame else None) if c is not None)
         stands = encoder if encoder is not None else blame.confidence if blame and blame.what in STOPPED else 1.0
-        other: Kind | None = None if stands >= KIND_CERTAIN else "encoder" if encoder is None else "joint"
+        other: Kind | None = None if stands >= kind_certain else "encoder" if encoder is None else "joint"
         out.append(
             FaultFinding(
                 joint=joint + 1,

@@ -10,25 +10,19 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.cycles.pattern import Pattern, Timing, Warp, timing, warp_of
+from cellwatt_plugins.faults.cycles.company import known_odds
+from cellwatt_plugins.faults.cycles.pattern import POSE, WAY, Pattern, Timing, Warp, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, without_jumps
 
 Float = NDArray[np.float64]
 
-POSE = math.radians(0.4)
-"""A rest pose this far from the pattern's, in any joint, is another …"""
-REPEAT = 8.0
-"""… or so many standard deviations of healthy rest poses."""
-WAY = math.radians(2.0)
-"""A joint that goes less far in a move does not time it."""
 MOST_ODD = 2
 """Joints that may be off their path in a known cycle."""
 FEWEST_SEEN = 0.5
 """Share of a cycle's moves that must be seen."""
 FEWEST_BEGUN = 1
-"""Moves of a cycle under way that must be seen, and one more for each joint off its path: with one less it may as well
-be another task, which only power can tell."""
+"""Moves of a cycle under way that must be seen."""
 ALIKE = 0.05
 """An encoder that is off goes the same share of its healthy way in every move, but for this …"""
 LEAST_SHARE, MOST_SHARE = 0.5, 1.6
@@ -46,7 +40,7 @@ class Match:
     """A known cycle: ``pattern`` index, runs ``first`` to ``last`` (index), ``odd`` joints (0-based) off their path,
     ``warp`` to the pattern, moves that are ``unseen`` or ``broken`` by a stop, ``pace`` relative to the pattern.
 
-    A ``doubtful`` one has shown so little that it may as well be the beginning of another task.
+    ``known`` are the log odds against another task that begins like it, from the joints that keep to their path.
     """
 
     pattern: int
@@ -57,7 +51,7 @@ class Match:
     unseen: tuple[int, ...]
     broken: tuple[int, ...]
     pace: float
-    doubtful: bool
+    known: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +132,7 @@ def _reach(steps: Sequence[_Step], last: int) -> bool:
 
 def _far(run: Run, pattern: Pattern) -> list[int]:
     """Joints (0-based) too far from where the pattern begins, even if its first move is not seen."""
-    limit = np.maximum(POSE, REPEAT * pattern.repeat) + WAY
+    limit = pattern.limits + WAY
     far: list[int] = np.flatnonzero(np.abs(run.before - pattern.poses[0][0]) > limit).tolist()
     return far
 
@@ -150,7 +144,7 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
     """
     keep = np.array([j for j in range(len(pattern.repeat)) if j not in odd])
     on_path = tuple(keep.tolist())
-    limit = np.maximum(POSE, REPEAT * pattern.repeat)[keep]
+    limit = pattern.limits[keep]
     before, after = pattern.poses[0][:, keep], pattern.poses[1][:, keep]
     shown: list[bool] = np.any(pattern.ways[:, keep] > WAY, axis=1).tolist()
     steps: list[_Step] = []
@@ -171,7 +165,7 @@ def _walk(runs: Sequence[Run], pattern: Pattern, at: int, odd: Sequence[int], *,
         steps.append(_Step(move, (at, end), on_path))
         at = end + 1
     steps = _without(steps, {joint for joint, of in shares.items() if of and max(of) - min(of) > ALIKE})
-    fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN + max(0, len(odd) - 1)
+    fewest = max(2, FEWEST_SEEN * len(steps)) if whole else FEWEST_BEGUN
     return steps if sum(s.runs is not None for s in steps) >= fewest else None
 
 
@@ -247,7 +241,7 @@ def _timed(
         unseen=tuple(unseen),
         broken=tuple(broken),
         pace=float(np.median(paces)),
-        doubtful=bool(odd) and len(seen) <= FEWEST_BEGUN + len(odd),
+        known=known_odds([(s.move, runs[s.runs[0]], runs[s.runs[1]]) for s in steps if s.runs], pattern, odd),
     )
 
 

@@ -6,6 +6,7 @@ move is no difference of power.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +20,12 @@ Float = NDArray[np.float64]
 
 MARGIN = 0.1
 """A pattern begins and ends this long outside its first and last move, s."""
+POSE = math.radians(0.4)
+"""A rest pose this far from the pattern's, in any joint, is another …"""
+REPEAT = 8.0
+"""… or so many standard deviations of healthy rest poses."""
+WAY = math.radians(2.0)
+"""A joint that goes less far in a move does not time it."""
 LEVELS = np.linspace(0.08, 0.92, 15)
 """Shares of a move's way at which its timing is read."""
 CREEP = 0.01
@@ -63,6 +70,11 @@ class Pattern:
         starts = np.array([start for start, _ in self.moves])
         ends = np.array([end for _, end in self.moves])
         return self.position_at(starts - 0.02), self.position_at(ends + 0.02)
+
+    @cached_property
+    def limits(self) -> Float:
+        """How far (n,) rad each joint may be from a rest pose."""
+        return np.asarray(np.maximum(POSE, REPEAT * self.repeat))
 
     @cached_property
     def ways(self) -> Float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
@@ -37,6 +37,9 @@ MODEL = 0.05
 """Share of the missing power by which the model may be wrong beyond its parameters."""
 RUBBING, RUBBING_DOUBT = 0.5, 0.3
 """Share of a joint's friction that is on the motor's side of its belt."""
+UNMODELLED = 0.5
+"""Of what the fitted arm misses of healthy power, as of a part that it holds, a joint may have had so much of its share
+(one sigma: between nothing and all)."""
 SMOOTH = 0.12
 """s over which a shown path is smoothed before its acceleration is taken."""
 LEAST_KNOWN = 1.5
@@ -56,6 +59,8 @@ class Reading:
     load: Load
     residual: Float
     doubt: Float
+    silent: tuple[int, ...] = ()
+    """Joints (0-based) that their encoders show at rest: they stand still, or only their encoders are wrong."""
 
     @property
     def stopped(self) -> tuple[int, ...]:
@@ -72,19 +77,21 @@ def readings(recording: Recording, match: Match, pattern: Pattern, arm: Arm, sam
     """Every combination of causes; and that all is well in another task, where a joint shows another way."""
     gone = pattern.time <= samples.tau[-1]
     options: list[list[tuple[int, Cause]]] = []
+    silent: list[int] = []
     vague = [np.empty((len(samples.residual), 0))]
     elsewhere: bool = False
     for joint in match.odd:
         shown = np.interp(samples.time, recording.time, recording.position[:, joint])
         options.append([(joint, "encoder")])
         if np.ptp(shown) < STILL * np.ptp(pattern.position[gone, joint]):
+            silent.append(joint)
             options[-1] += [(joint, "drive_cut"), (joint, "belt_off")]
             share = _load(recording, arm, samples, [(joint, "drive_cut")]).power - samples.healthy.power
             vague.append(LEAST_KNOWN * share[:, None] / max(float(np.abs(share).max()), 1e-9))
         else:
             elsewhere = elsewhere or _goes_elsewhere(recording, match, pattern, joint, float(samples.tau[-1]))
     for causes in product(*options):
-        yield _reading(recording, arm, samples, causes, np.column_stack(vague))
+        yield replace(_reading(recording, arm, samples, causes, np.column_stack(vague)), silent=tuple(silent))
     if elsewhere:
         yield _reading(recording, arm, samples, [(joint, "moved") for joint in match.odd], np.column_stack(vague))
 
@@ -99,8 +106,11 @@ def _reading(
     load = _load(recording, arm, samples, causes)
     change = load.power - healthy.power
     doubt = [vague, DOUBT * (load.slope(arm.parameters) - healthy.slope(arm.parameters)) @ arm.deviations]
+    drives = np.abs(healthy.drives)
     for joint, cause in causes:
         if cause in STOPPED:
+            share = drives[:, joint] / np.maximum(drives.sum(axis=1), 1e-9)
+            doubt.append((UNMODELLED * share * samples.unmodelled)[:, None])
             lever = healthy.lever[:, [joint]]
             doubt.append(lever * unsure_friction(healthy, joint, friction(arm.parameters, healthy.motion.qd)[:, joint]))
         if cause == "belt_off":

@@ -37,7 +37,8 @@ class Samples:
     """N points of a cycle.
 
     ``time`` s, ``tau`` s of the pattern, ``residual`` W against healthy power, ``sigma`` W its noise, ``harmless``
-    (N, h) W what may differ in healthy cycles (one sigma each), ``healthy`` the load of the healthy path at this pace.
+    (N, h) W what may differ in healthy cycles (one sigma each), ``healthy`` the load of the healthy path at this pace,
+    ``unmodelled`` (N,) W what healthy power has more than the fitted arm says, as of a part that is held on the way.
     """
 
     time: Float
@@ -46,6 +47,7 @@ class Samples:
     sigma: Float
     harmless: Float
     healthy: Load
+    unmodelled: Float
 
 
 def sample(recording: Recording, match: Match, pattern: Pattern, arm: Arm, until: float) -> Samples:
@@ -62,7 +64,8 @@ def sample(recording: Recording, match: Match, pattern: Pattern, arm: Arm, until
     spread = np.interp(tau, pattern.time, _spread(pattern))
     shared = _variation(match, pattern, time, tau, expected)
     harmless = np.column_stack([shared, 0.1 * faster, unsure])
-    return Samples(time, tau, watts - expected, np.sqrt(noise**2 + spread**2), harmless, healthy)
+    sigma = np.sqrt(noise**2 + spread**2)
+    return Samples(time, tau, watts - expected, sigma, harmless, healthy, expected - healthy.power)
 
 
 def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool_]:

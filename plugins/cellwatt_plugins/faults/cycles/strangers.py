@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cellwatt_plugins.faults.cycles.loops import closed_spans
-from cellwatt_plugins.faults.cycles.match import POSE, Match
-from cellwatt_plugins.faults.cycles.pattern import Pattern
+from cellwatt_plugins.faults.cycles.match import Match
+from cellwatt_plugins.faults.cycles.pattern import POSE, Pattern
 from cellwatt_plugins.faults.cycles.runs import Run
 
 FEWEST = 3

@@ -21,6 +21,7 @@ _WHAT = {
     "friction": "turns harder than in healthy cycles: friction in its gear, bearing or brake",
     "spring": "works against a force that grows with its angle: something pulls or is caught there",
     "winding": "loses more in its winding than in healthy cycles: it is hot or damaged",
+    "unheld": "takes no power to hold itself: its drive is cut off, or its belt or coupling is off",
     "drive_cut": "stands still and takes no power: its drive is cut off",
     "belt_off": "stands still while its motor turns without load: its belt or coupling is off",
 }
@@ -33,7 +34,7 @@ def statement_on(
     where = f" (interval{'s' * (len(moves) > 1)} {', '.join(map(str, moves))})" if moves else ""
     off = f"The encoder of joint {joint + 1} is off the path by up to {math.degrees(deviation):.1f}°"
     if or_kind is not None:
-        return f"{off}{where}: its encoder is wrong or the joint stands still; it takes too little power to tell which."
+        return f"{off}{where}: its encoder is wrong or the joint stands still; power does not tell which."
     if blame is None:
         return f"{off}, while power is as in healthy cycles{where}."
     watts = max(blame.watts.max(), -blame.watts.min())

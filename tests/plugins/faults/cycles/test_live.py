@@ -125,6 +125,14 @@ def test_a_wrong_encoder_is_told_after_the_first_move_where_power_tells(known, f
     assert first.finding.end < move_ends(measured, 1)[0] + 0.1
 
 
+def test_a_joint_off_its_path_is_told_while_it_is_open_what_is_wrong_with_it(known):
+    """Joint 4 takes little power: whether it stands still or its encoder does, is for the moves that follow."""
+    measured = run([Cycle("B"), Cycle("B", faults=(Fault("drive_cut", 3),)), Cycle("A")], seed=16)
+    early = [t.finding for t in fed(known, measured) if t.finding.faults and not t.over]
+    assert {fault.joint for finding in early for fault in finding.faults} == {4}
+    assert early[0].end < move_ends(measured, 1)[1] + 0.1
+
+
 def test_a_new_task_that_begins_like_a_known_one_has_no_faults(known):
     told = fed(known, run([Cycle("A"), Cycle("E"), Cycle("B"), Cycle("E"), Cycle("A")], seed=19))
     assert [t.finding for t in told if t.finding.faults] == []

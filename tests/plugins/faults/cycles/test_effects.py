@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.faults.cycles.arm import Motion
+from cellwatt_plugins.faults.cycles.effects import joint_effects
+from cellwatt_plugins.faults.cycles.load import load_of
+from tests.plugins.faults.cycles.arm_of_points import CONSTANT, RATE, RESISTANCE, links, move
+
+POSE = np.array([0.2, 0.9, 0.4, 0.1])
+
+
+@pytest.fixture(scope="module")
+def first_joint_moves(known):
+    path = move(POSE, POSE + np.array([0.8, 0.0, 0.0, 0.0]), 1.2)
+    rate = np.gradient(path, 1 / RATE, axis=0)
+    motion = Motion(path, rate, np.gradient(rate, 1 / RATE, axis=0))
+    return load_of(known.arm.body, known.arm.parameters, motion)
+
+
+def unheld(known, load, joint):
+    return [effect for effect in joint_effects(known.arm, load, joint) if effect.what == "unheld"]
+
+
+def test_a_joint_at_rest_may_lack_the_power_that_holds_it(known, first_joint_moves):
+    (effect,) = unheld(known, first_joint_moves, 1)
+    held = links(np.repeat(POSE[None], 9, axis=0), np.zeros(9))[4, 1]
+    heat = RESISTANCE[1] * (held / CONSTANT[1]) ** 2
+    assert heat > 0.5
+    assert effect.columns[-1, 0] == pytest.approx(-heat, rel=0.25)
+
+
+def test_a_joint_that_moves_is_seen_to_stand_still_instead(known, first_joint_moves):
+    assert unheld(known, first_joint_moves, 0) == []
+
+
+@pytest.mark.parametrize("share, sensible", [(1.0, True), (0.7, True), (0.3, False), (2.0, False), (-1.0, False)])
+def test_holding_power_lacks_as_a_whole_or_not_at_all(known, first_joint_moves, share, sensible):
+    (effect,) = unheld(known, first_joint_moves, 1)
+    assert effect.sensible(np.array([share])) is sensible
