@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
-from cellwatt_plugins.mismatch.effects.two_mass import coupled, with_gap, with_others
+from cellwatt_plugins.mismatch.effects.two_mass import coupled, hanging, with_gap, with_others
 from cellwatt_plugins.mismatch.findings import Parameter
 from cellwatt_plugins.mismatch.regression import Prior
 from cellwatt_plugins.mismatch.states import States
@@ -31,6 +31,8 @@ class Backlash(Effect):
     costly = True
     family = "two_mass"
     positive = True
+    least = 0.05
+    """Rebounds that are not followed make it small; less follows none at all."""
     confusions = (
         Confusion("joint_elasticity", "reverse slowly at zero load, and tap the link"),
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),
@@ -52,7 +54,10 @@ class Backlash(Effect):
         return [found[:, i : i + 1] for i in range(len(shapes))]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        return with_others(run, joint or 0, self.grid(run, joint, [shape])[0][:, 0], shape[1])
+        own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
+        pressed = run.rigid[:, at] + own
+        twist = pressed / shape[1] + 0.5 * shape[0] * np.sign(pressed)
+        return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         if columns.ndim == 2:

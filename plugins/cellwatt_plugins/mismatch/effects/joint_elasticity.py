@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
-from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, with_others
+from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, hanging, with_others
 from cellwatt_plugins.mismatch.findings import Parameter
 from cellwatt_plugins.mismatch.regression import Prior
 from cellwatt_plugins.mismatch.states import States
@@ -53,7 +53,9 @@ class JointElasticity(Effect):
         return [found[:, i : i + 1] for i in range(len(shapes))]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        return with_others(run, joint or 0, self.grid(run, joint, [shape])[0][:, 0], shape[0])
+        own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
+        twist = (run.rigid[:, at] + own) / shape[0]
+        return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         if columns.ndim == 2:

@@ -48,23 +48,25 @@ def elastic(run: States, joint: int, stiffness: Float, damping: Float, at_rest: 
     return out
 
 
-def with_others(run: States, joint: int, own: Float, stiffness: float) -> Float:
-    """Columns (N, n, 3): ``own`` (N,) Nm that a swinging link adds at its joint, and what else comes of it.
+def with_others(run: States, joint: int, own: Float) -> Float:
+    """Columns (N, n, 2): ``own`` (N,) Nm that a swinging link adds at its joint, and what the others feel of it.
 
-    The link's acceleration differs from the motor's by own / M_jj; joint k needs M_kj of that. And the link hangs
-    behind its motor by the twist of the spring, which turns all that it carries in the field of gravity.
+    The link's acceleration differs from the motor's by own / M_jj; joint k needs M_kj of that.
     """
-    out = np.zeros((*run.q.shape, 3))
+    out = np.zeros((*run.q.shape, 2))
     mass = run.body.inertia_of(run.q, joint)
     out[:, :, 1] = mass * (own / mass[:, joint])[:, None]
     out[:, joint, 0], out[:, joint, 1] = own, 0.0
-    twist = (run.rigid[:, joint] + own) / stiffness
-    out[:, :, 2] = -twist[:, None] * run.body.gravity_slope(run.q, joint)
     return out
 
 
+def hanging(run: States, joint: int, twist: Float) -> Float:
+    """Column (N, n, 1): a link that is ``twist`` (N,) rad behind its motor turns all that it carries under gravity."""
+    return np.asarray(-twist[:, None, None] * run.body.gravity_slope(run.q, joint)[:, :, None])
+
+
 def coupled(own: Prior) -> Prior:
-    """Prior of the columns of ``with_others``: how much of the link the others feel depends on their drives."""
+    """Prior of a link's own column and of what comes of it: how much the others feel depends on their drives."""
     covariance = np.diag([*np.diag(own.covariance), OTHERS[1] ** 2, OTHERS[1] ** 2])
     return Prior(np.array([*own.mean, OTHERS[0], OTHERS[0]]), covariance)
 
