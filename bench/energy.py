@@ -11,9 +11,7 @@ Errors of groups are per cent of the run's total energy. ``docs/energy.md`` tell
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -21,9 +19,7 @@ from typing import Any
 import numpy as np
 from energy.arms import CASES, Case
 from energy.live import measure_live
-from energy.plant import write_campaign
-
-from cellwatt_plugins.energy.command import disaggregate
+from energy.product import disaggregated
 
 GROUPS = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration", "positive_mechanical")
 LIVE_GROUPS = ("mechanical_losses", "electrical_losses", "regeneration", "positive_mechanical")
@@ -36,12 +32,7 @@ WORTH_TELLING = 1.0
 def measure(case: Case, work: Path) -> dict[str, Any]:
     """Simulate, disaggregate and compare one arm."""
     folder = work / case.name
-    key = write_campaign(case, folder)
-    words = ["--robot", str(folder / "robot.yaml"), "--runs", str(folder / "runs"), "--out", str(folder / "out")]
-    for state in ("controller", "connected", "released"):
-        words += [f"--{state}", str(folder / f"{state}.parquet")]
-    with contextlib.redirect_stdout(sys.stderr):
-        disaggregate.main([*words, "--no-report"], standalone_mode=False)
+    key = disaggregated(case, folder)
     found = compare(key, json.loads((folder / "out" / "energy.json").read_text()))
     return found | {"live": measure_live(case, key, folder, LIVE_SPEED, case.payload)}
 

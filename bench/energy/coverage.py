@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from cellwatt.results import Energy
-from cellwatt_plugins.energy.command import disaggregate
 
 from .arms import Case
 from .live import BEGIN, RATE, frames_of, run_stages
-from .plant import START, production, write_campaign
+from .plant import START, production
+from .product import disaggregated
 
 SPEEDS = ((100.0, 250.0, 700.0, 1400.0), (100.0, 150.0, 200.0, 250.0))
 CLASSES = (0.0002, 0.001, 0.003)
@@ -54,12 +52,7 @@ def drawn(seed: int) -> tuple[Case, float]:
 
 def pulls(case: Case, accuracy: float, folder: Path, tasks: int = TASKS) -> dict[str, list[float]]:
     """Errors of each group in stated standard deviations, one a task, of an arm that is measured to ``folder``."""
-    key = write_campaign(case, folder)
-    words = ["--robot", str(folder / "robot.yaml"), "--runs", str(folder / "runs"), "--out", str(folder / "out")]
-    for state in ("controller", "connected", "released"):
-        words += [f"--{state}", str(folder / f"{state}.parquet")]
-    with contextlib.redirect_stdout(sys.stderr):
-        disaggregate.main([*words, "--no-report"], standalone_mode=False)
+    key = disaggregated(case, folder)
     rng = np.random.default_rng([case.seed, 5])
     found: dict[str, list[float]] = {}
     for number in range(tasks):

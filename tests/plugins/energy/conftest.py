@@ -1,3 +1,4 @@
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,18 @@ def outcome(measured):
     from tests.plugins.energy.running import run_on
 
     return run_on(measured[1])
+
+
+@pytest.fixture(scope="session")
+def arm_and_known(measured, outcome, tmp_path_factory):
+    """The arm, and what the live stage reads of that."""
+    from cellwatt_plugins.energy.arm import load_arm
+    from cellwatt_plugins.energy.known import load_known
+
+    path = tmp_path_factory.mktemp("known") / "energy.json"
+    path.write_text(json.dumps(outcome.findings.as_json()))
+    arm = load_arm(measured[1])
+    return arm, load_known(path, arm)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
 """Advice followed on the plant: what it said would be saved is saved."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,18 +8,8 @@ from energy.live import RATE
 from energy.plant import production
 
 from cellwatt_plugins.energy.advice import Cycle, advise, brake_advice, least_gravity, motion_energy, speed_advice
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.balance import Stretch, resting_power, stored_energy
-from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.way import way_energy, way_seconds
-
-
-@pytest.fixture(scope="module")
-def known(measured, outcome, tmp_path_factory):
-    path = tmp_path_factory.mktemp("known") / "energy.json"
-    path.write_text(json.dumps(outcome.findings.as_json()))
-    arm = load_arm(measured[1])
-    return arm, load_known(path, arm)
 
 
 def produced(measured, speed, repetitions=1, pause=2.0):
@@ -34,19 +23,19 @@ def moving(whole, pause=2.0):
     return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
 
 
-def test_the_energy_of_another_speed_is_what_the_arm_then_takes(measured, known):
+def test_the_energy_of_another_speed_is_what_the_arm_then_takes(measured, arm_and_known):
     """The same path at half the speed, as the plant measures it."""
     fast, slow = moving(produced(measured, 400.0)), moving(produced(measured, 200.0))
     scale = len(slow.power) / len(fast.power)
-    said = motion_energy(*known, fast, scale)
+    said = motion_energy(*arm_and_known, fast, scale)
     assert said == pytest.approx(slow.power.sum() / RATE, rel=0.02)
-    assert motion_energy(*known, fast, 1.0) == pytest.approx(fast.power.sum() / RATE, rel=0.01)
+    assert motion_energy(*arm_and_known, fast, 1.0) == pytest.approx(fast.power.sum() / RATE, rel=0.01)
 
 
-def test_slower_in_the_same_cycle_time_saves_as_much_as_it_said(measured, known):
+def test_slower_in_the_same_cycle_time_saves_as_much_as_it_said(measured, arm_and_known):
     fast = moving(produced(measured, 1400.0))
     seconds = len(fast.power) / RATE
-    advice = speed_advice(*known, Cycle(fast, 3.0))
+    advice = speed_advice(*arm_and_known, Cycle(fast, 3.0))
     assert advice.kind == "slower"
     # Replayed: twice as long, waiting for as much less.
     twice = moving(produced(measured, 1400.0 * seconds / (seconds + 1.5)))
@@ -58,21 +47,21 @@ def test_slower_in_the_same_cycle_time_saves_as_much_as_it_said(measured, known)
     assert advice.saving < cycle - seconds * measured[2]["fixed"]["controller"]
 
 
-def test_faster_where_the_next_cycle_follows_at_once(measured, known):
+def test_faster_where_the_next_cycle_follows_at_once(measured, arm_and_known):
     slow = moving(produced(measured, 150.0))
-    advice = speed_advice(*known, Cycle(slow, 0.0))
+    advice = speed_advice(*arm_and_known, Cycle(slow, 0.0))
     assert advice.kind == "faster"
     faster = moving(produced(measured, 300.0))
     assert advice.saving > 0.9 * (slow.power.sum() - faster.power.sum()) / RATE > 0
 
 
-def test_brakes_save_their_power_and_the_holding(measured, known):
+def test_brakes_save_their_power_and_the_holding(measured, arm_and_known):
     fast = moving(produced(measured, 400.0))
-    found = {advice.kind: advice for advice in advise(*known, Cycle(fast, 60.0), brake_time=2.0)}
+    found = {advice.kind: advice for advice in advise(*arm_and_known, Cycle(fast, 60.0), brake_time=2.0)}
     hold = produced(measured, 400.0).power[: round(2 * RATE)].mean() - sum(measured[2]["fixed"].values())
     true = 58.0 * (measured[2]["fixed"]["brakes"] + hold)
     assert found["brakes"].saving == pytest.approx(true, rel=0.05, abs=3 * found["brakes"].uncertainty)
-    assert not [a for a in advise(*known, Cycle(fast, 1.0), brake_time=2.0) if a.kind == "brakes"]
+    assert not [a for a in advise(*arm_and_known, Cycle(fast, 1.0), brake_time=2.0) if a.kind == "brakes"]
 
 
 def resting(measured):
@@ -82,33 +71,33 @@ def resting(measured):
     return Stretch(whole.step, *(getattr(whole, n)[part] for n in ("position", "velocity", "torque", "power")))
 
 
-def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, known):
+def test_an_arm_that_waits_with_its_brakes_on_is_not_told_to(measured, arm_and_known):
     fast, rest = moving(produced(measured, 400.0)), resting(measured)
-    assert "brakes" in {a.kind for a in advise(*known, Cycle(fast, 60.0, rest), brake_time=2.0)}
+    assert "brakes" in {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, rest), brake_time=2.0)}
     fixed = measured[2]["fixed"]
     electronics = np.full_like(rest.power, fixed["controller"] + fixed["robot_electronics"])
     braked = replace(rest, torque=0 * rest.torque, power=electronics)
-    assert not {"brakes", "pose"} & {a.kind for a in advise(*known, Cycle(fast, 60.0, braked), brake_time=2.0)}
+    assert not {"brakes", "pose"} & {a.kind for a in advise(*arm_and_known, Cycle(fast, 60.0, braked), brake_time=2.0)}
 
 
-def test_what_is_held_is_taken_from_the_rest_not_from_the_end_of_the_motion(measured, known):
+def test_what_is_held_is_taken_from_the_rest_not_from_the_end_of_the_motion(measured, arm_and_known):
     fast, rest = moving(produced(measured, 400.0)), resting(measured)
     braking = replace(fast, torque=np.vstack([fast.torque[:-1], 3 * fast.torque[-1:]]))
-    true, wrong = (brake_advice(*known, Cycle(fast, 60.0, r), 2.0).saving for r in (rest, None))
-    assert brake_advice(*known, Cycle(braking, 60.0, rest), 2.0).saving == pytest.approx(true)
-    assert brake_advice(*known, Cycle(braking, 60.0), 2.0).saving > wrong
+    true, wrong = (brake_advice(*arm_and_known, Cycle(fast, 60.0, r), 2.0).saving for r in (rest, None))
+    assert brake_advice(*arm_and_known, Cycle(braking, 60.0, rest), 2.0).saving == pytest.approx(true)
+    assert brake_advice(*arm_and_known, Cycle(braking, 60.0), 2.0).saving > wrong
 
 
-def test_a_way_to_where_the_arm_is_takes_what_holding_takes(known):
-    arm, drive = known[0], known[1].drive
+def test_a_way_to_where_the_arm_is_takes_what_holding_takes(arm_and_known):
+    arm, drive = arm_and_known[0], arm_and_known[1].drive
     pose = np.full(arm.joints, 0.4)
-    hold = resting_power(*known, arm.body.gravity_torque(pose[None])[0] / drive.torque)
-    assert way_energy(*known, pose, pose, 2.0) == pytest.approx(2.0 * hold, rel=1e-6)
+    hold = resting_power(*arm_and_known, arm.body.gravity_torque(pose[None])[0] / drive.torque)
+    assert way_energy(*arm_and_known, pose, pose, 2.0) == pytest.approx(2.0 * hold, rel=1e-6)
 
 
-def test_a_way_there_and_back_loses_friction_and_what_the_motors_lose(known):
+def test_a_way_there_and_back_loses_friction_and_what_the_motors_lose(arm_and_known):
     """What is lifted comes down again: friction's work is the least that both ways take."""
-    arm, found = known
+    arm, found = arm_and_known
     low, high = np.zeros(arm.joints), np.full(arm.joints, 0.5)
     both = way_energy(arm, found, low, high, 2.0) + way_energy(arm, found, high, low, 2.0)
     friction = 2 * 0.5 * sum(found.coulomb)
@@ -117,16 +106,16 @@ def test_a_way_there_and_back_loses_friction_and_what_the_motors_lose(known):
     assert way_seconds(low, high, 100.0) == 0.5
 
 
-def test_the_pose_of_least_gravity_asks_for_less_than_any_other(known):
-    arm, _ = known
+def test_the_pose_of_least_gravity_asks_for_less_than_any_other(arm_and_known):
+    arm, _ = arm_and_known
     pose = least_gravity(arm, np.zeros(arm.joints))
     least = np.linalg.norm(arm.body.gravity_torque(pose[None, :]))
     others = np.random.default_rng(5).uniform(-np.pi, np.pi, (300, arm.joints))
     assert least <= np.linalg.norm(arm.body.gravity_torque(others), axis=1).min()
 
 
-def test_an_open_path_stores_what_it_lifts(measured, known):
-    arm, _ = known
+def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):
+    arm, _ = arm_and_known
     whole = moving(produced(measured, 400.0))
     half = slice(0, len(whole.power) // 3)
     part = Stretch(whole.step, *(getattr(whole, n)[half] for n in ("position", "velocity", "torque", "power")))

@@ -20,14 +20,6 @@ DRAWS = 4000
 
 
 @pytest.fixture(scope="module")
-def arm_and_known(measured, outcome, tmp_path_factory):
-    path = tmp_path_factory.mktemp("known") / "energy.json"
-    path.write_text(json.dumps(outcome.findings.as_json()))
-    arm = load_arm(measured[1])
-    return arm, load_known(path, arm)
-
-
-@pytest.fixture(scope="module")
 def stretch(measured):
     """Once round, without payload."""
     case, _, key = measured
