@@ -39,10 +39,10 @@ class Job:
 
 def judge(job: Job) -> dict[str, Any]:
     """Explain one case with one threshold changed."""
-    from cellwatt_plugins.mismatch.admission import examine
     from cellwatt_plugins.mismatch.explain import explain
-    from cellwatt_plugins.mismatch.reading import read_runs
-    from cellwatt_plugins.mismatch.solution import DEFAULT
+    from cellwatt_plugins.mismatch.fit.solution import DEFAULT
+    from cellwatt_plugins.mismatch.input.admission import examine
+    from cellwatt_plugins.mismatch.input.reading import read_runs
     from cellwatt_plugins.robot import RigidBody, load_robot
 
     thresholds = DEFAULT
@@ -64,7 +64,7 @@ def judge(job: Job) -> dict[str, Any]:
 
 def jobs_of(work: Path, cases: int) -> list[Job]:
     """Every case under the setting that ships and under each change."""
-    from cellwatt_plugins.mismatch.solution import Thresholds
+    from cellwatt_plugins.mismatch.fit.solution import Thresholds
 
     names = [f.name for f in fields(Thresholds) if f.name not in LEFT_OUT]
     settings = [("", 1.0), *((name, factor) for name in names for factor in FACTORS)]

@@ -13,13 +13,13 @@ from scipy.stats import norm
 
 from cellwatt_plugins.mismatch.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.mismatch.effects.presliding_hysteresis import dahl_state
-from cellwatt_plugins.mismatch.fitted import estimates
-from cellwatt_plugins.mismatch.problem import Term, torque_problem
-from cellwatt_plugins.mismatch.refinement import climb
-from cellwatt_plugins.mismatch.regression import Block, Design, Prior, Regression
-from cellwatt_plugins.mismatch.run import Run
-from cellwatt_plugins.mismatch.solution import Solution
+from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.fit.refinement import climb
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.robot.law import nominal_power, nominal_torque
+from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
 from tests.plugins.mismatch import plant
 
 CONTRACT = Path(__file__).resolve().parents[2] / ".." / "shared" / "concealed" / "explain-contract.md"

@@ -12,15 +12,15 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.admission import examine
+from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
-from cellwatt_plugins.mismatch.findings import Findings
+from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict, save_model
-from cellwatt_plugins.mismatch.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.report import write_report
-from cellwatt_plugins.mismatch.suggest import suggest, suggestion_in_words, write_suggestion
-from cellwatt_plugins.mismatch.traces import noise_floors, traces_of
+from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
+from cellwatt_plugins.mismatch.verdict.findings import Findings
 from cellwatt_plugins.robot import RigidBody, load_robot
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")

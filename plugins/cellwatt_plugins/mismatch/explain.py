@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.findings import ChannelFit, Findings, Verdict
-from cellwatt_plugins.mismatch.fitted import model_of
-from cellwatt_plugins.mismatch.held_out import HeldOut, rms
-from cellwatt_plugins.mismatch.leftover import Limits, Unexplained, leftover, unexplained
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.fit.shaken import remaining
+from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
+from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
-from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.naming import findings_of, unknown_findings
-from cellwatt_plugins.mismatch.problem import Problem, supply_problem, torque_problem
-from cellwatt_plugins.mismatch.run import Run
-from cellwatt_plugins.mismatch.search import search
-from cellwatt_plugins.mismatch.shaken import remaining
-from cellwatt_plugins.mismatch.solution import DEFAULT, Solution, Thresholds
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.verdict.estimates import model_of
+from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
+from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
+from cellwatt_plugins.mismatch.verdict.unexplained import Limits, Unexplained, leftover, unexplained
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 
 Float = NDArray[np.float64]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.motion import exact
-from cellwatt_plugins.mismatch.problem import Term
-from cellwatt_plugins.mismatch.run import Motion
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.input.motion import exact
+from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import copper_loss
 

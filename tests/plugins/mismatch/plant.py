@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cellwatt_plugins.mismatch.motion import exact
-from cellwatt_plugins.mismatch.run import Plan, Run
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.input.motion import exact
+from cellwatt_plugins.mismatch.input.run import Plan, Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 
 JOINTS = 3

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from cellwatt_plugins.mismatch.run import Plan, Run
+from cellwatt_plugins.mismatch.input.run import Plan, Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")

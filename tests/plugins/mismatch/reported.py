@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.findings import (
+from cellwatt_plugins.mismatch.effects.effect import Parameter
+from cellwatt_plugins.mismatch.fit.solution import Trial
+from cellwatt_plugins.mismatch.input.run import Float
+from cellwatt_plugins.mismatch.report import Trace
+from cellwatt_plugins.mismatch.verdict.findings import (
     Alternative,
     ChannelFit,
     Finding,
     Findings,
     Improvement,
     Leftover,
-    Parameter,
     Span,
-    Trial,
     Where,
 )
-from cellwatt_plugins.mismatch.report import Trace
-from cellwatt_plugins.mismatch.run import Float
 
 NOISE, POWER_NOISE = 0.6, 4.0
 

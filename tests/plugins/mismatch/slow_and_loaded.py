@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cellwatt_plugins.mismatch.run import Motion, Plan, Run
+from cellwatt_plugins.mismatch.input.run import Motion, Plan, Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 from tests.plugins.robot import planar_arm
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.admission import examine
-from cellwatt_plugins.mismatch.reading import read_runs
+from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.robot import RigidBody, load_robot
 from tests.plugins.mismatch.recorded_arm import (
     CONSTANT,

@@ -8,8 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.commands import EXIT_ERROR, EXIT_USAGE, main
+from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import load_model, predict
-from cellwatt_plugins.mismatch.run import Motion
 from tests.plugins.mismatch import plant
 
 OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))

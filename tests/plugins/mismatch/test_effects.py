@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.belief import OFF_SCALE
 from cellwatt_plugins.mismatch.effects import BY_NAME, EFFECTS
-from cellwatt_plugins.mismatch.effects.effect import Estimate, said
+from cellwatt_plugins.mismatch.effects.effect import Estimate, Parameter, said
 from cellwatt_plugins.mismatch.effects.presliding_hysteresis import dahl_state
 from cellwatt_plugins.mismatch.effects.thermal import warmth
-from cellwatt_plugins.mismatch.findings import Parameter
+from cellwatt_plugins.mismatch.fit.belief import OFF_SCALE
 from tests.plugins.mismatch import plant
 
 JOINT = 1

@@ -8,8 +8,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.mismatch.explain import explain
+from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import predict
-from cellwatt_plugins.mismatch.run import Motion
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.plant import REAL, Missing, column, loaded, turned
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.held_out import BLOCK, FOLDS, HeldOut, blocks_of, confirmed, rms
-from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.problem import Problem, Term, torque_problem
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.held_out import BLOCK, FOLDS, HeldOut, blocks_of, confirmed, rms
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
+from cellwatt_plugins.mismatch.input.motion import moved
 from tests.plugins.mismatch import plant
 
 OFFSET = Term(BY_NAME["torque_offset"], 0, ())

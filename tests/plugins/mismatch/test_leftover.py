@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.leftover import leftover, unexplained
-from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.problem import torque_problem
-from cellwatt_plugins.mismatch.search import search
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.problem import torque_problem
+from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.verdict.unexplained import leftover, unexplained
 from tests.plugins.mismatch import plant
 
 

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt_plugins.mismatch.motion import (
+from cellwatt_plugins.mismatch.input.motion import (
     differentiate,
     encoder_noise,
     exact,
@@ -11,7 +11,7 @@ from cellwatt_plugins.mismatch.motion import (
     moved,
     smooth,
 )
-from cellwatt_plugins.mismatch.run import Plan, Run
+from cellwatt_plugins.mismatch.input.run import Plan, Run
 from tests.plugins.mismatch import plant
 
 STEP = 0.008

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from cellwatt_plugins.mismatch.noise import correlation_factor, floor, hum, tones
+from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, hum, tones
 
 
 def white(seed, count=6000, channels=2):

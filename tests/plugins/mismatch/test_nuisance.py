@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.nuisance import link_prior, supply_nuisance, torque_nuisance
+from cellwatt_plugins.mismatch.fit.nuisance import link_prior, supply_nuisance, torque_nuisance
 from tests.plugins.mismatch import plant
 
 LINK = np.array([4.0, 0.8, 0.1, -0.2, 0.5, 0.01, 0.6, -0.02, 0.03, 0.4])

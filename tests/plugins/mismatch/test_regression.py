@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from cellwatt_plugins.mismatch.regression import Block, Design, Prior, Regression
+from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
 
 ROWS, CHANNELS = 25, 2
 

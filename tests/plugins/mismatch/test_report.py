@@ -18,10 +18,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cellwatt.errors import CellwattError
-from cellwatt_plugins.mismatch.findings import Findings, Span, Where
 from cellwatt_plugins.mismatch.report import Trace, write_report
 from cellwatt_plugins.mismatch.report.heat import by_coordinate, by_time, rms_by_cell
 from cellwatt_plugins.mismatch.report.trace import spans, telling_stretch, thin, worst_first
+from cellwatt_plugins.mismatch.verdict.findings import Findings, Span, Where
 from tests.plugins.mismatch import reported
 
 FIVE_MB = 5_000_000

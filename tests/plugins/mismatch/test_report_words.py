@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from cellwatt_plugins.mismatch.findings import Findings, Leftover
 from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.verdict.findings import Findings, Leftover
 from tests.plugins.mismatch.reported import INERTIA, STANDBY, STRIBECK
 
 

@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.belief import blurred, tension
 from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.problem import Term, supply_problem, torque_problem
-from cellwatt_plugins.mismatch.refinement import at_bound, climb
-from cellwatt_plugins.mismatch.search import search
-from cellwatt_plugins.mismatch.solution import Solution, Thresholds
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.belief import blurred, tension
+from cellwatt_plugins.mismatch.fit.problem import Term, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.refinement import at_bound, climb
+from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
+from cellwatt_plugins.mismatch.input.motion import moved
 from tests.plugins.mismatch import plant
 
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.leftover import unexplained
-from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.problem import Term, torque_problem
-from cellwatt_plugins.mismatch.shaken import remaining, shaken, shaking, still
-from cellwatt_plugins.mismatch.solution import Solution
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
+from cellwatt_plugins.mismatch.fit.shaken import remaining, shaken, shaking, still
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.verdict.unexplained import unexplained
 from tests.plugins.mismatch import plant
 
 SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))

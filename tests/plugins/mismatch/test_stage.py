@@ -17,13 +17,13 @@ from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.mismatch.effects import BY_NAME
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.live.settings import BandSettings, MismatchSettings
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, predict_states, save_model
-from cellwatt_plugins.mismatch.motion import moved
-from cellwatt_plugins.mismatch.problem import Term
-from cellwatt_plugins.mismatch.run import Run
 from cellwatt_plugins.mismatch.stage import MismatchStage
-from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot import RigidBody, load_robot
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.mismatch.emulated_arm import ARM, START, cut, frames, layout, recorded

@@ -14,17 +14,17 @@ from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.command import explain as explain_command
 from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.experiments import arm_experiments, joint_experiments, loaded_poses
+from cellwatt_plugins.mismatch.experiments.library import arm_experiments, joint_experiments, loaded_poses
+from cellwatt_plugins.mismatch.experiments.limits import Limits, limits_of
+from cellwatt_plugins.mismatch.experiments.outlook import Outlook, expected_states, velocity_spread
+from cellwatt_plugins.mismatch.experiments.questions import Whether, Which
+from cellwatt_plugins.mismatch.experiments.suggest import Suggestion, suggest, suggestion_in_words, write_suggestion
+from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory, harmonics, move, replay
 from cellwatt_plugins.mismatch.explain import Explained, explain
-from cellwatt_plugins.mismatch.limits import Limits, limits_of
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.input.reading import read_motion
+from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import predict
-from cellwatt_plugins.mismatch.outlook import Outlook, expected_states, velocity_spread
-from cellwatt_plugins.mismatch.problem import Term
-from cellwatt_plugins.mismatch.questions import Whether, Which
-from cellwatt_plugins.mismatch.reading import read_motion
-from cellwatt_plugins.mismatch.run import Motion
-from cellwatt_plugins.mismatch.suggest import Suggestion, suggest, suggestion_in_words, write_suggestion
-from cellwatt_plugins.mismatch.trajectory import Trajectory, harmonics, move, replay
 from tests.plugins.mismatch.slow_and_loaded import arm, program, recorded
 from tests.plugins.robot import planar_arm
 

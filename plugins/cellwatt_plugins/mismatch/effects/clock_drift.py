@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.time_delay import SHARE, shifted
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.law import column
 

@@ -10,10 +10,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.regression import Prior
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -23,6 +22,15 @@ UNIT_SPREAD = 0.05
 INHERITED = 0.01
 """Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
 Place = Literal["joint", "robot", "supply"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the model with its standard deviation."""
+
+    value: float
+    std: float
+    unit: str
 
 
 @dataclass(frozen=True)

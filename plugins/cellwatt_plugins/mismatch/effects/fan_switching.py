@@ -7,11 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.payload_change import inside
 from cellwatt_plugins.mismatch.effects.schedule import levels, switching_charge
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
 SHORTEST = 2.0

@@ -7,12 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, hanging, with_others
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.regression import Prior
-from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Prior
 
 FREQUENCIES = np.geomspace(1.5, 40.0, 110)
 """Hz of the link on its spring that are tried."""

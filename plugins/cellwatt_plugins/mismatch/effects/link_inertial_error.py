@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.regression import Prior
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Prior
 
 OFF = 0.4
 """Share of its mass, of its inertia, and of its centre's distance by which a link may be off."""

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.regression import Prior
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Prior
 
 HEAVY = 0.15
 """Share of the arm's own mass that a payload is expected to weigh."""

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape, said
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.payload import HEAVY, REACH, body_parameters, body_prior
 from cellwatt_plugins.mismatch.effects.schedule import levels, switching_charge
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.regression import Prior
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Prior
 
 TYPICAL = np.array([1.0, 0.0, 0.0, 0.05, *(6 * [0.0])])
 """A body of 1 kg before the flange, (10,), with which the search for the stretches begins."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Shape
-from cellwatt_plugins.mismatch.findings import Parameter
-from cellwatt_plugins.mismatch.states import States
+from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.mismatch.fit.noise import floor
 from cellwatt_plugins.mismatch.live.intake import Judged
 from cellwatt_plugins.mismatch.live.settings import BandSettings
-from cellwatt_plugins.mismatch.noise import floor
 
 Float = NDArray[np.float64]
 

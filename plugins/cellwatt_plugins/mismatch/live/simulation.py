@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.input.motion import exact, moved
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
-from cellwatt_plugins.mismatch.motion import exact, moved
-from cellwatt_plugins.mismatch.run import Run
-from cellwatt_plugins.mismatch.states import States
 from cellwatt_plugins.robot import RigidBody, load_robot
 
 Float = NDArray[np.float64]

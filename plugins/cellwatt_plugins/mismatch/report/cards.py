@@ -8,8 +8,9 @@ from html import escape
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.findings import ChannelFit, Finding, Findings, Improvement, Leftover, Trial, Where
+from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.mismatch.report import words
+from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, Improvement, Leftover, Where
 
 MOST_TRIALS = 16
 """Shown at once; the rest is folded."""

@@ -10,11 +10,11 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from cellwatt_plugins.mismatch.findings import Where
+from cellwatt_plugins.mismatch.input.run import Bool, Float
 from cellwatt_plugins.mismatch.report import words
 from cellwatt_plugins.mismatch.report.style import BARE, FOUND, GRID, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, mechanical_power, root, unroot
-from cellwatt_plugins.mismatch.run import Bool, Float
+from cellwatt_plugins.mismatch.verdict.findings import Where
 
 MOST_POINTS = 2000
 """In each panel and state."""

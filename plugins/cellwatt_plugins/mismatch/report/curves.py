@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from plotly.subplots import make_subplots
 
-from cellwatt_plugins.mismatch.findings import Span
+from cellwatt_plugins.mismatch.input.run import Float
 from cellwatt_plugins.mismatch.report import words
 from cellwatt_plugins.mismatch.report.style import BARE, FOUND, GRID, MEASURED, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.report.trace import Trace, spans, telling_stretch, thin
-from cellwatt_plugins.mismatch.run import Float
+from cellwatt_plugins.mismatch.verdict.findings import Span
 
 CURVES = 5
 """In each figure."""

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from cellwatt_plugins.mismatch.findings import Findings, Span, Where
 from cellwatt_plugins.mismatch.report import clouds, curves, heat, words
 from cellwatt_plugins.mismatch.report.cards import section
 from cellwatt_plugins.mismatch.report.trace import Trace, worst_first
+from cellwatt_plugins.mismatch.verdict.findings import Findings, Span, Where
 
 MOST_RUNS = 6
 """Recordings drawn over time; of more, those whose simulation is furthest off."""

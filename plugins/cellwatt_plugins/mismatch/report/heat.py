@@ -12,9 +12,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from cellwatt_plugins.mismatch.input.run import Float
 from cellwatt_plugins.mismatch.report.style import BARE
 from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, root, unroot
-from cellwatt_plugins.mismatch.run import Float
 
 VELOCITY_CELLS, POSITION_CELLS, TIME_CELLS = 41, 48, 180
 ROW = 24

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from cellwatt.errors import CellwattError, why
-from cellwatt_plugins.mismatch.findings import Findings
+from cellwatt_plugins.mismatch.input.run import Float
 from cellwatt_plugins.mismatch.report import cards
 from cellwatt_plugins.mismatch.report.trace import Trace
-from cellwatt_plugins.mismatch.run import Float
+from cellwatt_plugins.mismatch.verdict.findings import Findings
 
 MOST_NAMES = 6
 """Recordings named at the top; more are counted."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.run import Bool, Float
+from cellwatt_plugins.mismatch.input.run import Bool, Float
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from cellwatt_plugins.mismatch.findings import Alternative, Finding, Findings, Span, Trial
+from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.mismatch.report.trace import joint_of
+from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Findings, Span
 
 UNKNOWN = "unknown"
 """The effect's name where something is there that the library does not hold."""

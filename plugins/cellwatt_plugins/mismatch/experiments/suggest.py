@@ -1,0 +1,209 @@
+"""Which experiment would tell apart what the recordings cannot: chosen from the library by its expected evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError, why
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.experiments.library import Experiment, arm_experiments, joint_experiments
+from cellwatt_plugins.mismatch.experiments.limits import Limits, limits_of
+from cellwatt_plugins.mismatch.experiments.outlook import expected_states
+from cellwatt_plugins.mismatch.experiments.questions import SURE, Question, Subject, questions_of
+from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.input.run import Motion
+
+Float = NDArray[np.float64]
+
+MOST = 3
+"""Experiments suggested at once."""
+OFTEN = 5
+"""Times that an experiment is repeated in the motion at most."""
+LEAST = SURE / OFTEN
+"""nats: an experiment that is expected to add less does not help."""
+SHOWN = 4
+"""Questions of an experiment that are written out."""
+AMPLE = 3 * SURE
+"""nats to one question beyond which more are of no use."""
+ROWS = 6000
+"""Samples in which an experiment is looked at, about."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an experiment is expected to say to a question."""
+
+    question: Question
+    nats: float
+    """Log evidence, one time through."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """An experiment with the questions that it answers."""
+
+    experiment: Experiment
+    answers: tuple[Answer, ...]
+
+    @property
+    def seconds(self) -> float:
+        """How long to run it to be 95 % sure of all answers: evidence is taken to grow evenly."""
+        once = self.experiment.trajectory.seconds
+        return max(max(once * SURE / a.nats, a.question.least_time) for a in self.answers)
+
+    @property
+    def times(self) -> int:
+        """How often to run it for that."""
+        return max(1, int(np.ceil(self.seconds / self.experiment.trajectory.seconds)))
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """Experiments to run, as one motion, and what remains open after them."""
+
+    chosen: tuple[Chosen, ...]
+    motion: Motion | None
+    """None where no experiment is called for, or none would help."""
+    open: tuple[Question, ...]
+    refused: Mapping[str, str]
+    """Experiments left out and the limit that they would break."""
+    limits: Limits
+
+
+def suggest(found: Explained) -> Suggestion:
+    """The experiments that best answer what the recordings leave open.
+
+    That is which of two names is right; where no two are close, whether effects are there that the motion could not
+    show.
+    """
+    states = found.torque.problem.states
+    limits = limits_of(states)
+    questions = questions_of(found, limits)
+    table, refused = _table(found, limits, questions)
+    chosen = choose(table)
+    answered = {id(answer.question) for one in chosen for answer in one.answers}
+    motion = _motion(chosen, _step(states)) if chosen else None
+    still = tuple(q for q in questions if id(q) not in answered)
+    return Suggestion(chosen, motion, still, refused, limits)
+
+
+def choose(table: Mapping[Experiment, Sequence[Answer]]) -> tuple[Chosen, ...]:
+    """One experiment after the other: of those that settle a question the one with most nats a second."""
+    left = dict(table)
+    out: list[Chosen] = []
+    settled: set[int] = set()
+    while left and len(out) < MOST:
+        best = max(left, key=lambda e: _worth(e, left[e], settled))
+        answers = tuple(a for a in left.pop(best) if id(a.question) not in settled and a.nats > LEAST)
+        if not answers:
+            break
+        sure = tuple(a for a in answers if a.nats >= SURE) or answers
+        out.append(Chosen(best, sure))
+        settled |= {id(a.question) for a in sure}
+    return tuple(out)
+
+
+def _worth(experiment: Experiment, answers: Sequence[Answer], settled: set[int]) -> tuple[bool, float]:
+    nats = [a.nats for a in answers if id(a.question) not in settled]
+    useful = sum(min(max(n, 0.0), AMPLE) for n in nats)
+    return any(n >= SURE for n in nats), useful / experiment.trajectory.seconds
+
+
+def _table(
+    found: Explained, limits: Limits, questions: Sequence[Question]
+) -> tuple[dict[Experiment, list[Answer]], dict[str, str]]:
+    """What each experiment that keeps the limits would say to each question, and why others are left out."""
+    states = found.torque.problem.states
+    table: dict[Experiment, list[Answer]] = {}
+    refused: dict[str, str] = {}
+    for joint, experiment in _library(limits, states, questions):
+        step = max(_step(states), experiment.trajectory.seconds / ROWS)
+        motion = experiment.trajectory.sampled(step)
+        expected = expected_states(experiment.name, motion, found.model, states)
+        broken = limits.broken(motion, expected.torque)
+        if broken is not None:
+            refused[experiment.name] = broken
+            continue
+        subject = Subject(experiment, expected, joint)
+        table[experiment] = [Answer(q, q.nats(subject) if q.suits(joint) else 0.0) for q in questions]
+    return table, refused
+
+
+def _library(
+    limits: Limits, states: Sequence[States], questions: Sequence[Question]
+) -> list[tuple[int | None, Experiment]]:
+    """Experiments on all joints, and on those that the questions are about, each with its joint."""
+    if not questions:
+        return []
+    out: list[tuple[int | None, Experiment]] = [(None, experiment) for experiment in arm_experiments(limits, states)]
+    for joint in sorted({joint for question in questions for joint in question.joints}):
+        out += [(joint, experiment) for experiment in joint_experiments(limits, states, joint)]
+    return out
+
+
+def _step(states: Sequence[States]) -> float:
+    rate = states[0].robot.sample_rate
+    return states[0].step if rate is None else 1 / rate
+
+
+def _motion(chosen: Sequence[Chosen], step: float) -> Motion:
+    """All chosen experiments, each as often as it takes, at most ``OFTEN`` times; they start and end at home."""
+    pieces = [p for one in chosen for _ in range(min(one.times, OFTEN)) for p in one.experiment.trajectory.pieces]
+    return Trajectory(tuple(pieces)).sampled(step)
+
+
+def write_suggestion(motion: Motion, path: Path) -> None:
+    """Write t, q_1 …, qd_1 …, qdd_1 … as CSV in s, rad, rad/s, rad/s². Raises ``RecordingError``."""
+    joints = range(1, motion.position.shape[1] + 1)
+    names = ["t", *(f"{name}_{i}" for name in ("q", "qd", "qdd") for i in joints)]
+    rows = np.column_stack([motion.time, motion.position, motion.velocity, motion.acceleration])
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(path, rows, fmt="%.7f", delimiter=",", header=",".join(names), comments="")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error
+
+
+def suggestion_in_words(suggestion: Suggestion, path: Path) -> str:
+    """What to run, for how long and what it will tell, as a person reads it at the terminal."""
+    if not suggestion.chosen and not suggestion.open:
+        return "nothing to suggest: no two names are close, and the motion could show every effect"
+    lines = [line for one in suggestion.chosen for line in _chosen(one)]
+    lines += [f"no experiment here would {question.asks}; {question.instead}" for question in suggestion.open]
+    lines += [f"  left out: {name}, {broken}" for name, broken in suggestion.refused.items()]
+    if suggestion.motion is not None:
+        lines += _motion_in_words(suggestion.motion, suggestion.limits, path)
+    return "\n".join(lines)
+
+
+def _chosen(one: Chosen) -> list[str]:
+    once = one.experiment.trajectory.seconds
+    asked = [f"{answer.question.asks} (expected evidence {answer.nats:.3g} nats)" for answer in one.answers]
+    shown = [*asked[:SHOWN], *([f"and {len(asked) - SHOWN} more"] if len(asked) > SHOWN else [])]
+    often = "once through is enough" if one.times == 1 else f"run it {one.times} times"
+    cold = "; start with a cold arm" if any(answer.question.least_time > 0 for answer in one.answers) else ""
+    return [
+        f"suggested: {one.experiment.name}, {once:.0f} s: {one.experiment.does}",
+        *(f"    to {line}" if i < SHOWN else f"    {line}" for i, line in enumerate(shown)),
+        f"    95 % sure after about {max(one.seconds, 1):.0f} s: {often}{cold}",
+    ]
+
+
+def _motion_in_words(motion: Motion, limits: Limits, path: Path) -> list[str]:
+    home = ", ".join(f"{x:.3f}" for x in limits.home)
+    ranges = ", ".join(
+        f"{low:.2f} … {high:.2f}" for low, high in zip(motion.position.min(0), motion.position.max(0), strict=True)
+    )
+    fastest, hardest = np.max(np.abs(motion.velocity)), np.max(np.abs(motion.acceleration))
+    return [
+        f"written to {path}: {motion.time[-1]:.0f} s, starts and ends at rest at ({home}) rad",
+        f"  joints between ({ranges}) rad, at most {fastest:.2f} rad/s and {hardest:.2f} rad/s²; the limits of the "
+        "joints are kept, obstacles are not known here: try it slowly first",
+        f"  then record it, and give cellwatt explain this recording too, with {path.name} as its --simulation",
+    ]

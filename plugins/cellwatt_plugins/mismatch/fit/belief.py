@@ -1,0 +1,120 @@
+"""When a term is believed: what it must explain, show on data left out, and be told apart from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.refinement import at_bound
+from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Block, Prior
+
+Float = NDArray[np.float64]
+
+SEVERAL = 3.0
+"""nats that all channels but the one that asks most must give for what concerns the whole recording."""
+BARELY = 0.97
+"""A shape that would not be resolved were it so much smaller is at the end of what can be."""
+STEADY = 2.5
+"""Standard errors by which the error on blocks left out must fall on average, near the noise."""
+OFF_SCALE = 0.35
+"""How far the coefficient of what is simulated to scale may be from 1 at most."""
+
+
+def refused(before: Solution, after: Solution, thresholds: Thresholds) -> str | None:
+    """Why the last term is not believed; None where it is."""
+    term = after.terms[-1]
+    if term.effect.strict and at_bound(term):
+        return "its shape runs to the end of what is possible"
+    if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
+        return "is too small to be told from how the motion was sampled"
+    if term.effect.everywhere and not seen_by_several(before, after.block(term)[0]):
+        return "only one channel asks for it"
+    chi2, left = before.problem.chi2(before.residual), after.problem.chi2(after.residual)
+    at = slice(None) if term.joint is None else slice(term.joint, term.joint + 1)
+    drop = float(np.sum((chi2 - left)[at]))
+    if relieves(before, after, thresholds):
+        return None
+    if drop < thresholds.least * float(np.min(chi2[at])):
+        return "hardly lowers the residual"
+    excess = float(np.sum(np.maximum(chi2[at] - 1.15, 0.0)))
+    if drop < thresholds.share * excess:
+        return f"explains only {100 * max(drop, 0) / excess:.0f} % of what is unexplained there"
+    if not term.effect.scheduled and not holds(before, after, thresholds):
+        return "hardly lowers the error on data left out"
+    return None
+
+
+def blurred(before: Solution, after: Solution, factor: float) -> Term | None:
+    """The term whose coefficients the last one of ``after`` makes ``factor`` times less certain; None where none is.
+
+    The square of that ratio is the variance inflation factor; from about 10 on columns count as collinear.
+    """
+    old, new = (np.sqrt(np.diag(s.fit.covariance)) for s in (before, after))
+    for place, term in zip(before.fit.slices, before.terms, strict=True):
+        if float(np.max(new[place] / np.maximum(old[place], 1e-300))) > factor:
+            return term
+    return None
+
+
+def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
+    """Whether the sign, and the scale of what is simulated to scale, can be."""
+    effect, first = term.effect, float(coefficients[0])
+    if not effect.sensible(coefficients, robot, term.joint):
+        return False
+    if effect.unit_scale:
+        return abs(first - 1) < OFF_SCALE
+    if effect.nominal:
+        return first + effect.described(robot, term.joint) > 0
+    return not effect.positive or first > effect.least
+
+
+def usual(term: Term, coefficients: Float, prior: Prior) -> bool:
+    """Whether coefficients are within what their prior says is possible at all."""
+    off = np.abs(coefficients - prior.mean) / np.sqrt(np.diag(prior.covariance))
+    return bool(np.all(off < term.effect.most))
+
+
+def tension(solution: Solution) -> float:
+    """Squared stretch of the nominal parameters in units of their tolerances, summed."""
+    out = 0.0
+    for block, place in zip(solution.problem.nuisance, solution.problem.design.slices, strict=True):
+        off = solution.fit.coefficients[place] - block.prior.mean
+        out += float(off @ np.linalg.solve(block.prior.covariance, off))
+    return out
+
+
+def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
+    """Whether the last term lowers the error on data left out, as the fit weighs its samples and as they are.
+
+    By a share of it; near the noise by less, too, where it does so block after block: the mean over blocks of what it
+    saves is compared with its standard error (Diebold and Mariano 1995).
+    """
+    chi2 = before.problem.chi2(before.residual)
+    block = after.block(after.terms[-1])[0]
+    channels = [c for c in range(len(chi2)) if block.channel in (None, c)]
+    root = before.problem.design.root
+    held = HeldOut(before.problem, before.factor)
+    old, new = held.residual(before.terms), HeldOut(after.problem, before.factor).residual(after.terms)
+    saved = held.by_block(np.square(root * old) - np.square(root * new))
+    steady = np.mean(saved, axis=0) > STEADY * np.std(saved, axis=0, ddof=1) / np.sqrt(len(saved))
+    near = chi2 < thresholds.costly
+    asked = thresholds.held_out * np.where(near, 2.0, 1 - 1 / np.maximum(chi2, 1.0))
+    much = rms(root * new) < (1 - asked) * rms(root * old)
+    enough = (much | (near & steady)) & (rms(new) < rms(old))
+    return bool(np.any(enough[channels]))
+
+
+def relieves(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
+    """Whether nominal parameters that were stretched beyond their tolerances come back."""
+    return tension(before) - tension(after) > 2 * thresholds.gain
+
+
+def seen_by_several(now: Solution, block: Block) -> bool:
+    """Whether more than one channel asks for a block that acts on all: a fact of the whole recording."""
+    parts = [Block(block.columns[:, c], c, block.prior) for c in range(block.columns.shape[1])]
+    gains = [gain for gain, _ in now.fit.gains(parts)]
+    return sum(gains) - max(gains) > SEVERAL

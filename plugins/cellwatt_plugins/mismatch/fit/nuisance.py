@@ -1,0 +1,63 @@
+"""The nominal parameters that may be off by their tolerances: always free, so no effect is named in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.robot.law import column, copper_loss
+from cellwatt_plugins.robot.regression import Block, Prior
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+
+def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
+    """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0."""
+    robot, body = states[0].robot, states[0].body
+    regressor = np.concatenate([s.regressor for s in states])
+    blocks = [
+        Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, robot.tolerances.link))
+        for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
+    ]
+    courses = (
+        ("coulomb_friction", robot.tolerances.friction, np.concatenate([s.sign for s in states])),
+        ("viscous_friction", robot.tolerances.friction, np.concatenate([s.qd for s in states])),
+        ("rotor_inertia", robot.tolerances.rotor_inertia, np.concatenate([s.qdd for s in states])),
+    )
+    blocks += [
+        Block(course[:, joint : joint + 1], joint, Prior.spread(np.array([tolerance * value])))
+        for name, tolerance, course in courses
+        for joint, value in enumerate(column(robot, name))
+        if value > 0
+    ]
+    return tuple(blocks)
+
+
+def supply_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
+    """Standby power and the winding resistance of each joint, where they are not 0."""
+    robot = states[0].robot
+    tolerance = robot.tolerances.supply
+    blocks = []
+    if robot.standby_power > 0:
+        ones = np.ones((sum(len(s.time) for s in states), 1))
+        blocks.append(Block(ones, 0, Prior.spread(np.array([tolerance * robot.standby_power]))))
+    losses = np.concatenate([copper_loss(robot, s.torque) for s in states])
+    heated = (losses[:, joint : joint + 1] for joint in range(losses.shape[1]))
+    blocks += [Block(loss, 0, Prior.spread(np.array([tolerance]))) for loss in heated if np.any(loss > 0)]
+    return tuple(blocks)
+
+
+def link_prior(own: Float, tolerance: float) -> Prior:
+    """Prior of a link's ten parameters: the whole link scaled, its centre moved, its inertia off by ``tolerance``."""
+    mass = max(float(own[0]), 1e-3)
+    centre = float(np.linalg.norm(own[1:4])) / mass
+    inertia = float(np.max(np.abs(own[[4, 6, 9]])))
+    deviations = np.empty(PER_LINK)
+    deviations[0] = 0.2 * tolerance * mass
+    deviations[1:4] = mass * (tolerance * centre + 0.001)
+    deviations[4:] = tolerance * inertia + 1e-6 * mass
+    return Prior(np.zeros(PER_LINK), np.outer(own, own) * tolerance**2 + np.diag(deviations**2))

@@ -1,0 +1,238 @@
+"""One side of the arm as a regression: torques of the joints, or power of the supply, beside their nominal law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from cellwatt_plugins.mismatch.effects.effect import Effect, Shape
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor
+from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot.law import column, nominal_power
+from cellwatt_plugins.robot.regression import Block, Design, Regression
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+ROWS = 16000
+"""Rows that are fitted, about."""
+LEAST_RATE = 12.0
+"""Hz that are fitted at least."""
+SLOW = 0.3
+"""s over which the slow part of a residual is averaged."""
+STOP = 0.1
+"""s over which the sign of the velocity stays unknown at a stop."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect at a place with its shape."""
+
+    effect: Effect
+    joint: int | None
+    """0-based; None for the robot or the supply."""
+    shape: Shape
+
+    @property
+    def place(self) -> tuple[str, int | None]:
+        """What tells it from other terms."""
+        return self.effect.name, self.joint
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Measured minus nominal (N, C) of all runs, its variance and the nominal parameters that may be off."""
+
+    side: str
+    """``torque`` or ``supply``."""
+    states: tuple[States, ...]
+    target: tuple[Float, ...]
+    variance: tuple[Float, ...]
+    floor: Float
+    """Noise floor (C,)."""
+    size: Float
+    """What counts as sizeable (C,): scale of the priors of effects."""
+    nuisance: tuple[Block, ...]
+
+    thin: int = 1
+    """Every how many samples one is fitted; states are simulated at all."""
+
+    simulated: dict[tuple[object, ...], list[Float]] = field(default_factory=dict)
+    """Columns of terms that depend on the motion alone."""
+
+    def stack(self, parts: Sequence[Float]) -> Float:
+        """One array (each run's samples, …) per run to the fitted rows of all runs."""
+        return np.concatenate([part[:: self.thin] for part in parts])
+
+    def split(self, stacked: Float) -> list[Float]:
+        """Fitted rows of all runs back to each run."""
+        ends = np.cumsum([len(part[:: self.thin]) for part in self.target])[:-1]
+        return np.split(stacked, ends)
+
+    def every_sample(self, stacked: Float) -> list[Float]:
+        """Fitted rows (N, C) back to all samples of each run, interpolated between them."""
+        parts = zip(self.split(stacked), self.target, strict=True)
+        return [_between(part, np.arange(len(whole)) / self.thin) for part, whole in parts]
+
+    def block(self, term: Term) -> Block:
+        """The columns of a term over all runs, with their prior."""
+        return self.prior_block(term, self.stack(self.columns(term)))
+
+    def columns(self, term: Term) -> list[Float]:
+        """Columns of a term in each run; simulated once where they depend on the motion alone."""
+        if term.effect.after or term.effect.by_load or term.effect.place == "supply":
+            return [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+        key = (*term.place, term.shape)
+        if key not in self.simulated:
+            self.simulated[key] = [term.effect.columns(s, term.joint, term.shape) for s in self.states]
+        return self.simulated[key]
+
+    def prior_block(self, term: Term, columns: Float) -> Block:
+        """Columns as a block with the effect's prior."""
+        prior = term.effect.prior(self.states, term.joint, columns, self.size)
+        channel = None if columns.ndim == 3 else (term.joint or 0)
+        return Block(columns, channel, prior)
+
+    @cached_property
+    def design(self) -> Design:
+        """Target and nominal parameters of all runs, ready to be fitted."""
+        blocks = [Block(self.stack(np.split(b.columns, self._ends)), b.channel, b.prior) for b in self.nuisance]
+        return Design(self.stack(self.target), self.stack(self.variance), blocks)
+
+    @property
+    def _ends(self) -> NDArray[np.intp]:
+        return np.cumsum([len(part) for part in self.target])[:-1]
+
+    def course(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> list[Float]:
+        """Torque (N, n) of each run at all samples: nominal law, nominal parameters off by ``nuisance``, and terms."""
+        out = [s.nominal.copy() for s in self.states]
+        for block, place in zip(self.nuisance, self.design.slices, strict=True):
+            for part, more in zip(
+                out, np.split(block.times(nuisance[place], out[0].shape[1]), self._ends), strict=True
+            ):
+                part += more
+        for term, coefficients in terms:
+            for part, columns in zip(out, self.columns(term), strict=True):
+                if columns.ndim == 3:
+                    part += columns @ coefficients
+                else:
+                    part[:, term.joint or 0] += columns @ coefficients
+        return out
+
+    def carried(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> list[Float]:
+        """Torque (N, n) of each run at all samples that the links need beyond the nominal."""
+        links = nuisance[: PER_LINK * self.states[0].body.joints]
+        out = [s.regressor @ links for s in self.states]
+        for term, coefficients in terms:
+            if term.effect.loads:
+                for part, columns in zip(out, self.columns(term), strict=True):
+                    part += columns @ coefficients
+        return out
+
+    def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
+        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
+        return Regression(self.design, blocks, np.full(len(self.floor), 2.0) if factor is None else factor)
+
+    def factor(self, residual: Float) -> Float:
+        """Correlation factor (C,) of a residual (N, C)."""
+        steps = [s.step * self.thin for s in self.states]
+        return correlation_factor(self.split(residual * self.design.root), steps)
+
+    def chi2(self, residual: Float) -> Float:
+        """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise."""
+        return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
+
+    def fast_chi2(self, residual: Float) -> Float:
+        """The same of what is faster than ``SLOW``: a spring rings and a gap clacks, friction does not."""
+        parts = []
+        for states, part in zip(self.states, self.split(residual * self.design.root), strict=True):
+            width = max(3, round(SLOW / (states.step * self.thin)))
+            parts.append((part - uniform_filter1d(part, width, axis=0)) / np.sqrt(1 - 1 / width))
+        return np.asarray(np.mean(np.square(np.concatenate(parts)), axis=0))
+
+    def with_torque(self, torque: Sequence[Float], carried: Sequence[Float]) -> Problem:
+        """The same problem for effects that see another fitted torque, and what the links need beyond the nominal."""
+        triples = zip(self.states, torque, carried, strict=True)
+        new = replace(self, states=tuple(s.with_torque(t, c) for s, t, c in triples))
+        new.__dict__["design"] = self.design
+        return new
+
+
+def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float | None = None) -> Problem:
+    """The joints' torques of all runs.
+
+    ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
+    of that sign, the less a sample counts.
+    """
+    robot = states[0].robot
+    target = tuple(run.torque - s.nominal for run, s in zip(runs, states, strict=True))
+    noise = floor(target, [run.step for run in runs])
+    measured = np.concatenate([run.torque for run in runs])
+    least = 0.03 * np.std(measured, axis=0)
+    coulomb = np.maximum(column(robot, "coulomb_friction"), least) + (0.0 if turning is None else turning)
+    # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
+    variance = tuple(
+        noise**2
+        + np.square(coulomb * s.moved.sign_spread) * max(1.0, STOP / run.step)
+        + np.square((s.own_inertia + column(robot, "rotor_inertia")) * s.moved.acceleration_spread)
+        + np.square(coulomb * s.held_still) * max(1.0, STOP / run.step)
+        for run, s in zip(runs, states, strict=True)
+    )
+    variance = tuple(_without_gaps(v, run) for v, run in zip(variance, runs, strict=True))
+    size = np.maximum(column(robot, "coulomb_friction"), 0.1 * np.std(measured, axis=0))
+    return Problem(
+        "torque", tuple(states), target, variance, noise, size, torque_nuisance(states), thinning(target, runs)
+    )
+
+
+def supply_problem(runs: Sequence[Run], states: Sequence[States], doubt: Sequence[Float]) -> Problem | None:
+    """The supply's power of the runs that have it; None where no run has power.
+
+    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm.
+    """
+    triples = [(run, s, d) for run, s, d in zip(runs, states, doubt, strict=True) if run.power is not None]
+    pairs = [(run, s) for run, s, _ in triples]
+    if not pairs:
+        return None
+    robot = states[0].robot
+    target = tuple(
+        (run.power - nominal_power(robot, s.torque, s.qd))[:, None] for run, s in pairs if run.power is not None
+    )
+    noise = floor(target, [run.step for run, _ in pairs])
+    unsure = [np.square(s.qd * d) + np.square(s.torque * s.moved.velocity_spread) for _, s, d in triples]
+    variance = tuple(
+        _without_gaps(noise[0] ** 2 + np.sum(u, axis=1, keepdims=True), run)
+        for (run, _, _), u in zip(triples, unsure, strict=True)
+    )
+    power = np.concatenate([run.power for run, _ in pairs if run.power is not None])
+    size = np.array([max(0.1 * float(np.std(power)), 0.03 * float(np.mean(power)), noise[0])])
+    kept = tuple(s for _, s in pairs)
+    thin = thinning(target, runs)
+    return Problem("supply", kept, target, variance, noise, size, supply_nuisance(kept), thin)
+
+
+def thinning(target: Sequence[Float], runs: Sequence[Run]) -> int:
+    """Every how many samples are fitted so that about ``ROWS`` are, at ``LEAST_RATE`` or more."""
+    most = sum(len(part) for part in target) / ROWS
+    return max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
+
+
+def _between(rows: Float, places: Float) -> Float:
+    """Rows (M, C) at ``places`` (N,) between them, counted in rows; the last is held."""
+    before = places.astype(np.intp)
+    share = (places - before)[:, None]
+    return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
+
+
+def _without_gaps(variance: Float, run: Run) -> Float:
+    """Samples that were filled in count for nothing."""
+    if run.gaps is None:
+        return variance
+    return np.where(run.gaps[:, None], 1e6 * variance, variance)

@@ -1,0 +1,64 @@
+"""Channels that an effect shakes which is simulated sample by sample: its course is never followed to the noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.solution import Solution
+
+Float = NDArray[np.float64]
+
+FELT = 0.3
+"""Share of a channel's noise floor from which an effect is felt there."""
+
+FEW = 0.02
+"""Share of the samples from which it can be told what is left between the shakes."""
+
+
+def shaking(solution: Solution) -> Float:
+    """What such effects add to each channel together, (N, C); 0 where there is none."""
+    channels = len(solution.problem.floor)
+    out = np.zeros_like(solution.residual)
+    for term in solution.terms:
+        if term.effect.costly:
+            block, place = solution.block(term)
+            out += block.times(solution.fit.coefficients[place], channels)
+    return out
+
+
+def shaken(solution: Solution) -> set[int]:
+    """Channels in which such an effect is felt over the whole recording."""
+    size = np.sqrt(np.mean(np.square(shaking(solution)), axis=0)) / solution.problem.floor
+    return {int(channel) for channel in np.flatnonzero(size > FELT)}
+
+
+def remaining(solution: Solution) -> Float:
+    """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour shakes the channel.
+
+    What the motion near stops leaves open is not to hide what the shaking does.
+    """
+    problem = solution.problem
+    out = problem.chi2(solution.residual)
+    own = {term.joint for term in solution.terms if term.effect.costly}
+    for channel in shaken(solution) - own:
+        bare = float(np.mean(np.square(solution.residual[:, channel]))) / problem.floor[channel] ** 2
+        out[channel] = max(out[channel], bare)
+    return out
+
+
+def still(solution: Solution) -> Float:
+    """Mean square residual (C,) in units of its variance over the samples at which no link swings or falls through.
+
+    Infinite where there are next to none: nothing tells then.
+    """
+    problem = solution.problem
+    at_rest = np.ones(len(solution.residual), np.bool_)
+    for term in solution.terms:
+        if term.effect.costly:
+            # To its own scale: rebounds that are not followed make its coefficient small.
+            own = solution.block(term)[0].columns[:, term.joint, 0]
+            at_rest &= np.abs(own) < FELT * problem.floor[term.joint]
+    if np.mean(at_rest) < FEW:
+        return np.full(len(problem.floor), np.inf)
+    return np.asarray(np.mean(np.square(solution.residual * problem.design.root)[at_rest], axis=0))

@@ -1,0 +1,10 @@
+"""Whether recordings and simulations are fit to be compared; what is wrong with them, in one line, where they are not.
+
+A wrong input is claimed only where it is far from anything physical (an angle off by 57.3, a torque by 1000), and where
+undoing it makes recording and simulation agree far better than they do as they are. Effects that a robot can have are
+no wrong input, however strong.
+"""
+
+from cellwatt_plugins.mismatch.input.admission.examine import examine
+
+__all__ = ["examine"]

@@ -1,0 +1,91 @@
+"""How well recorded torques agree with the robot's description, under one or another reading of the columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from cellwatt_plugins.mismatch.input.admission.factors import usable
+from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import column, nominal_torque
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+SAMPLES = 200
+"""Samples of a run that are looked at: enough for what is wrong by a factor."""
+STOPPED = 0.02
+"""rad/s over which friction of unknown size turns its sign; wider than the noise of encoders."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Torques (N, n) Nm that the description asks for in a motion with ``velocity`` (N, n) rad/s.
+
+    Where the description has no friction (``loose``, (n,)) any amount may come on top.
+    """
+
+    torque: Float
+    velocity: Float
+    loose: Bool
+
+    def strict(self) -> Expected:
+        """Without friction beyond the description's."""
+        return replace(self, loose=np.zeros_like(self.loose))
+
+    def misfits(self, torque: Float) -> Float:
+        """Mean absolute difference over mean absolute torque, both about their medians, joint by joint: (n,)."""
+        return np.array([self._misfit(torque[:, k], k) for k in range(torque.shape[1])])
+
+    def table(self, torque: Float) -> Float:
+        """Misfit (n, n) of each torque column as if it were each joint's."""
+        joints = range(torque.shape[1])
+        return np.array([[self._misfit(torque[:, i], k) for k in joints] for i in joints])
+
+    def _misfit(self, torque: Float, joint: int) -> float:
+        rest = torque - self.torque[:, joint]
+        if self.loose[joint]:
+            speed = self.velocity[:, joint]
+            ones = np.ones_like(speed)
+            terms = np.column_stack([np.tanh(speed / STOPPED), speed, ones, -ones])
+            rest = rest - terms @ nnls(terms, rest)[0]
+        return spread(rest) / max(spread(torque), 1e-12)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Some samples (N, n) of a run's motion and torque."""
+
+    robot: RobotDescription
+    body: RigidBody
+    position: Float
+    velocity: Float
+    acceleration: Float
+    torque: Float
+
+    def expected(self, factor: Float | float = 1.0, order: Sequence[int] | None = None) -> Expected:
+        """What the description says of this motion times ``factor``, its columns in ``order``."""
+        motion = (self.position, self.velocity, self.acceleration)
+        columns = slice(None) if order is None else list(order)
+        q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in motion)
+        loose = (column(self.robot, "coulomb_friction") == 0) | (column(self.robot, "viscous_friction") == 0)
+        return Expected(nominal_torque(self.robot, self.body, q, qd, qdd), qd, loose)
+
+
+def sample_of(run: Run, robot: RobotDescription, body: RigidBody) -> tuple[Sample, NDArray[np.intp]]:
+    """Evenly spread samples of a run, none of them filled in, and which they are."""
+    kept = usable(run, SAMPLES)
+    motion = moved(run)
+    parts = (motion.position, motion.velocity, motion.acceleration, run.torque)
+    return Sample(robot, body, *(part[kept] for part in parts)), kept
+
+
+def spread(values: Float) -> float:
+    """Mean absolute distance from the median."""
+    return float(np.mean(np.abs(values - np.median(values))))

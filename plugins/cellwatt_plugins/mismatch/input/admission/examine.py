@@ -1,0 +1,50 @@
+"""All checks of the input, in the order in which one explains the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.input.admission.factors import usable
+from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
+from cellwatt_plugins.mismatch.input.admission.pairing import check_pairing
+from cellwatt_plugins.mismatch.input.admission.power import check_power
+from cellwatt_plugins.mismatch.input.admission.remarks import remarks
+from cellwatt_plugins.mismatch.input.admission.torque import check_torque
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+LEAST_SECONDS = 3.0
+LEAST_SAMPLES = 200
+"""Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
+
+
+def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> list[str]:
+    """What is worth saying of the runs before they are explained.
+
+    Raises ``RecordingError``, one line, at the first run that cannot be used as it is.
+    """
+    if not runs:
+        raise RecordingError("no recording given")
+    for run in runs:
+        check_length(run)
+    check_moving(runs)
+    notes = [note for run in runs for note in run.notes]
+    for run in runs:
+        check_stuck(run)
+        notes += check_pairing(run, runs, robot)
+        check_limits(run, robot, body)
+        check_velocity(run, robot)
+        check_torque(run, robot, body)
+        check_power(run)
+    return notes + remarks(runs)
+
+
+def check_length(run: Run) -> None:
+    """Raises ``RecordingError`` where there is too little to tell friction from noise."""
+    used = len(usable(run))
+    if used < LEAST_SAMPLES or used * run.step < LEAST_SECONDS:
+        raise RecordingError(
+            f"{run.name}: {used} usable samples in {used * run.step:.2f} s are too few: "
+            f"at least {LEAST_SECONDS:.0f} s and {LEAST_SAMPLES} samples of motion are needed"
+        )

@@ -1,0 +1,174 @@
+"""Do the positions and velocities describe the motion of an arm, in rad and rad/s?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.mismatch.input.motion import OWN_BANDWIDTH, differentiate, smooth
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+AT_REST = 0.01
+"""rad: who stays within this has not moved."""
+MOVES = 0.05
+"""rad: who goes further moves for certain."""
+WIDE = 0.2
+"""rad: motion wide enough for its derivative to be compared."""
+BEYOND = 3.0
+"""Times the joint's limit, or half a turn where that is more: no arm gets there."""
+FASTEST = 30.0
+"""rad/s: no joint of an arm is as fast."""
+ALIKE = 0.9
+"""Correlation, not about the mean, from which on two velocities are of the same motion."""
+UNLIKE = 0.3
+"""Correlation below which they are not."""
+FOREIGN = 0.8
+"""Correlation below which a velocity is another joint's, if one is there that it is like."""
+FACTOR = 2.0
+"""Velocity and derivative of the position do not differ by this for any physical reason."""
+
+
+def spread(values: Float) -> Float:
+    """What each column (N, n) spans, without its extreme hundredths: (n,)."""
+    low, high = np.percentile(values, [1, 99], axis=0)
+    return np.asarray(high - low, np.float64)
+
+
+def travel(run: Run) -> Float:
+    """What each joint (n,) spans in the samples that were not filled in, rad."""
+    return spread(run.position[usable(run)])
+
+
+def check_moving(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where nothing moves in any run."""
+    widest = max(float(travel(run).max()) for run in runs)
+    if widest < AT_REST:
+        names = runs[0].name if len(runs) == 1 else "the recordings"
+        raise RecordingError(
+            f"{names}: nothing moves (at most {widest:.4f} rad): at rest only standby power and holding torques can be "
+            "seen; record at least some seconds of motion of every joint"
+        )
+
+
+def check_stuck(run: Run) -> None:
+    """Raises ``RecordingError`` where a signal stays at one value though the joint moves."""
+    moves = travel(run) > MOVES
+    wanted = np.zeros(run.joints, bool) if run.plan is None else spread(run.plan.position) > MOVES
+    if run.velocity is not None:
+        wanted |= np.ptp(run.velocity, axis=0) > MOVES
+        _stuck(run, "qd", run.velocity, moves, "the joint moves")
+    _stuck(run, "q", run.position, wanted, "velocity or simulation say that the joint moves")
+    _stuck(run, "tau" if run.torque_from == "torque" else "current", run.torque, moves, "the joint moves")
+    if run.power is not None and moves.any() and np.ptp(run.power) == 0:
+        raise RecordingError(
+            f"{run.name}: power is {run.power[0]:.6g} in every sample although the arm moves: was the meter read?"
+        )
+
+
+def check_limits(run: Run, robot: RobotDescription, body: RigidBody) -> None:
+    """Raises ``RecordingError`` where most joints go where, or as fast as, no arm does.
+
+    One joint alone may turn without end.
+    """
+    reached = np.percentile(np.abs(run.position), 99, axis=0)
+    speed = np.percentile(np.abs(_own_velocity(run)), 99, axis=0)
+    beyond = (reached > BEYOND * np.maximum(_reach(robot, body), np.pi)) | (speed > FASTEST)
+    if beyond.sum() >= max(1, np.ceil((travel(run) > MOVES).sum() / 2)):
+        worst = int(np.argmax(np.where(beyond, reached, 0)))
+        raise RecordingError(
+            f"{run.name}: joint {worst + 1} reaches {reached[worst]:.1f} and {speed[worst]:.1f} per second, beyond "
+            "what an arm does: the positions must be in rad and the time in s; are they in degrees?"
+        )
+
+
+def check_velocity(run: Run, robot: RobotDescription) -> None:
+    """Raises ``RecordingError`` where the velocities are not the derivatives of the positions."""
+    if run.velocity is None:
+        return
+    kept = usable(run)
+    velocity, own = run.velocity[kept], _own_velocity(run)[kept]
+    wide = np.flatnonzero(travel(run) > WIDE)
+    if not len(wide):
+        return
+    alike = _correlations(velocity, own)
+    _velocity_order(run, alike, wide)
+    for i in wide:
+        factor = float(np.sqrt(np.mean(velocity[:, i] ** 2) / np.mean(own[:, i] ** 2)))
+        _velocity_unit(f"{run.name}: velocity of joint {i + 1}", factor, float(alike[i, i]), robot.joints[i].gear_ratio)
+
+
+def _velocity_order(run: Run, alike: Float, wide: NDArray[np.intp]) -> None:
+    """Joints that move together are all alike: only what is unlike in its own place and alike in another counts."""
+    matrix = np.abs(alike[np.ix_(wide, wide)])
+    rows, places = linear_sum_assignment(-matrix)
+    order = np.arange(run.joints)
+    order[wide[rows]] = wide[places]
+    other = np.flatnonzero(order != np.arange(run.joints))
+    if (
+        len(other)
+        and np.all(np.abs(alike[other, other]) < FOREIGN)
+        and np.all(np.abs(alike[other, order[other]]) > ALIKE)
+    ):
+        raise RecordingError(
+            f"{run.name}: the velocities are in another order than the positions: {order_text('qd', order.tolist())}"
+        )
+
+
+def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> None:
+    """``factor`` of a recorded velocity over the position's derivative, and how ``alike`` the two are."""
+    if abs(alike) < UNLIKE:
+        raise RecordingError(
+            f"{where} is not the derivative of its position (correlation {alike:.2f}): is it of another joint or run?"
+        )
+    if alike < -ALIKE:
+        raise RecordingError(f"{where} has the opposite sign of its position's derivative: turn one of the two round")
+    if not 1 / FACTOR < factor < FACTOR and alike > ALIKE:
+        known = {"in degrees/s": DEGREES, "in rpm": RPM, "in mrad/s": 1e3, "against positions in degrees": 1 / DEGREES}
+        if ratio > FACTOR:
+            known |= {"that of the motor": ratio, "that of the motor, in rpm": RPM * ratio}
+        name = recognised(factor, known)
+        raise RecordingError(
+            f"{where} is {times_text(factor)} times the derivative of its position"
+            + (f": it seems to be {name}" if name else "")
+            + "; q must be in rad, qd in rad/s at the joint"
+        )
+
+
+def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None:
+    stays = np.flatnonzero(expected & (np.ptp(values, axis=0) == 0))
+    if len(stays):
+        names = ", ".join(f"{stem}_{i + 1}" for i in stays)
+        raise RecordingError(f"{run.name}: {names} stays at one value in every sample although {why}: was it recorded?")
+
+
+def _reach(robot: RobotDescription, body: RigidBody) -> Float:
+    """The largest angle (n,) that each joint may take, rad."""
+    limits = zip(body.model.lowerPositionLimit, body.model.upperPositionLimit, strict=True)
+    pairs = [
+        (
+            low if joint.lower_limit is None else joint.lower_limit,
+            high if joint.upper_limit is None else joint.upper_limit,
+        )
+        for joint, (low, high) in zip(robot.joints, limits, strict=True)
+    ]
+    return np.asarray(np.max(np.abs(pairs), axis=1), np.float64)
+
+
+def _own_velocity(run: Run) -> Float:
+    velocity, _ = differentiate(smooth(run.position, run.step, OWN_BANDWIDTH), run.step)
+    return velocity
+
+
+def _correlations(a: Float, b: Float) -> Float:
+    """Of each column (N, n) of ``a`` with each of ``b``, about 0: (n, n); 0 where one is 0 throughout."""
+    scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    return np.asarray(np.divide(a.T @ b, scale, out=np.zeros_like(scale), where=scale > 0), np.float64)

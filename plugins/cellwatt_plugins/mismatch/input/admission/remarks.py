@@ -1,0 +1,93 @@
+"""What is no error but good to know before reading the findings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.input.admission.factors import joints_text, usable
+from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
+from cellwatt_plugins.mismatch.input.run import Run
+
+Float = NDArray[np.float64]
+
+CLIPPED = 0.01
+"""Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
+ROW = 3
+"""Samples at the extreme in a row that noise does not make."""
+LEVELS = 50
+"""Fewer different values of a torque are steps that can be seen."""
+FROZEN = 1.0
+"""s at exactly one value that noise does not leave."""
+
+
+def remarks(runs: Sequence[Run]) -> list[str]:
+    """One sentence each."""
+    widest = np.max([travel(run) for run in runs], axis=0)
+    notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
+    if (still := np.flatnonzero(widest < MOVES)).size:
+        notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
+    if all(run.power is None for run in runs):
+        notes.append("no power recorded: nothing can be said of the supply")
+    for run in runs:
+        if run.gaps is not None:
+            notes.append(
+                f"{run.name}: {100 * float(np.mean(run.gaps)):.2g} % of the samples were filled in and do not count"
+            )
+        notes += _cut_off(run)
+        notes += _coarse(run)
+        notes += _frozen(run)
+    return notes
+
+
+def _cut_off(run: Run) -> Iterator[str]:
+    for i in range(run.joints):
+        torque = run.torque[usable(run), i]
+        if len(np.unique(torque)) < LEVELS:
+            continue
+        for extreme in (torque.max(), torque.min()):
+            at = torque == extreme
+            if at.mean() > CLIPPED and _longest(at) >= ROW:
+                yield (
+                    f"{run.name}: the torque of joint {i + 1} stays at its extreme of {extreme:.4g} Nm "
+                    f"in {100 * at.mean():.1f} % of the samples: it seems to be cut off there"
+                )
+
+
+def _coarse(run: Run) -> Iterator[str]:
+    moves = travel(run) > MOVES
+    for i in np.flatnonzero(moves):
+        levels = np.unique(run.torque[usable(run), i])
+        if len(levels) < LEVELS:
+            yield (
+                f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} Nm: "
+                "smaller effects cannot be seen"
+            )
+
+
+def _frozen(run: Run) -> Iterator[str]:
+    """Stretches in which a torque stays at one value, not its extreme, while its joint moves."""
+    for i in np.flatnonzero(travel(run) > MOVES):
+        torque, position = run.torque[:, i], run.position[:, i]
+        if len(np.unique(torque)) < LEVELS:
+            continue
+        for start, end in _stretches(np.diff(torque) == 0):
+            extreme = torque[start] in (torque.max(), torque.min())
+            if (end - start) * run.step > FROZEN and np.ptp(position[start:end]) > MOVES and not extreme:
+                yield (
+                    f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} Nm from "
+                    f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
+                    "it seems not to have been read there"
+                )
+
+
+def _longest(at: NDArray[np.bool_]) -> int:
+    return max((end - start for start, end in _stretches(at)), default=0)
+
+
+def _stretches(at: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and one past last sample of each stretch in which ``at`` holds."""
+    edges = np.flatnonzero(np.diff(at, prepend=False, append=False)).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))

@@ -1,0 +1,171 @@
+"""Do the torques go with the motion: unit, order and direction of the joints, against what the description says?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.input.admission.agreement import Expected, Sample, sample_of
+from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import column
+
+Float = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+Order = tuple[int, ...]
+
+LARGE, SMALL = 100.0, 1 / 30
+"""Recorded over nominal torque of the whole arm beyond which no friction, load or balancer can be the reason."""
+ALONE = 8.0
+"""One joint's torque over that of every other one, recorded and nominal, beyond which it is in another unit."""
+HIDDEN = 200.0
+"""Times that one joint's torque may stay below the nominal one."""
+THOUSAND = 1000.0
+POOR = 0.1
+"""Misfit of a joint from which on another reading of its columns is worth a try."""
+GOOD = 0.5
+"""A reading is believed where it leaves less than this misfit, and less than this share of the misfit as recorded."""
+AGREES = 0.3
+"""The mean misfit that a whole arm has where description and reading are right; a wrong mounting leaves more."""
+
+
+def check_torque(run: Run, robot: RobotDescription, body: RigidBody) -> None:
+    """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
+    sample, kept = sample_of(run, robot, body)
+    expected = sample.expected()
+    _whole_unit(f"{run.name}: {_what(run)}", run, robot, sample.torque, expected.torque)
+    if run.plan is not None and run.plan.torque is not None:
+        _whole_unit(f"{run.name}: its simulation's torque", run, robot, run.plan.torque[kept], expected.torque)
+    strict = expected.strict()
+    _unit_of_one(run, sample.torque, strict, strict.misfits(sample.torque))
+    misfit = expected.misfits(sample.torque)
+    if (misfit > POOR).any():
+        _direction(run, sample, expected, misfit)
+        _order(run, sample.torque, expected)
+        _motion_read_otherwise(run, sample, misfit)
+
+
+def _whole_unit(place: str, run: Run, robot: RobotDescription, torque: Float, expected: Float) -> None:
+    nominal = float(np.sqrt(np.mean(expected**2)))
+    factor = float(np.sqrt(np.mean(torque**2))) / max(nominal, 1e-12)
+    if SMALL < factor < LARGE or nominal == 0:
+        return
+    thousand, thousandth = ("in mNm", "in kNm") if run.torque_from == "torque" else ("in mA", "in kA")
+    known = {thousand: THOUSAND, thousandth: 1 / THOUSAND}
+    if (ratio := float(np.median(column(robot, "gear_ratio")))) > 1 / SMALL:
+        known["that of the motors, before the gears"] = 1 / ratio
+    name = recognised(factor, known, within=3.0)
+    raise RecordingError(
+        f"{place} is {times_text(factor, 2)} times what motion and description ask for"
+        + (f": it seems to be {name}" if name else "")
+        + "; torques must be in Nm at the joint, currents in A"
+    )
+
+
+def _unit_of_one(run: Run, torque: Float, expected: Expected, misfit: Float) -> None:
+    """Friction of any size would fit any unit, so here only the description's counts."""
+    size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
+    strongest = int(np.argmax(size))
+    others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0))
+    alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
+    large = _better(expected.misfits(torque / THOUSAND), misfit) | alone
+    small = _better(expected.misfits(torque * THOUSAND), misfit) | (size * HIDDEN < nominal)
+    for wrong, name in ((large, "large"), (small, "small")):
+        if wrong.any():
+            joints = joints_text((np.flatnonzero(wrong) + 1).tolist())
+            raise RecordingError(
+                f"{run.name}: {_what(run)} of {joints} is some thousand times too {name} for motion and description: "
+                "torques must be in Nm, currents in A"
+            )
+
+
+def _direction(run: Run, sample: Sample, expected: Expected, misfit: Float) -> None:
+    """A torque of the wrong sign also takes energy out of friction, which none can."""
+    gained = np.mean(sample.torque * sample.velocity, axis=0) < 0
+    turned = _better(expected.misfits(-sample.torque), misfit) & gained
+    if turned.any():
+        raise RecordingError(
+            f"{run.name}: {_what(run)} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
+            "it drives where the motion asks for braking"
+        )
+
+
+def _order(run: Run, torque: Float, expected: Expected) -> None:
+    """Which joint each torque column belongs to, the positions being right."""
+    cost = expected.table(torque)
+    _, order = linear_sum_assignment(np.minimum(cost, 2.0))
+    other = np.flatnonzero(order != np.arange(len(order)))
+    if len(other) and np.all(_better(cost[other, order[other]], cost[other, other])):
+        raise RecordingError(
+            f"{run.name}: the torques are in another order than the positions: {order_text('tau', order.tolist())}"
+        )
+
+
+def _motion_read_otherwise(run: Run, sample: Sample, misfit: Float) -> None:
+    """Degrees, one joint counted backwards, or columns in another order: only where the whole arm then agrees."""
+    before = float(misfit.mean())
+    after = float(sample.expected(1 / DEGREES).misfits(sample.torque).mean())
+    if _agrees(after, before):
+        raise RecordingError(
+            f"{run.name}: the positions are in degrees: taken so, the torques agree with the motion "
+            f"({100 * after:.0f} instead of {100 * before:.0f} % off)"
+        )
+    for joint in range(len(misfit)):
+        turn = np.ones(len(misfit))
+        turn[joint] = -1.0
+        expected = sample.expected(turn)
+        for torque, what in ((sample.torque, "position counts"), (sample.torque * turn, "position and torque count")):
+            if _agrees(float(expected.misfits(torque).mean()), before):
+                raise RecordingError(
+                    f"{run.name}: {what} the other way round at joint {joint + 1} than in the robot's description"
+                )
+    if (misfit > POOR).sum() > 1:
+        _motion_order(run, sample, before)
+
+
+def _motion_order(run: Run, sample: Sample, before: float) -> None:
+    """The order of all columns, or of the positions alone, by exchanges of two joints as long as they help."""
+
+    def whole(order: Order) -> float:
+        return float(sample.expected(order=order).misfits(sample.torque[:, order]).mean())
+
+    def positions(order: Order) -> float:
+        return float(sample.expected(order=order).misfits(sample.torque).mean())
+
+    for misfit, what in ((whole, "joints"), (positions, "positions")):
+        order, best = tuple(range(sample.torque.shape[1])), before
+        while (found := min((misfit(other), other) for other in _exchanged(order)))[0] < best:
+            best, order = found
+        if _agrees(best, before):
+            raise RecordingError(
+                f"{run.name}: the {what} are in another order than in the robot's description: "
+                + order_text("q", np.argsort(order).tolist())
+            )
+
+
+def _exchanged(order: Order) -> Iterator[Order]:
+    """All orders in which two joints have changed places."""
+    for i, k in combinations(range(len(order)), 2):
+        other = list(order)
+        other[i], other[k] = order[k], order[i]
+        yield tuple(other)
+
+
+def _better(other: Float, misfit: Float) -> Bool:
+    """Joints where another reading is to be believed; see ``GOOD``."""
+    return np.asarray(other < GOOD * np.minimum(misfit, 1.0), np.bool_)
+
+
+def _agrees(other: float, misfit: float) -> bool:
+    """Whether another reading of the whole arm is to be believed; see ``AGREES``."""
+    return other < min(AGREES, GOOD * misfit)
+
+
+def _what(run: Run) -> str:
+    return "torque" if run.torque_from == "torque" else "torque from current"

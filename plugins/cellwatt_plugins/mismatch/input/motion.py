@@ -1,0 +1,217 @@
+"""The motion that really took place: position, velocity and acceleration, and how well the velocity is known.
+
+Near a stop, Coulomb friction turns over within 4 mrad/s, less than what differentiated encoders resolve: a sign that
+is not known must not be taken for an effect. So the velocity comes with its standard deviation, and friction is
+judged by the expected sign and the spread of that sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter1d
+
+from cellwatt_plugins.mismatch.input.run import Plan, Run
+from cellwatt_plugins.robot.law import SIGN_WIDTH
+
+Float = NDArray[np.float64]
+
+ORDER = 3
+"""The smoother penalises third differences (jerk)."""
+ERROR_BANDWIDTH = 4.0
+"""Hz kept of the tracking error, recorded minus planned motion."""
+OWN_BANDWIDTH = 10.0
+"""Hz kept of a motion whose plan is not known."""
+SHORTEST_LAG, LONGEST_LAG = 0.0005, 0.2
+"""s that a servo may lag behind the plan; less is tracking error."""
+WINDOW = 0.4
+"""s over which the tracking error is judged to be there or to be encoder noise."""
+# Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
+_NODES = np.linspace(-4.0, 4.0, 33)
+_NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What the joints did, (N, n) each."""
+
+    position: Float
+    velocity: Float
+    acceleration: Float
+    sign: Float
+    """Expected tanh(velocity / 0.004)."""
+    sign_spread: Float
+    """Standard deviation of that sign, from what the encoders leave open."""
+    resolution: Float
+    """Noise (n,) of the encoders, rad; 0 where the motion is known."""
+    velocity_spread: Float
+    """Standard deviation of the velocity, rad/s."""
+    acceleration_spread: Float
+    """Standard deviation of the acceleration, rad/s², where it had to be differentiated from encoders alone."""
+
+
+def moved(run: Run) -> Moved:
+    """The motion of a run: planned motion plus smoothed tracking error, or smoothed encoders where no plan is."""
+    if run.plan is None:
+        return _from_encoders(run)
+    plan = _followed(run)
+    error = run.position - plan.position
+    noise = encoder_noise(error)
+    slow = _smoothed(error, noise, run.step, ERROR_BANDWIDTH)
+    fast = _smoothed(error, noise, run.step, 2 * ERROR_BANDWIDTH)
+    position = plan.position + slow[0]
+    velocity, acceleration = plan.velocity + slow[1], plan.acceleration + slow[2]
+    width = _samples(WINDOW / 2, run.step)
+    open_ = _average(np.square(fast[1] - slow[1]), width)
+    spread = np.sqrt(np.square(slow[3]) + open_ + _within_sample(acceleration, run.step))
+    sign, doubt = expected_sign(velocity, spread)
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, np.zeros_like(velocity))
+
+
+def _followed(run: Run) -> Plan:
+    """The plan as each joint follows it: a servo that lags behind does the same motion a little later."""
+    assert run.plan is not None
+    plan, time = run.plan, run.time
+    lag = np.zeros(plan.position.shape[1])
+    for _ in range(3):
+        position, velocity = _later(plan.position, time, lag), _later(plan.velocity, time, lag)
+        error = run.position - position
+        lag -= np.sum(error * velocity, axis=0) / np.maximum(np.sum(velocity**2, axis=0), 1e-12)
+        lag = np.clip(lag, -LONGEST_LAG, LONGEST_LAG)
+    lag = np.where(np.abs(lag) > SHORTEST_LAG, lag, 0.0)
+    if not lag.any():
+        return plan
+    return Plan(*(_later(values, time, lag) for values in (plan.position, plan.velocity, plan.acceleration)))
+
+
+def _later(values: Float, time: Float, lag: Float) -> Float:
+    """Values (N, n) of ``lag`` (n,) s ago."""
+    return np.stack([np.interp(time - s, time, values[:, j]) for j, s in enumerate(lag)], axis=1)
+
+
+def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
+    """A motion that is known exactly, e.g. a planned one."""
+    return Moved(
+        position,
+        velocity,
+        acceleration,
+        np.tanh(velocity / SIGN_WIDTH),
+        np.zeros_like(velocity),
+        np.zeros(velocity.shape[1]),
+        np.zeros_like(velocity),
+        np.zeros_like(velocity),
+    )
+
+
+def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
+    """Mean and standard deviation of tanh(v / 0.004) for a normal velocity with standard deviation ``spread``."""
+    mean, square = np.zeros_like(velocity), np.zeros_like(velocity)
+    for node, weight in zip(_NODES, _NODE_WEIGHTS, strict=True):
+        sign = np.tanh((velocity + spread * node) / SIGN_WIDTH)
+        mean += weight * sign
+        square += weight * sign**2
+    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def encoder_noise(position: Float) -> Float:
+    """White noise (n,) of positions (N, n), from third differences; at least a rounding error."""
+    third = np.diff(position, n=3, axis=0)
+    rms = np.sqrt(np.mean(np.square(third), axis=0)) / np.sqrt(20.0)
+    middle = np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0)
+    return np.asarray(np.maximum(np.where(middle > 0, middle, rms), 1e-9))
+
+
+def smooth(values: Float, step: float, bandwidth: float) -> Float:
+    """Values (N, n) without what is above ``bandwidth`` Hz: minimises |x - values|² + λ |third differences|²."""
+    strength = _strength(step, bandwidth)
+    if strength < 1e-3:
+        return values.copy()
+    return _solve(values, strength)
+
+
+def differentiate(values: Float, step: float) -> tuple[Float, Float]:
+    """First and second derivative (N, n) of evenly spaced values (N, n), central differences."""
+    first = np.gradient(values, step, axis=0)
+    second = np.zeros_like(values)
+    second[1:-1] = (values[2:] - 2 * values[1:-1] + values[:-2]) / step**2
+    second[0], second[-1] = second[1], second[-2]
+    return first, second
+
+
+def _from_encoders(run: Run) -> Moved:
+    noise = encoder_noise(run.position)
+    kept = smooth(run.position, run.step, OWN_BANDWIDTH)
+    velocity, acceleration = differentiate(kept, run.step)
+    _, gain, jerky = _noise_gains(run.step, OWN_BANDWIDTH)
+    _, _, jerkier = _noise_gains(run.step, 2 * OWN_BANDWIDTH)
+    if run.velocity is not None:
+        velocity = smooth(run.velocity, run.step, OWN_BANDWIDTH)
+    wide = smooth(run.position, run.step, 2 * OWN_BANDWIDTH)
+    faster, harder = differentiate(wide, run.step)
+    width = _samples(WINDOW / 2, run.step)
+    open_ = _average(np.square(faster - differentiate(kept, run.step)[0]), width)
+    spread = np.sqrt(np.square(gain * noise) + open_ + _within_sample(acceleration, run.step))
+    cut = _average(np.square(harder - acceleration), width) - np.square(jerkier * noise)
+    doubt = np.sqrt(np.square(jerky * noise) + np.maximum(cut, 0.0))
+    return Moved(kept, velocity, acceleration, *expected_sign(velocity, spread), noise, spread, doubt)
+
+
+def _smoothed(error: Float, noise: Float, step: float, bandwidth: float) -> tuple[Float, Float, Float, Float]:
+    """Tracking error, its two derivatives and the velocity's spread; shrunk to nothing where only noise is there."""
+    kept = smooth(error, step, bandwidth)
+    parts = (kept, *differentiate(kept, step))
+    width = _samples(WINDOW, step)
+    out = []
+    spread = np.zeros_like(error)
+    for order, (part, gain) in enumerate(zip(parts, _noise_gains(step, bandwidth), strict=True)):
+        power = _average(part**2, width)
+        own = np.square(gain * noise)
+        share = np.clip(1 - 3 * own / np.maximum(power, 1e-300), 0.0, 1.0)
+        out.append(part * share)
+        if order == 1:
+            spread = np.sqrt(share * own)
+    return out[0], out[1], out[2], spread
+
+
+def _within_sample(acceleration: Float, step: float) -> Float:
+    """Variance (N, n) of a velocity over the time within one step at which, or over which, the torque was taken."""
+    return np.square(acceleration * step) / 12
+
+
+def _noise_gains(step: float, bandwidth: float) -> tuple[float, float, float]:
+    """How much of white position noise is left in the smoothed position, velocity and acceleration."""
+    half = max(50, _samples(4 / bandwidth, step))
+    impulse = np.zeros((2 * half + 1, 1))
+    impulse[half] = 1.0
+    kept = smooth(impulse, step, bandwidth)
+    gains = [float(np.sqrt(np.sum(part**2))) for part in (kept, *differentiate(kept, step))]
+    return gains[0], gains[1], gains[2]
+
+
+def _strength(step: float, bandwidth: float) -> float:
+    angle = min(2 * np.pi * bandwidth * step, np.pi)
+    return float((2 * np.sin(angle / 2)) ** (-2 * ORDER))
+
+
+def _samples(seconds: float, step: float) -> int:
+    return max(3, round(seconds / step))
+
+
+def _average(squares: Float, width: int) -> Float:
+    """Running average (N, n) of squares; rounding of the running sum must not make it negative."""
+    return np.asarray(np.maximum(uniform_filter1d(squares, width, axis=0, mode="nearest"), 0.0))
+
+
+def _solve(values: Float, strength: float) -> Float:
+    count = len(values)
+    stencil = np.array([-1.0, 3.0, -3.0, 1.0])
+    banded = np.zeros((ORDER + 1, count))
+    for row in range(ORDER + 1):
+        for a in range(ORDER + 1 - row):
+            first = a + row
+            banded[ORDER - row, first : first + count - ORDER] += strength * stencil[a] * stencil[a + row]
+    banded[ORDER] += 1.0
+    return np.asarray(solveh_banded(banded, values), np.float64)

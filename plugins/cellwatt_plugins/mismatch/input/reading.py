@@ -1,0 +1,200 @@
+"""From what the user gives (recordings, simulations, the robot's description) to runs on even time grids."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
+from cellwatt_plugins.mismatch.input.run import Motion, Plan, Run
+from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import nominal_power, nominal_torque
+
+Float = NDArray[np.float64]
+
+ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulation")
+"""Taken off a file's name, from the end, to have the run's."""
+SAME_CLOCK = 0.5
+"""Recording and simulation that share less of the shorter one have different clocks."""
+RATE = 250.0
+"""Samples a second that are looked at: joints ring below 50 Hz, and what is faster is the drives' own."""
+COVERED = 0.5
+"""Share of a recording that its simulation must cover."""
+
+
+def read_runs(
+    recordings: Sequence[Path], simulations: Sequence[Path], robot: RobotDescription, body: RigidBody
+) -> list[Run]:
+    """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
+
+    Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
+    in the same place of the list. What a simulation does not say of torque and power, the robot's description does.
+    Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    """
+    runs = []
+    for name, path, simulation in zip(_names(recordings), recordings, _matched(recordings, simulations), strict=True):
+        signals = read_signals(path, robot, RATE)
+        run = Run(
+            name=name,
+            time=signals.time,
+            position=signals.needed("position"),
+            velocity=signals.joints.get("velocity"),
+            torque=motor_torque(signals, robot),
+            power=signals.power,
+            temperature=signals.joints.get("temperature"),
+            gaps=signals.gaps if signals.gaps.any() else None,
+            torque_from="torque" if "torque" in signals.joints else "current",
+            notes=signals.notes,
+        )
+        if simulation is not None:
+            simulated = read_signals(simulation, robot)
+            run = _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated, robot, body)
+        elif "target_position" in signals.joints:
+            run = _with_targets(run, signals, robot, body)
+        runs.append(run)
+    return runs
+
+
+def read_motion(path: Path, robot: RobotDescription) -> Motion:
+    """A motion to simulate; velocity and acceleration are differentiated where absent. Raises ``RecordingError``."""
+    signals = read_signals(path, robot)
+    position = signals.needed("position")
+    velocity, acceleration = signals.derivatives("position", "velocity", "acceleration")
+    return Motion(signals.time, position, velocity, acceleration, signals.joints.get("temperature"))
+
+
+def run_name(path: Path) -> str:
+    """A file's name without its endings: ``run_01`` of ``run_01.recording.parquet``."""
+    name = path.name
+    while (shorter := next((name.removesuffix(e) for e in ENDINGS if name.endswith(e)), "")) != "":
+        name = shorter
+    return name
+
+
+def _names(recordings: Sequence[Path]) -> list[str]:
+    """One name a run; files of the same name in several folders carry the folder's."""
+    names = [run_name(path) for path in recordings]
+    if len(set(names)) < len(names):
+        names = [f"{path.resolve().parent.name}/{name}" for path, name in zip(recordings, names, strict=True)]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(f"two recordings are called {twice}: give each once, under a name of its own")
+    return names
+
+
+def _matched(recordings: Sequence[Path], simulations: Sequence[Path]) -> list[Path | None]:
+    """The simulation of each recording."""
+    if not simulations:
+        return [None] * len(recordings)
+    by_name = {run_name(path): path for path in simulations}
+    names = [run_name(path) for path in recordings]
+    if len(by_name) == len(simulations) and len(set(names)) == len(names) and set(by_name) <= set(names):
+        return [by_name.get(name) for name in names]
+    if len(simulations) != len(recordings):
+        raise RecordingError(
+            f"{len(recordings)} recordings but {len(simulations)} simulations: give one for each in the same order, "
+            "or under the same names (run_01.recording.parquet, run_01.simulation.parquet)"
+        )
+    return list(simulations)
+
+
+def _with_simulation(run: Run, simulation: Signals, robot: RobotDescription, body: RigidBody) -> Run:
+    """The run with what its simulation says; both begin together where neither clock nor motion tells."""
+    planned = _simulated(simulation, robot, body)
+    when, note = simulation.time, ""
+    shared = min(when[-1], run.time[-1]) - max(when[0], run.time[0])
+    if shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0]):
+        own = np.arange(when[0], when[-1], run.step)
+        late, error = delay(run.position, onto(own, when, planned.position))
+        shift = float(run.time[0] - when[0]) + (late * run.step if error < SAME else 0.0)
+        how = "lined up by their motion" if error < SAME else "taken to begin together"
+        when, note = when + shift, f"recording and simulation have different clocks ({shift:.3f} s apart), {how}"
+    return _with_plan(run, simulation, when, planned, note)
+
+
+def _with_targets(run: Run, signals: Signals, robot: RobotDescription, body: RigidBody) -> Run:
+    """The run with the motion that it says was commanded; some controllers log commands long before they are met."""
+    planned = _targets(signals, robot, body)
+    samples, error = delay(run.position, planned.position)
+    late = samples * run.step
+    if abs(late) <= LATE or error > SAME:
+        return _with_plan(run, signals, signals.time, planned)
+    note = f"the target columns are {late:.2f} s ahead of the motion and moved back by that"
+    return _with_plan(run, signals, signals.time + late, planned, note)
+
+
+def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str = "") -> Run:
+    """The run, cut to what a plan at times ``when`` (M,) covers, with that plan on its own time grid.
+
+    Raises ``RecordingError`` where the plan covers too little of the recording.
+    """
+    slack = 0.51 * max(run.step, source.step)
+    covered = (run.time >= when[0] - slack) & (run.time <= when[-1] + slack)
+    if np.mean(covered) < COVERED:
+        raise RecordingError(
+            f"{run.name}: its simulation {source.place} spans {when[0]:.2f} to {when[-1]:.2f} s, the recording "
+            f"{run.time[0]:.2f} to {run.time[-1]:.2f} s: is it the simulation of this run?"
+        )
+    run = _cut(run, slice(int(np.argmax(covered)), len(covered) - int(np.argmax(covered[::-1]))))
+    gaps = np.interp(run.time, when, source.gaps) > 0
+    if run.gaps is not None:
+        gaps |= run.gaps
+    plan = Plan(
+        onto(run.time, when, planned.position),
+        onto(run.time, when, planned.velocity),
+        onto(run.time, when, planned.acceleration),
+        None if planned.torque is None else onto(run.time, when, planned.torque),
+        None if planned.power is None else np.interp(run.time, when, planned.power),
+    )
+    more = [f"{run.name}: {note}"] if note else []
+    return replace(run, plan=plan, gaps=gaps if gaps.any() else None, notes=(*run.notes, *more))
+
+
+def onto(time: Float, when: Float, values: Float) -> Float:
+    """Values (M, n) at ``when`` (M,), linearly interpolated at ``time`` (N,): (N, n)."""
+    return np.column_stack([np.interp(time, when, one) for one in values.T])
+
+
+def _cut(run: Run, part: slice) -> Run:
+    lost = len(run.time) - (part.stop - part.start)
+    if not lost:
+        return run
+    note = f"{run.name}: {lost * run.step:.2f} s of the recording lie outside its simulation and are left out"
+    return replace(
+        run,
+        time=run.time[part],
+        position=run.position[part],
+        velocity=None if run.velocity is None else run.velocity[part],
+        torque=run.torque[part],
+        power=None if run.power is None else run.power[part],
+        temperature=None if run.temperature is None else run.temperature[part],
+        gaps=None if run.gaps is None else run.gaps[part],
+        notes=(*run.notes, note),
+    )
+
+
+def _simulated(signals: Signals, robot: RobotDescription, body: RigidBody) -> Plan:
+    """What a simulation says, on its own time grid."""
+    if "position" not in signals.joints:
+        return _targets(signals, robot, body)
+    position = signals.needed("position")
+    velocity, acceleration = signals.derivatives("position", "velocity", "acceleration")
+    torque = signals.joints.get("torque")
+    if torque is None:
+        torque = nominal_torque(robot, body, position, velocity, acceleration)
+    power = nominal_power(robot, torque, velocity) if signals.power is None else signals.power
+    return Plan(position, velocity, acceleration, torque, power)
+
+
+def _targets(signals: Signals, robot: RobotDescription, body: RigidBody) -> Plan:
+    """The commanded motion that a recording holds, and what the robot's description says of it."""
+    position = signals.needed("target_position")
+    velocity, acceleration = signals.derivatives("target_position", "target_velocity", "target_acceleration")
+    torque = nominal_torque(robot, body, position, velocity, acceleration)
+    return Plan(position, velocity, acceleration, torque, nominal_power(robot, torque, velocity))

@@ -1,0 +1,1 @@
+"""From a fit to what is said: parameters, findings, and what stays unexplained."""

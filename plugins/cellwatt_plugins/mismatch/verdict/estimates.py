@@ -1,0 +1,117 @@
+"""From the solutions of both sides to one model with estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.effects.effect import Estimate
+from cellwatt_plugins.mismatch.fit.held_out import confirmed
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned
+from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.regression import Block, Prior, Regression
+
+Float = NDArray[np.float64]
+
+
+def model_of(torque: Solution, supply: Solution | None) -> Model:
+    """The model that both solutions make."""
+    robot = torque.problem.states[0].robot
+    terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
+    if supply is not None:
+        terms += [FittedTerm(term, supply.fit.coefficients[supply.block(term)[1]]) for term in supply.terms]
+    return Model(robot, retuned(torque, supply), tuple(terms))
+
+
+def _foreseen(solution: Solution, term: Term) -> Float:
+    """Coefficients of a term; of one whose course is sensitive as much as other runs confirm."""
+    own = np.asarray(solution.fit.coefficients[solution.block(term)[1]])
+    if not term.effect.costly:
+        return own
+    return np.asarray(own * confirmed(solution.problem, term, own, solution.residual))
+
+
+def retuned(torque: Solution, supply: Solution | None) -> Retuned:
+    """How far the nominal parameters are off by the fits."""
+    robot = torque.problem.states[0].robot
+    joints = len(robot.joints)
+    values = torque.fit.coefficients
+    friction = []
+    at = 10 * joints
+    for name in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
+        row, there = np.zeros(joints), np.flatnonzero(column(robot, name) > 0)
+        row[there] = values[at : at + len(there)]
+        friction.append(row)
+        at += len(there)
+    standby, resistance = (0.0, np.zeros(joints)) if supply is None else _supply(supply, joints)
+    return Retuned(values[: 10 * joints].copy(), friction[0], friction[1], friction[2], standby, resistance)
+
+
+def _supply(supply: Solution, joints: int) -> tuple[float, Float]:
+    """Standby power W and factors of the resistances (n,) that are off."""
+    robot, values = supply.problem.states[0].robot, supply.fit.coefficients
+    standby = float(values[0]) if robot.standby_power > 0 else 0.0
+    resistance = np.zeros(joints)
+    heating = np.flatnonzero((column(robot, "winding_resistance") > 0) & (column(robot, "torque_constant") > 0))
+    at = 1 if robot.standby_power > 0 else 0
+    resistance[heating] = values[at : at + len(heating)]
+    return standby, resistance
+
+
+def estimates(solution: Solution) -> dict[tuple[str, int | None], Estimate]:
+    """Coefficients and shapes of each term with their joint covariance: Gauss-Newton around the solution."""
+    blocks, slopes = list(solution.fit.blocks), []
+    for term in solution.terms:
+        block, place = solution.block(term)
+        slope = _slopes(solution.problem, term, solution.fit.coefficients[place])
+        slopes.append(None if slope is None else len(blocks))
+        if slope is not None:
+            blocks.append(Block(slope, block.channel, Prior.spread(1e3 * _typical(term))))
+    fit = Regression(solution.problem.design, blocks, solution.factor)
+    covariance = fit.covariance
+    out = {}
+    for i, (term, at) in enumerate(zip(solution.terms, slopes, strict=True)):
+        own = list(range(fit.slices[i].start, fit.slices[i].stop))
+        if at is None:
+            out[term.place] = _estimate(solution, term, covariance[np.ix_(own, own)], [])
+            continue
+        shaped = list(range(fit.slices[at].start, fit.slices[at].stop))
+        both = own + shaped
+        out[term.place] = _estimate(solution, term, covariance[np.ix_(both, both)], _refined(term))
+    return out
+
+
+def _estimate(solution: Solution, term: Term, covariance: Float, refined: Sequence[int]) -> Estimate:
+    count = solution.block(term)[0].size
+    full = np.zeros((count + len(term.shape), count + len(term.shape)))
+    places = [*range(count), *(count + i for i in refined)]
+    full[np.ix_(places, places)] = covariance
+    coefficients = solution.fit.coefficients[solution.block(term)[1]]
+    return Estimate(coefficients, np.array(term.shape), full)
+
+
+def _refined(term: Term) -> list[int]:
+    return [i for i, (low, high) in enumerate(term.effect.bounds(term.shape)) if high > low]
+
+
+def _typical(term: Term) -> Float:
+    return np.array([max(abs(term.shape[i]), 1e-6) for i in _refined(term)])
+
+
+def _slopes(problem: Problem, term: Term, coefficients: Float) -> Float | None:
+    """Change of a term's contribution with each refined shape parameter, (N, k) or (N, C, k); None where none is."""
+    out = []
+    for i in _refined(term):
+        step = 1e-3 * max(abs(term.shape[i]), 1e-3)
+        sides = [
+            problem.block(
+                Term(term.effect, term.joint, (*term.shape[:i], term.shape[i] + way * step, *term.shape[i + 1 :]))
+            )
+            for way in (1, -1)
+        ]
+        out.append((sides[0].columns @ coefficients - sides[1].columns @ coefficients) / (2 * step))
+    return np.stack(out, axis=-1) if out else None

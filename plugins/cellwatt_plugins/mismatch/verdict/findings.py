@@ -1,0 +1,113 @@
+"""What ``explain`` says: findings with their parameters, place and gain; written as ``findings.json``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from cellwatt_plugins.mismatch.effects.effect import Parameter
+from cellwatt_plugins.mismatch.fit.solution import Trial
+
+Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
+Kind = Literal["missing", "mistuned"]
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of one recording, s."""
+
+    recording: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a mismatch sits; None: everywhere."""
+
+    channels: tuple[str, ...]
+    position: tuple[float, float] | None = None
+    """rad, of the joint itself."""
+    velocity: tuple[float, float] | None = None
+    """rad/s."""
+    times: tuple[Span, ...] = ()
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """Held-out error of one channel without and with the finding; both beside a refit of all nominal parameters."""
+
+    channel: str
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+    held_out: bool = True
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another name that fits the data as well, and the experiment that would separate the two."""
+
+    effect: str
+    joint: int | None
+    why: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that the simulation lacks (or whose number is off)."""
+
+    effect: str
+    joint: int | None
+    """1-based; None for the whole robot or the supply."""
+    kind: Kind
+    confidence: float
+    """Probability, 0 to 1, that the effect is there under this name."""
+    statement: str
+    """One plain sentence."""
+    parameters: dict[str, Parameter]
+    where: Where
+    improvement: Improvement
+    alternatives: tuple[Alternative, ...] = ()
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """A channel whose residual stays above its noise floor after all findings."""
+
+    channel: str
+    rms: float
+    noise_floor: float
+    statement: str
+    velocity: tuple[float, float] | None = None
+    position: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """Held-out error of the simulation, of the nominal parameters refitted, and of the model."""
+
+    channel: str
+    unit: str
+    simulation: float
+    refit: float
+    model: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Everything that ``explain`` found."""
+
+    verdict: Verdict
+    findings: tuple[Finding, ...]
+    unexplained: tuple[Leftover, ...] = ()
+    fit: tuple[ChannelFit, ...] = ()
+    tried: tuple[Trial, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+    """What the data could not tell, e.g. effects that this motion cannot show."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of ``findings.json``."""
+        return asdict(self)

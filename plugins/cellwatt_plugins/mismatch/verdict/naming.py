@@ -1,0 +1,215 @@
+"""Findings from terms: statement, parameters, place, gain, and the names that fit nearly as well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.effects.effect import INHERITED, Estimate, Parameter
+from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.noise import hum
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
+from cellwatt_plugins.mismatch.verdict.estimates import estimates
+from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Span, Where
+from cellwatt_plugins.mismatch.verdict.unexplained import Unexplained
+
+Float = NDArray[np.float64]
+
+NEARLY = 0.85
+"""A rival that reaches this share of a name's evidence is listed beside it."""
+CLOSE = 12.0
+"""nats: or one that is this close."""
+
+
+def findings_of(solution: Solution, held: HeldOut, gain: float = 0.0) -> list[Finding]:
+    """The terms of one side as findings; ``gain`` is the tolerance of the common factor of all measured torques."""
+    known = estimates(solution)
+    after = held.residual(solution.terms)
+    return [_finding(solution, held, term, known[term.place], after, gain) for term in solution.terms]
+
+
+def _finding(solution: Solution, held: HeldOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
+    robot = solution.problem.states[0].robot
+    parameters = {
+        name: _scaled(parameter, 0.0 if name == "phase" else term.effect.inherits.get(name, INHERITED))
+        for name, parameter in term.effect.parameters(estimate, robot, term.joint).items()
+    }
+    for name in term.effect.scales_with_torque if gain > 0 else ():
+        parameters[name] = _scaled(parameters[name], gain)
+    described = term.effect.described(robot, term.joint)
+    others = [t for t in solution.terms if t is not term]
+    seen = term.effect.scheduled
+    if seen:
+        blocks = [solution.problem.block(t) for t in others]
+        before, after = solution.problem.fit(blocks, solution.factor).residual, solution.residual
+    else:
+        before = held.residual(others)
+    channels = _channels(solution, term)
+    main = _main(solution, before, after, channels)
+    own, rivals = solution.rivals.get(term.place, (0.0, ()))
+    return Finding(
+        effect=term.effect.name,
+        joint=None if term.joint is None else term.joint + 1,
+        kind="mistuned" if described or _within_gain(term, gain) else "missing",
+        confidence=_confidence(own, rivals),
+        statement=_mistuned(term, parameters, described)
+        if described
+        else term.effect.statement(_who(term.joint), parameters),
+        parameters=parameters,
+        where=_where(solution, term, channels),
+        improvement=_improvement(solution, before, after, main, held_out=not seen),
+        alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
+    )
+
+
+def _within_gain(term: Term, gain: float) -> bool:
+    """Whether a term is a gain that the description has, as a torque constant that nobody knows well."""
+    return gain > 0 and term.effect.name == "torque_gain"
+
+
+def _mistuned(term: Term, parameters: Mapping[str, Parameter], described: float) -> str:
+    """One plain sentence on a parameter that the description has, but well off."""
+    name, off = term.effect.name.replace("_", " "), next(iter(parameters.values()))
+    unit = off.unit.replace("N*m", "Nm").replace("*", "·")
+    who = "The robot's" if term.joint is None else f"Joint {term.joint + 1}'s"
+    return (
+        f"{who} {name} is {described + off.value:.3g} ± {off.std:.2g} {unit}, not {described:.3g}: "
+        "it is mistuned beyond its tolerance."
+    )
+
+
+def _scaled(parameter: Parameter, share: float) -> Parameter:
+    """A parameter that is uncertain by a share of its value, too."""
+    return Parameter(parameter.value, float(np.hypot(parameter.std, share * parameter.value)), parameter.unit)
+
+
+def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
+    if gain == 0 or not term.effect.scales_with_torque:
+        return ()
+    why = (
+        "mass and torque gain are not separable in these recordings, 1 % of gain is 1 % of mass, and the gain is "
+        f"known to {100 * gain:.0f} %; weigh the load, or record once with a known one and set tolerances.torque_gain"
+    )
+    return (Alternative("torque_gain", None, why),)
+
+
+def unknown_findings(solution: Solution, left: Sequence[Unexplained], held: HeldOut) -> list[Finding]:
+    """Findings of channels where something real is left that is none of the known effects."""
+    if solution.problem.side == "supply":
+        return [_unknown(solution, u, held, None) for u in left]
+    return [_unknown(solution, u, held, u.channel) for u in left]
+
+
+def _unknown(solution: Solution, left: Unexplained, held: HeldOut, joint: int | None) -> Finding:
+    name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
+    error = float(rms(held.residual(solution.terms))[left.channel])
+    place = "The supply" if joint is None else f"Joint {joint + 1}"
+    where = ""
+    if left.position is not None:
+        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} rad"
+    elif left.times:
+        where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
+    parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
+    tone = hum(parts, [s.step * solution.problem.thin for s in solution.problem.states])
+    if tone is not None:
+        where += f"; it hums at {tone:.1f} Hz"
+    return Finding(
+        effect="unknown",
+        joint=None if joint is None else joint + 1,
+        kind="missing",
+        confidence=0.9,
+        statement=f"{place} shows {left.rms:.3g} {unit.replace('*', '')} that no known effect explains{where}.",
+        parameters={"rms": Parameter(left.rms, 0.0, unit)},
+        where=Where((name,), left.position, left.velocity, left.times),
+        improvement=Improvement(name, unit, error, error, left.floor),
+    )
+
+
+def _who(joint: int | None) -> str:
+    return "The robot" if joint is None else f"Joint {joint + 1}"
+
+
+def _channels(solution: Solution, term: Term) -> list[int]:
+    """Channels in which a term adds at least half of its noise floor, or the greatest one."""
+    problem = solution.problem
+    block, place = solution.block(term)
+    size = rms(block.times(solution.fit.coefficients[place], len(problem.floor))) / problem.floor
+    felt = [int(c) for c in np.flatnonzero(size > 0.5)]
+    return felt or [int(np.argmax(size))]
+
+
+def _main(solution: Solution, before: Float, after: Float, channels: Sequence[int]) -> int:
+    gain = (rms(before) - rms(after)) / solution.problem.floor
+    return max(channels, key=lambda c: float(gain[c]))
+
+
+def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
+    names = tuple("power" if solution.problem.side == "supply" else f"tau_{c + 1}" for c in channels)
+    if term.joint is None:
+        return Where(names, times=_spans(solution, term))
+    course = solution.problem.columns(term)
+    coefficients = solution.fit.coefficients[solution.block(term)[1]]
+    size = np.concatenate([_size(c @ coefficients, term.joint) for c in course])
+    strong = size > 0.5 * np.max(size)
+    speed = np.concatenate([s.qd[:, term.joint] for s in solution.problem.states])
+    place = np.concatenate([s.q[:, term.joint] for s in solution.problem.states])
+    return Where(names, _narrow(place, strong), _narrow(speed, strong), _spans(solution, term))
+
+
+def _size(course: Float, joint: int) -> Float:
+    return np.abs(course[:, joint] if course.ndim == 2 else course)
+
+
+def _narrow(values: Float, strong: NDArray[np.bool_]) -> tuple[float, float] | None:
+    """Range that holds most of a term; None where it is nearly everywhere."""
+    low, high = np.quantile(values[strong], [0.02, 0.98])
+    return None if high - low > 0.7 * np.ptp(values) else (float(low), float(high))
+
+
+def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
+    """Stretches of the runs during which a term that is there at times only is there."""
+    if not term.effect.scheduled:
+        return ()
+    out = []
+    for states, columns in zip(solution.problem.states, solution.problem.columns(term), strict=True):
+        size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
+        there = size > 0.1 * max(1e-12, float(np.max(size)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+        out += [
+            Span(states.name, float(states.time[a]), float(states.time[b - 1]))
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+        ]
+    return tuple(out[:40])
+
+
+def _improvement(solution: Solution, before: Float, after: Float, main: int, held_out: bool) -> Improvement:
+    """Error without and with a term; of what is there at one time only, no data can be left out."""
+    name, unit = ("power", "W") if solution.problem.side == "supply" else (f"tau_{main + 1}", "N*m")
+    floor = float(solution.problem.floor[main])
+    return Improvement(name, unit, float(rms(before)[main]), float(rms(after)[main]), floor, held_out)
+
+
+def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
+    """Share of the name's evidence among all names that were tried in its place."""
+    gains = np.array([own, *(r.gain for r in rivals)])
+    weights = np.exp(np.minimum(gains - own, 0.0))
+    return float(np.clip(1 / np.sum(weights), 0.5, 0.99))
+
+
+def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:
+    """Names that fit nearly as well, with the experiment that separates."""
+    experiments: Mapping[str, str] = {c.effect: c.experiment for c in term.effect.confusions}
+    out = []
+    for rival in rivals:
+        name = rival.term.effect.name
+        if term.effect.name in rival.term.effect.contains:
+            continue
+        if rival.gain > NEARLY * own or own - rival.gain < CLOSE:
+            why = experiments.get(name, "repeat with slower and faster motion, and with another load")
+            close = "fits as well" if own - rival.gain < CLOSE else "fits nearly as well"
+            joint = None if rival.term.joint is None else rival.term.joint + 1
+            out.append(Alternative(name, joint, f"{close}; to tell them apart: {why}"))
+    return tuple(out[:3])

@@ -1,0 +1,130 @@
+"""What stays unexplained: which channels, where, and whether it is an effect that is in no library."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.shaken import shaken, still
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.verdict.findings import Leftover, Span
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When what is left is called unexplained."""
+
+    excess: float = 0.35
+    """Mean square residual beyond noise, in units of the noise, over a whole channel."""
+    share: float = 0.2
+    """Beyond this share of what the named effects explain there; below, it is what they do not get quite right."""
+    rough: float = 4.0
+    """The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much
+    as ``share`` of it is left while no link swings, too."""
+    window: float = 0.5
+    """s of the windows that are looked at."""
+    strong: float = 6.0
+    """Mean square residual of a window, in units of the noise, that no chance makes."""
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A channel (0-based) that stays unexplained, and where."""
+
+    channel: int
+    rms: float
+    floor: float
+    velocity: tuple[float, float] | None
+    position: tuple[float, float] | None
+    times: tuple[Span, ...]
+
+
+def unexplained(before: Float, solution: Solution, limits: Limits = Limits()) -> list[Unexplained]:
+    """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone."""
+    problem, residual = solution.problem, solution.residual
+    left = problem.chi2(residual)
+    rough, calm = shaken(solution), still(solution)
+    out = []
+    for channel, excess in enumerate(left - 1.0):
+        explained = max(0.0, float(before[channel] - left[channel]))
+        share = limits.rough if channel in rough else limits.share
+        theirs = channel in rough and calm[channel] - 1.0 < max(limits.excess, limits.share * excess)
+        if excess > max(limits.excess, share * explained) and not theirs:
+            out.append(_place(solution, channel, _strong(solution, channel, limits), limits))
+    return out
+
+
+def _strong(solution: Solution, channel: int, limits: Limits) -> NDArray[np.bool_]:
+    """Windows (W,) whose mean square residual no chance makes."""
+    means = [np.mean(w, axis=1) for w in _windows(solution, channel, limits)]
+    return np.concatenate(means) > limits.strong
+
+
+def _windows(solution: Solution, channel: int, limits: Limits) -> list[Float]:
+    """Squared residual over its variance by windows of each run, (W, samples)."""
+    problem = solution.problem
+    squared = np.square(solution.residual * problem.design.root)
+    out = []
+    for states, part in zip(problem.states, problem.split(squared), strict=True):
+        width = max(1, round(limits.window / (states.step * problem.thin)))
+        count = len(part) // width
+        out.append(part[: count * width, channel].reshape(count, width))
+    return out
+
+
+def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: Limits) -> Unexplained:
+    problem = solution.problem
+    squared = solution.residual[:, channel] ** 2
+    spans, positions, speeds, at = [], [], [], 0
+    for states, windows in zip(problem.states, _windows(solution, channel, limits), strict=True):
+        width = windows.shape[1] * problem.thin
+        for i in range(len(windows)):
+            if strong[at + i]:
+                part = slice(i * width, (i + 1) * width)
+                spans.append(Span(states.name, float(states.time[part][0]), float(states.time[part][-1])))
+                if problem.side == "torque":
+                    positions.append(states.q[part, channel])
+                    speeds.append(states.qd[part, channel])
+        at += len(windows)
+    position = _range(positions, np.concatenate([s.q[:, channel] for s in problem.states])) if positions else None
+    velocity = _range(speeds, np.concatenate([s.qd[:, channel] for s in problem.states])) if speeds else None
+    return Unexplained(
+        channel,
+        float(np.sqrt(np.mean(squared))),
+        float(problem.floor[channel]),
+        velocity,
+        position,
+        tuple(_joined(spans)[:20]),
+    )
+
+
+def _range(parts: list[Float], everywhere: Float) -> tuple[float, float] | None:
+    """Range that holds most of what is unexplained; None where that is nearly the whole range."""
+    low, high = np.quantile(np.concatenate(parts), [0.05, 0.95])
+    if high - low > 0.7 * np.ptp(everywhere):
+        return None
+    return float(low), float(high)
+
+
+def _joined(spans: list[Span]) -> list[Span]:
+    out: list[Span] = []
+    for span in spans:
+        if out and out[-1].recording == span.recording and span.start - out[-1].end < 0.1:
+            out[-1] = Span(span.recording, out[-1].start, span.end)
+        else:
+            out.append(span)
+    return out
+
+
+def leftover(found: Unexplained, name: str, unit: str) -> Leftover:
+    """An unexplained channel as ``findings.json`` has it."""
+    times = found.rms / found.floor
+    where = (
+        "" if found.position is None else f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} rad"
+    )
+    said = f"{name} keeps {found.rms:.3g} {unit} that no known effect explains, {times:.1f} times its noise{where}."
+    return Leftover(name, found.rms, found.floor, said, found.velocity, found.position)
