@@ -12,12 +12,13 @@ import pyarrow.parquet as pq
 from threadpoolctl import threadpool_limits
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.effects.states import states_of
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
-from cellwatt_plugins.mismatch.model import Prediction, load_model, predict, save_model
+from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states, save_model
 from cellwatt_plugins.mismatch.report import write_report
 from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
 from cellwatt_plugins.mismatch.verdict.findings import Findings
@@ -74,10 +75,10 @@ def explain(
     """
     description = load_robot(robot)
     body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    runs = read_runs(recordings, simulations, description, body)
-    notes = examine(runs, description, body)
+    runs = read_runs(recordings, simulations, description)
     with threadpool_limits(1):
-        found = explain_runs(runs, description, body, notes=notes)
+        base, notes = examine(runs, description, body)
+        found = explain_runs(runs, base, notes=notes)
     out.mkdir(parents=True, exist_ok=True)
     (out / "findings.json").write_text(json.dumps(found.findings.as_json(), indent=1))
     save_model(found.model, out / "model.yaml")
@@ -97,12 +98,17 @@ def explain(
 @click.command()
 @click.option("--model", required=True, type=FILE, help="model.yaml of `cellwatt explain`, or its folder.")
 @click.option("--motion", required=True, type=FILE, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
+@click.option("--simulation", type=FILE, help="What the user's simulation says of that motion; the model adds to it.")
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
-def simulate(model: Path, motion: Path, out: Path) -> None:
-    """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power."""
+def simulate(model: Path, motion: Path, simulation: Path | None, out: Path) -> None:
+    """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power.
+
+    A motion with accelerations is taken as planned; one without as measured, which is smoothed about the simulation's.
+    """
     loaded = load_model(model)
     with threadpool_limits(1):
-        predicted = predict(loaded, read_motion(motion, loaded.robot))
+        run, known = read_motion(motion, simulation, loaded.robot)
+        predicted = predict_states(loaded, states_of(run, -1, loaded.baseline, known))
     write_prediction(predicted, out)
     click.echo(f"written to {out}: {len(predicted.time)} samples")
 

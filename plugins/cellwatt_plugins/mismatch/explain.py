@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.effects.states import States, states_of
 from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.shaken import remaining
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
 from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
 from cellwatt_plugins.mismatch.verdict.unexplained import Limits, Unexplained, leftover, unexplained
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
 
@@ -51,13 +51,13 @@ class Explained:
 
 def explain(
     runs: Sequence[Run],
-    robot: RobotDescription,
-    body: RigidBody,
+    base: Baseline,
     thresholds: Thresholds = DEFAULT,
     notes: Sequence[str] = (),
 ) -> Explained:
     """Where the runs differ from the simulation, why, and what model does not; ``notes`` are of their admission."""
-    states = [States(r.name, i, r.time, moved(r), robot, body, r.temperature) for i, r in enumerate(runs)]
+    states = [states_of(run, i, base) for i, run in enumerate(runs)]
+    body = base.body
     nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
     torque = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds)
     supplied = supply_problem(runs, *_torque_for_power(runs, torque))

@@ -15,6 +15,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.motion import exact
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
@@ -72,19 +73,27 @@ class Model:
     """A robot with retuned parameters and the effects that its simulation lacked."""
 
     robot: RobotDescription
+    """With friction, rotors, windings and standby power as the simulation has them."""
     retuned: Retuned
     terms: tuple[FittedTerm, ...] = ()
+    links: Float | None = None
+    """(10 n,) inertial parameters where the simulation has others than the URDF."""
 
     def body(self) -> RigidBody:
-        """The rigid body of its URDF. Raises ``ConfigError``."""
-        return RigidBody(self.robot.urdf, tuple(j.name for j in self.robot.joints))
+        """The rigid body that the simulation moves. Raises ``ConfigError``."""
+        body = RigidBody(self.robot.urdf, tuple(j.name for j in self.robot.joints))
+        return body if self.links is None else body.with_parameters(self.links)
+
+    @property
+    def baseline(self) -> Baseline:
+        """The law of the simulation that it adds to. Raises ``ConfigError``."""
+        return Baseline(self.robot, self.body())
 
 
-def predict(model: Model, motion: Motion, body: RigidBody | None = None) -> Prediction:
-    """Torque and power of a motion; hidden states start cold and at rest."""
-    body = body or model.body()
+def predict(model: Model, motion: Motion) -> Prediction:
+    """Torque and power of a motion that is known exactly; hidden states start cold and at rest."""
     moved = exact(motion.position, motion.velocity, motion.acceleration)
-    states = States("motion", -1, motion.time, moved, model.robot, body, motion.temperature)
+    states = States("motion", -1, motion.time, moved, model.robot, model.body(), motion.temperature)
     return predict_states(model, states)
 
 
@@ -92,7 +101,7 @@ def predict_states(model: Model, states: States) -> Prediction:
     """``predict`` of a motion whose states are already there."""
     mechanical = mechanical_torque(model, states)
     states = states.with_torque(mechanical)
-    torque, power = mechanical.copy(), nominal_supply(model, states)
+    torque, power = mechanical.copy(), _supply(model, states)
     for fitted in model.terms:
         effect, joint = fitted.term.effect, fitted.term.joint
         if effect.place == "supply":
@@ -121,11 +130,10 @@ def mechanical_torque(model: Model, states: States) -> Float:
     return np.asarray(torque)
 
 
-def nominal_supply(model: Model, states: States) -> Float:
-    """Supply power (N,) W of the law with retuned standby power and resistances."""
-    copper = copper_loss(model.robot, states.torque) * (1 + model.retuned.resistance)
-    standby = model.robot.standby_power + model.retuned.standby_power
-    return np.asarray(standby + np.sum(states.torque * states.qd + copper, axis=1))
+def _supply(model: Model, states: States) -> Float:
+    """Supply power (N,) W of the simulation with retuned standby power and resistances."""
+    copper = copper_loss(model.robot, states.torque) * model.retuned.resistance
+    return np.asarray(states.nominal_power + model.retuned.standby_power + np.sum(copper, axis=1))
 
 
 def _add(torque: Float, more: Float, joint: int | None) -> None:
@@ -151,7 +159,8 @@ def save_model(model: Model, path: Path) -> None:
         }
         for f in model.terms
     ]
-    content = {"format": FORMAT, "robot": robot, "retuned": retuned, "effects": terms}
+    links = {} if model.links is None else {"links": model.links.tolist()}
+    content = {"format": FORMAT, "robot": robot, **links, "retuned": retuned, "effects": terms}
     path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
 
@@ -188,4 +197,5 @@ def _model(content: Mapping[str, Any], file: Path) -> Model:
         joint = None if entry["joint"] is None else int(entry["joint"]) - 1
         term = Term(BY_NAME[entry["effect"]], joint, tuple(float(x) for x in entry["shape"]))
         terms.append(FittedTerm(term, np.array(entry["coefficients"], np.float64)))
-    return Model(robot, retuned, tuple(terms))
+    links = np.array(content["links"], np.float64) if "links" in content else None
+    return Model(robot, retuned, tuple(terms), links)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ Float = NDArray[np.float64]
 
 PER_LINK = 10
 """Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""
+
+LEAST_MASS = 1e-6
+"""kg: without a mass, a link's first moment has no centre."""
 
 
 class RigidBody:
@@ -36,6 +40,8 @@ class RigidBody:
                 f"the description has {', '.join(joints)}: the order must be from the base, each with one angle"
             )
         self.model = model
+        self.changed: Float | None = None
+        """Inertial parameters (10 n,) where they are not the URDF's."""
         self._data = model.createData()
 
     @property
@@ -46,6 +52,16 @@ class RigidBody:
     def parameters(self) -> Float:
         """Inertial parameters of all links, (10 n,); see ``PER_LINK``."""
         return np.concatenate([self.model.inertias[i + 1].toDynamicParameters() for i in range(self.joints)])
+
+    def with_parameters(self, parameters: Float) -> RigidBody:
+        """The same kinematics with other inertial ``parameters`` (10 n,); they need not be physical one by one."""
+        out = copy(self)
+        out.model, out.changed = self.model.copy(), np.array(parameters, np.float64)
+        for i, own in enumerate(out.changed.reshape(-1, PER_LINK), start=1):
+            own[0] = own[0] if abs(own[0]) > LEAST_MASS else LEAST_MASS
+            out.model.inertias[i] = pin.Inertia.FromDynamicParameters(own)
+        out._data = out.model.createData()
+        return out
 
     def inverse_dynamics(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Joint torques (N, n) Nm for ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each."""

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
-from cellwatt_plugins.mismatch.input.motion import Moved
+from cellwatt_plugins.mismatch.input.baseline import Baseline
+from cellwatt_plugins.mismatch.input.motion import Moved, moved
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.law import column, nominal_power
 from cellwatt_plugins.robot.rigid_body import RigidBody
 
 Float = NDArray[np.float64]
@@ -37,6 +39,10 @@ class States:
     body: RigidBody
     temperature: Float | None = None
     """(N, n) °C where recorded."""
+    beyond: Float | None = None
+    """(N, n) Nm that the simulation has beyond the description's law."""
+    beyond_power: Float | None = None
+    """(N,) W, likewise."""
     fitted: Float | None = None
     """(N, n) Nm: motor torque as the model of the moment has it; the nominal law's before there is one."""
     carried: Float | None = None
@@ -102,8 +108,15 @@ class States:
 
     @cached_property
     def nominal(self) -> Float:
-        """Motor torque (N, n) Nm of the simulation's law."""
-        return self.rigid + column(self.robot, "rotor_inertia") * self.qdd + self.friction
+        """Motor torque (N, n) Nm that the simulation says."""
+        law = self.rigid + column(self.robot, "rotor_inertia") * self.qdd + self.friction
+        return law if self.beyond is None else law + self.beyond
+
+    @property
+    def nominal_power(self) -> Float:
+        """Supply power (N,) W that the simulation says, with the torque that the model of the moment has."""
+        law = nominal_power(self.robot, self.torque, self.qd)
+        return law if self.beyond_power is None else law + self.beyond_power
 
     @property
     def torque(self) -> Float:
@@ -129,3 +142,10 @@ class States:
             if name in self.__dict__:
                 new.__dict__[name] = self.__dict__[name]
         return new
+
+
+def states_of(run: Run, index: int, base: Baseline, motion: Moved | None = None) -> States:
+    """The arm along a run, number ``index`` of those explained, as its simulation has it; ``motion`` where known."""
+    torque, power = base.beyond(run)
+    motion = moved(run) if motion is None else motion
+    return States(run.name, index, run.time, motion, base.robot, base.body, run.temperature, torque, power)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.law import column, copper_loss
+from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Block, Prior
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
@@ -49,15 +50,3 @@ def supply_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
     heated = (losses[:, joint : joint + 1] for joint in range(losses.shape[1]))
     blocks += [Block(loss, 0, Prior.spread(np.array([tolerance]))) for loss in heated if np.any(loss > 0)]
     return tuple(blocks)
-
-
-def link_prior(own: Float, tolerance: float) -> Prior:
-    """Prior of a link's ten parameters: the whole link scaled, its centre moved, its inertia off by ``tolerance``."""
-    mass = max(float(own[0]), 1e-3)
-    centre = float(np.linalg.norm(own[1:4])) / mass
-    inertia = float(np.max(np.abs(own[[4, 6, 9]])))
-    deviations = np.empty(PER_LINK)
-    deviations[0] = 0.2 * tolerance * mass
-    deviations[1:4] = mass * (tolerance * centre + 0.001)
-    deviations[4:] = tolerance * inertia + 1e-6 * mass
-    return Prior(np.zeros(PER_LINK), np.outer(own, own) * tolerance**2 + np.diag(deviations**2))

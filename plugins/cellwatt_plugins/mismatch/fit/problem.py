@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot.law import column, nominal_power
+from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.regression import Block, Design, Regression
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
@@ -201,10 +201,7 @@ def supply_problem(runs: Sequence[Run], states: Sequence[States], doubt: Sequenc
     pairs = [(run, s) for run, s, _ in triples]
     if not pairs:
         return None
-    robot = states[0].robot
-    target = tuple(
-        (run.power - nominal_power(robot, s.torque, s.qd))[:, None] for run, s in pairs if run.power is not None
-    )
+    target = tuple((run.power - s.nominal_power)[:, None] for run, s in pairs if run.power is not None)
     noise = floor(target, [run.step for run, _ in pairs])
     unsure = [np.square(s.qd * d) + np.square(s.torque * s.moved.velocity_spread) for _, s, d in triples]
     variance = tuple(

@@ -74,20 +74,26 @@ def moved(run: Run) -> Moved:
 def _followed(run: Run) -> Plan:
     """The plan as each joint follows it: a servo that lags behind does the same motion a little later."""
     assert run.plan is not None
-    plan, time = run.plan, run.time
-    lag = np.zeros(plan.position.shape[1])
+    plan, lag = run.plan, servo_lag(run)
+    if not lag.any():
+        return plan
+    return Plan(*(later(values, run.time, lag) for values in (plan.position, plan.velocity, plan.acceleration)))
+
+
+def servo_lag(run: Run) -> Float:
+    """s (n,) by which each joint follows its plan later; 0 where that is no more than tracking error."""
+    lag = np.zeros(run.joints)
+    if run.plan is None:
+        return lag
     for _ in range(3):
-        position, velocity = _later(plan.position, time, lag), _later(plan.velocity, time, lag)
+        position, velocity = (later(part, run.time, lag) for part in (run.plan.position, run.plan.velocity))
         error = run.position - position
         lag -= np.sum(error * velocity, axis=0) / np.maximum(np.sum(velocity**2, axis=0), 1e-12)
         lag = np.clip(lag, -LONGEST_LAG, LONGEST_LAG)
-    lag = np.where(np.abs(lag) > SHORTEST_LAG, lag, 0.0)
-    if not lag.any():
-        return plan
-    return Plan(*(_later(values, time, lag) for values in (plan.position, plan.velocity, plan.acceleration)))
+    return np.where(np.abs(lag) > SHORTEST_LAG, lag, 0.0)
 
 
-def _later(values: Float, time: Float, lag: Float) -> Float:
+def later(values: Float, time: Float, lag: Float) -> Float:
     """Values (N, n) of ``lag`` (n,) s ago."""
     return np.stack([np.interp(time - s, time, values[:, j]) for j, s in enumerate(lag)], axis=1)
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
-from cellwatt_plugins.mismatch.input.run import Motion, Plan, Run
+from cellwatt_plugins.mismatch.input.motion import Moved, exact
+from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import nominal_power, nominal_torque
+from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
 
@@ -28,13 +28,11 @@ COVERED = 0.5
 """Share of a recording that its simulation must cover."""
 
 
-def read_runs(
-    recordings: Sequence[Path], simulations: Sequence[Path], robot: RobotDescription, body: RigidBody
-) -> list[Run]:
+def read_runs(recordings: Sequence[Path], simulations: Sequence[Path], robot: RobotDescription) -> list[Run]:
     """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
 
     Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
-    in the same place of the list. What a simulation does not say of torque and power, the robot's description does.
+    in the same place of the list.
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
     runs = []
@@ -54,19 +52,28 @@ def read_runs(
         )
         if simulation is not None:
             simulated = read_signals(simulation, robot)
-            run = _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated, robot, body)
+            run = _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
         elif "target_position" in signals.joints:
-            run = _with_targets(run, signals, robot, body)
+            run = _with_targets(run, signals)
         runs.append(run)
     return runs
 
 
-def read_motion(path: Path, robot: RobotDescription) -> Motion:
-    """A motion to simulate; velocity and acceleration are differentiated where absent. Raises ``RecordingError``."""
+def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) -> tuple[Run, Moved | None]:
+    """A motion to simulate as a run without torque, and the motion itself where it is known rather than measured.
+
+    One with accelerations was planned. ``simulation`` is what the user's simulation says of it. Raises
+    ``RecordingError``.
+    """
     signals = read_signals(path, robot)
-    position = signals.needed("position")
-    velocity, acceleration = signals.derivatives("position", "velocity", "acceleration")
-    return Motion(signals.time, position, velocity, acceleration, signals.joints.get("temperature"))
+    position, velocity = signals.needed("position"), signals.joints.get("velocity")
+    temperature = signals.joints.get("temperature")
+    run = Run(run_name(path), signals.time, position, velocity, np.zeros_like(position), temperature=temperature)
+    if simulation is not None:
+        run = _with_simulation(run, read_signals(simulation, robot), cut=False)
+    if "acceleration" not in signals.joints:
+        return run, None
+    return replace(run, plan=None), exact(position, *signals.derivatives("position", "velocity", "acceleration"))
 
 
 def run_name(path: Path) -> str:
@@ -104,23 +111,31 @@ def _matched(recordings: Sequence[Path], simulations: Sequence[Path]) -> list[Pa
     return list(simulations)
 
 
-def _with_simulation(run: Run, simulation: Signals, robot: RobotDescription, body: RigidBody) -> Run:
+def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
     """The run with what its simulation says; both begin together where neither clock nor motion tells."""
-    planned = _simulated(simulation, robot, body)
+    planned = _simulated(simulation)
     when, note = simulation.time, ""
+    own = np.arange(when[0], when[-1], run.step)
+    late, error = delay(run.position, onto(own, when, planned.position))
+    shift = float(run.time[0] - when[0])
     shared = min(when[-1], run.time[-1]) - max(when[0], run.time[0])
-    if shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0]):
-        own = np.arange(when[0], when[-1], run.step)
-        late, error = delay(run.position, onto(own, when, planned.position))
-        shift = float(run.time[0] - when[0]) + (late * run.step if error < SAME else 0.0)
-        how = "lined up by their motion" if error < SAME else "taken to begin together"
+    apart = shared < SAME_CLOCK * min(when[-1] - when[0], run.time[-1] - run.time[0])
+    if error < SAME and (apart or abs(shift + late * run.step) > LATE):
+        shift, how = shift + late * run.step, "lined up by their motion"
+    elif apart:
+        how = "taken to begin together"
+    else:
+        shift = 0.0
+    if shift:
         when, note = when + shift, f"recording and simulation have different clocks ({shift:.3f} s apart), {how}"
-    return _with_plan(run, simulation, when, planned, note)
+    run = _with_plan(run, simulation, when, planned, note, cut)
+    torque = simulation.joints.get("torque")
+    return replace(run, simulated=None if torque is None else Simulated(when, planned, torque, simulation.power))
 
 
-def _with_targets(run: Run, signals: Signals, robot: RobotDescription, body: RigidBody) -> Run:
+def _with_targets(run: Run, signals: Signals) -> Run:
     """The run with the motion that it says was commanded; some controllers log commands long before they are met."""
-    planned = _targets(signals, robot, body)
+    planned = _targets(signals)
     samples, error = delay(run.position, planned.position)
     late = samples * run.step
     if abs(late) <= LATE or error > SAME:
@@ -129,7 +144,7 @@ def _with_targets(run: Run, signals: Signals, robot: RobotDescription, body: Rig
     return _with_plan(run, signals, signals.time + late, planned, note)
 
 
-def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str = "") -> Run:
+def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str = "", cut: bool = True) -> Run:
     """The run, cut to what a plan at times ``when`` (M,) covers, with that plan on its own time grid.
 
     Raises ``RecordingError`` where the plan covers too little of the recording.
@@ -141,7 +156,8 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
             f"{run.name}: its simulation {source.place} spans {when[0]:.2f} to {when[-1]:.2f} s, the recording "
             f"{run.time[0]:.2f} to {run.time[-1]:.2f} s: is it the simulation of this run?"
         )
-    run = _cut(run, slice(int(np.argmax(covered)), len(covered) - int(np.argmax(covered[::-1]))))
+    if cut:
+        run = _cut(run, slice(int(np.argmax(covered)), len(covered) - int(np.argmax(covered[::-1]))))
     gaps = np.interp(run.time, when, source.gaps) > 0
     if run.gaps is not None:
         gaps |= run.gaps
@@ -149,8 +165,6 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
         onto(run.time, when, planned.position),
         onto(run.time, when, planned.velocity),
         onto(run.time, when, planned.acceleration),
-        None if planned.torque is None else onto(run.time, when, planned.torque),
-        None if planned.power is None else np.interp(run.time, when, planned.power),
     )
     more = [f"{run.name}: {note}"] if note else []
     return replace(run, plan=plan, gaps=gaps if gaps.any() else None, notes=(*run.notes, *more))
@@ -179,22 +193,17 @@ def _cut(run: Run, part: slice) -> Run:
     )
 
 
-def _simulated(signals: Signals, robot: RobotDescription, body: RigidBody) -> Plan:
+def _simulated(signals: Signals) -> Plan:
     """What a simulation says, on its own time grid."""
     if "position" not in signals.joints:
-        return _targets(signals, robot, body)
+        return _targets(signals)
     position = signals.needed("position")
     velocity, acceleration = signals.derivatives("position", "velocity", "acceleration")
-    torque = signals.joints.get("torque")
-    if torque is None:
-        torque = nominal_torque(robot, body, position, velocity, acceleration)
-    power = nominal_power(robot, torque, velocity) if signals.power is None else signals.power
-    return Plan(position, velocity, acceleration, torque, power)
+    return Plan(position, velocity, acceleration)
 
 
-def _targets(signals: Signals, robot: RobotDescription, body: RigidBody) -> Plan:
-    """The commanded motion that a recording holds, and what the robot's description says of it."""
+def _targets(signals: Signals) -> Plan:
+    """The commanded motion that a recording holds."""
     position = signals.needed("target_position")
     velocity, acceleration = signals.derivatives("target_position", "target_velocity", "target_acceleration")
-    torque = nominal_torque(robot, body, position, velocity, acceleration)
-    return Plan(position, velocity, acceleration, torque, nominal_power(robot, torque, velocity))
+    return Plan(position, velocity, acceleration)

@@ -14,7 +14,7 @@ Bool = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Plan:
-    """The motion that was commanded, and what the simulation says for it; (N, n) each, power (N,)."""
+    """The motion that was commanded, (N, n) each."""
 
     position: Float
     """rad."""
@@ -22,10 +22,20 @@ class Plan:
     """rad/s."""
     acceleration: Float
     """rad/s²."""
-    torque: Float | None = None
-    """Nm."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What the user's simulation says of the planned motion, at its own M times."""
+
+    time: Float
+    """(M,) s on the recording's clock."""
+    plan: Plan
+    """(M, n) each."""
+    torque: Float
+    """(M, n) Nm."""
     power: Float | None = None
-    """W."""
+    """(M,) W."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +57,8 @@ class Run:
     temperature: Float | None = None
     """(N, n) °C, where recorded."""
     plan: Plan | None = None
+    simulated: Simulated | None = None
+    """What the recording is compared with; None: the law in robot.yaml."""
     gaps: Bool | None = None
     """(N,) true where samples were missing and values were filled in."""
     torque_from: Literal["torque", "current"] = "torque"

@@ -12,7 +12,6 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model, predict_states
 from cellwatt_plugins.mismatch.report import Trace
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
-from cellwatt_plugins.robot.law import nominal_power
 
 Float = NDArray[np.float64]
 
@@ -20,15 +19,12 @@ Float = NDArray[np.float64]
 def traces_of(runs: Sequence[Run], found: Explained) -> list[Trace]:
     """One trace a run, at all samples."""
     robot = found.model.robot
-    refit = Model(robot, retuned(found.nominal, None))
+    refit = Model(robot, retuned(found.nominal, None), links=found.model.links)
     out = []
     for run, states in zip(runs, found.torque.problem.states, strict=True):
         tuned, model = predict_states(refit, states), predict_states(found.model, states)
         simulated = states.nominal
-        power = nominal_power(robot, simulated, states.qd)
-        if run.plan is not None and run.plan.torque is not None:
-            simulated = run.plan.torque
-            power = run.plan.power if run.plan.power is not None else power
+        power = states.with_torque(simulated).nominal_power
         parts = [(run.torque, run.power), (simulated, power), (tuned.torque, tuned.power), (model.torque, model.power)]
         joints = run.joints
         names, units = tuple(f"tau_{i + 1}" for i in range(joints)), ("N*m",) * joints

@@ -20,11 +20,11 @@ Float = NDArray[np.float64]
 
 def model_of(torque: Solution, supply: Solution | None) -> Model:
     """The model that both solutions make."""
-    robot = torque.problem.states[0].robot
+    states = torque.problem.states[0]
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.fit.coefficients[supply.block(term)[1]]) for term in supply.terms]
-    return Model(robot, retuned(torque, supply), tuple(terms))
+    return Model(states.robot, retuned(torque, supply), tuple(terms), states.body.changed)
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.input.admission.description import told_otherwise
 from cellwatt_plugins.mismatch.input.admission.factors import usable
 from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
 from cellwatt_plugins.mismatch.input.admission.pairing import check_pairing
 from cellwatt_plugins.mismatch.input.admission.power import check_power
 from cellwatt_plugins.mismatch.input.admission.remarks import remarks
-from cellwatt_plugins.mismatch.input.admission.torque import check_torque
+from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, check_torque
+from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 
@@ -19,8 +21,8 @@ LEAST_SAMPLES = 200
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
 
 
-def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> list[str]:
-    """What is worth saying of the runs before they are explained.
+def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tuple[Baseline, list[str]]:
+    """What the runs are compared with, and what is worth saying of them before they are explained.
 
     Raises ``RecordingError``, one line, at the first run that cannot be used as it is.
     """
@@ -35,9 +37,12 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> li
         notes += check_pairing(run, runs, robot)
         check_limits(run, robot, body)
         check_velocity(run, robot)
-        check_torque(run, robot, body)
+        check_simulated(run, robot, body)
         check_power(run)
-    return notes + remarks(runs)
+    base = baseline(runs, robot, body)
+    for run in runs:
+        check_torque(run, base.robot, base.body)
+    return base, [*notes, *remarks(runs), *told_otherwise(runs, robot, body, base)]
 
 
 def check_length(run: Run) -> None:

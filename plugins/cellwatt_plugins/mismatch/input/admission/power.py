@@ -28,10 +28,9 @@ def check_power(run: Run) -> None:
     kept = usable(run, SAMPLES)
     if run.power is not None:
         _check(run.name, run.power[kept], np.sum(run.torque[kept] * moved(run).velocity[kept], axis=1))
-    plan = run.plan
-    if plan is not None and plan.power is not None and plan.torque is not None:
-        joints = np.sum(plan.torque[kept] * plan.velocity[kept], axis=1)
-        _check(f"{run.name}: in its simulation", plan.power[kept], joints)
+    said = run.simulated
+    if said is not None and said.power is not None:
+        _check(f"{run.name}: in its simulation", said.power, np.sum(said.torque * said.plan.velocity, axis=1))
 
 
 def _check(place: str, supply: Float, joints: Float) -> None:

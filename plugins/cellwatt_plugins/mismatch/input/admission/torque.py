@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.agreement import Expected, Sample, sample_of
+from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, sample_of
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
@@ -37,26 +37,39 @@ AGREES = 0.3
 
 def check_torque(run: Run, robot: RobotDescription, body: RigidBody) -> None:
     """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
-    sample, kept = sample_of(run, robot, body)
+    sample, _ = sample_of(run, robot, body)
+    what = "torque" if run.torque_from == "torque" else "torque from current"
+    _check(f"{run.name}: {what}", run.torque_from == "current", sample)
+
+
+def check_simulated(run: Run, robot: RobotDescription, body: RigidBody) -> None:
+    """The same of what its simulation says of torque."""
+    said = run.simulated
+    if said is None:
+        return
+    parts = (said.plan.position, said.plan.velocity, said.plan.acceleration, said.torque)
+    thin = max(1, len(said.time) // SAMPLES)
+    _check(f"{run.name}: its simulation's torque", False, Sample(robot, body, *(part[::thin] for part in parts)))
+
+
+def _check(place: str, current: bool, sample: Sample) -> None:
     expected = sample.expected()
-    _whole_unit(f"{run.name}: {_what(run)}", run, robot, sample.torque, expected.torque)
-    if run.plan is not None and run.plan.torque is not None:
-        _whole_unit(f"{run.name}: its simulation's torque", run, robot, run.plan.torque[kept], expected.torque)
+    _whole_unit(place, current, sample.robot, sample.torque, expected.torque)
     strict = expected.strict()
-    _unit_of_one(run, sample.torque, strict, strict.misfits(sample.torque))
+    _unit_of_one(place, sample.torque, strict, strict.misfits(sample.torque))
     misfit = expected.misfits(sample.torque)
     if (misfit > POOR).any():
-        _direction(run, sample, expected, misfit)
-        _order(run, sample.torque, expected)
-        _motion_read_otherwise(run, sample, misfit)
+        _direction(place, sample, expected, misfit)
+        _order(place, sample.torque, expected)
+        _motion_read_otherwise(place, sample, misfit)
 
 
-def _whole_unit(place: str, run: Run, robot: RobotDescription, torque: Float, expected: Float) -> None:
+def _whole_unit(place: str, current: bool, robot: RobotDescription, torque: Float, expected: Float) -> None:
     nominal = float(np.sqrt(np.mean(expected**2)))
     factor = float(np.sqrt(np.mean(torque**2))) / max(nominal, 1e-12)
     if SMALL < factor < LARGE or nominal == 0:
         return
-    thousand, thousandth = ("in mNm", "in kNm") if run.torque_from == "torque" else ("in mA", "in kA")
+    thousand, thousandth = ("in mA", "in kA") if current else ("in mNm", "in kNm")
     known = {thousand: THOUSAND, thousandth: 1 / THOUSAND}
     if (ratio := float(np.median(column(robot, "gear_ratio")))) > 1 / SMALL:
         known["that of the motors, before the gears"] = 1 / ratio
@@ -68,7 +81,7 @@ def _whole_unit(place: str, run: Run, robot: RobotDescription, torque: Float, ex
     )
 
 
-def _unit_of_one(run: Run, torque: Float, expected: Expected, misfit: Float) -> None:
+def _unit_of_one(place: str, torque: Float, expected: Expected, misfit: Float) -> None:
     """Friction of any size would fit any unit, so here only the description's counts."""
     size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
     strongest = int(np.argmax(size))
@@ -80,40 +93,40 @@ def _unit_of_one(run: Run, torque: Float, expected: Expected, misfit: Float) -> 
         if wrong.any():
             joints = joints_text((np.flatnonzero(wrong) + 1).tolist())
             raise RecordingError(
-                f"{run.name}: {_what(run)} of {joints} is some thousand times too {name} for motion and description: "
+                f"{place} of {joints} is some thousand times too {name} for motion and description: "
                 "torques must be in Nm, currents in A"
             )
 
 
-def _direction(run: Run, sample: Sample, expected: Expected, misfit: Float) -> None:
+def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) -> None:
     """A torque of the wrong sign also takes energy out of friction, which none can."""
     gained = np.mean(sample.torque * sample.velocity, axis=0) < 0
     turned = _better(expected.misfits(-sample.torque), misfit) & gained
     if turned.any():
         raise RecordingError(
-            f"{run.name}: {_what(run)} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
+            f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
             "it drives where the motion asks for braking"
         )
 
 
-def _order(run: Run, torque: Float, expected: Expected) -> None:
+def _order(place: str, torque: Float, expected: Expected) -> None:
     """Which joint each torque column belongs to, the positions being right."""
     cost = expected.table(torque)
     _, order = linear_sum_assignment(np.minimum(cost, 2.0))
     other = np.flatnonzero(order != np.arange(len(order)))
     if len(other) and np.all(_better(cost[other, order[other]], cost[other, other])):
         raise RecordingError(
-            f"{run.name}: the torques are in another order than the positions: {order_text('tau', order.tolist())}"
+            f"{place}: the columns are in another order than the positions: {order_text('tau', order.tolist())}"
         )
 
 
-def _motion_read_otherwise(run: Run, sample: Sample, misfit: Float) -> None:
+def _motion_read_otherwise(place: str, sample: Sample, misfit: Float) -> None:
     """Degrees, one joint counted backwards, or columns in another order: only where the whole arm then agrees."""
     before = float(misfit.mean())
     after = float(sample.expected(1 / DEGREES).misfits(sample.torque).mean())
     if _agrees(after, before):
         raise RecordingError(
-            f"{run.name}: the positions are in degrees: taken so, the torques agree with the motion "
+            f"{place}: the positions are in degrees: taken so, the torques agree with the motion "
             f"({100 * after:.0f} instead of {100 * before:.0f} % off)"
         )
     for joint in range(len(misfit)):
@@ -123,13 +136,13 @@ def _motion_read_otherwise(run: Run, sample: Sample, misfit: Float) -> None:
         for torque, what in ((sample.torque, "position counts"), (sample.torque * turn, "position and torque count")):
             if _agrees(float(expected.misfits(torque).mean()), before):
                 raise RecordingError(
-                    f"{run.name}: {what} the other way round at joint {joint + 1} than in the robot's description"
+                    f"{place}: {what} the other way round at joint {joint + 1} than in the robot's description"
                 )
     if (misfit > POOR).sum() > 1:
-        _motion_order(run, sample, before)
+        _motion_order(place, sample, before)
 
 
-def _motion_order(run: Run, sample: Sample, before: float) -> None:
+def _motion_order(place: str, sample: Sample, before: float) -> None:
     """The order of all columns, or of the positions alone, by exchanges of two joints as long as they help."""
 
     def whole(order: Order) -> float:
@@ -144,7 +157,7 @@ def _motion_order(run: Run, sample: Sample, before: float) -> None:
             best, order = found
         if _agrees(best, before):
             raise RecordingError(
-                f"{run.name}: the {what} are in another order than in the robot's description: "
+                f"{place}: the {what} are in another order than in the robot's description: "
                 + order_text("q", np.argsort(order).tolist())
             )
 
@@ -165,7 +178,3 @@ def _better(other: Float, misfit: Float) -> Bool:
 def _agrees(other: float, misfit: float) -> bool:
     """Whether another reading of the whole arm is to be believed; see ``AGREES``."""
     return other < min(AGREES, GOOD * misfit)
-
-
-def _what(run: Run) -> str:
-    return "torque" if run.torque_from == "torque" else "torque from current"

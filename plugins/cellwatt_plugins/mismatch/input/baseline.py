@@ -1,0 +1,230 @@
+"""What the recordings are compared with: the user's simulation as a law, and what it says beyond any such law.
+
+A simulation speaks of the planned motion, the arm made another one. To carry its torque over, the numbers of the
+description (links, friction, rotors, windings, standby) are found anew from the simulation, which has no noise; what
+such a law does not reproduce is carried along as a function of time. Without a simulation, robot.yaml is the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from cellwatt_plugins.mismatch.input.motion import later, servo_lag
+from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import SIGN_WIDTH, column, nominal_power, nominal_torque
+from cellwatt_plugins.robot.priors import link_prior
+from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+ROWS = 4000
+"""Samples of all simulations that the law is found from, about."""
+SAME = 0.003
+"""Share of a channel's size up to which the law reproduces the simulation."""
+LINKS = 0.25
+"""Other links are believed where they bring the mean square of what is left down to this share."""
+OFF = 0.1
+"""Share by which each link may be off the URDF; the last one may also carry a tool."""
+TOOL = (0.3, 0.2)
+"""Share of the arm's mass that a tool weighs, and m from the last joint's frame within which its centre is."""
+FINE = 1e-3
+"""Share of a torque's size to which a law is fitted to it."""
+NO_WORSE = 1.1
+"""A number is the description's, or 0, where the rms left with that is no more than this times what it is without."""
+SLOW = 0.03
+"""rad/s below which simulators turn friction over each in its own way."""
+FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A robot and its links as the simulation has them."""
+
+    robot: RobotDescription
+    body: RigidBody
+
+    def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
+        """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
+        said = run.simulated
+        if said is None:
+            return None, None
+        torque = said.torque - self.torque(said.plan)
+        onto = np.column_stack([np.interp(run.time, said.time, one) for one in torque.T])
+        power = None
+        if said.power is not None:
+            law = nominal_power(self.robot, said.torque, said.plan.velocity)
+            power = np.interp(run.time, said.time, said.power - law)
+        return later(onto, run.time, servo_lag(run)), power
+
+    def torque(self, plan: Plan) -> Float:
+        """Torque (N, n) Nm of the law for a motion."""
+        return nominal_torque(self.robot, self.body, plan.position, plan.velocity, plan.acceleration)
+
+
+def baseline(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> Baseline:
+    """The law that the simulations of the runs follow; the description's where there is none."""
+    told = [run.simulated for run in runs if run.simulated is not None]
+    if not told:
+        return Baseline(robot, body)
+    said = _thinned(told)
+    found = _mechanics(said, robot, body)
+    return Baseline(_supply(said, found.robot), found.body)
+
+
+def _thinned(told: Sequence[Simulated]) -> Simulated:
+    """Some samples of all simulations; power where all have it."""
+    thin = max(1, sum(len(each.time) for each in told) // ROWS)
+    powers = [each.power for each in told if each.power is not None]
+
+    def together(parts: Sequence[Float]) -> Float:
+        return np.concatenate([part[::thin] for part in parts])
+
+    plan = Plan(
+        together([each.plan.position for each in told]),
+        together([each.plan.velocity for each in told]),
+        together([each.plan.acceleration for each in told]),
+    )
+    power = together(powers) if len(powers) == len(told) else None
+    return Simulated(together([each.time for each in told]), plan, together([each.torque for each in told]), power)
+
+
+def _mechanics(said: Simulated, robot: RobotDescription, body: RigidBody) -> Baseline:
+    described = Baseline(robot, body)
+    if _left(said, described).max() < SAME:
+        return described
+    rubbing = Baseline(_with_friction(said, robot, body), body)
+    if _left(said, rubbing).max() < SAME:
+        return rubbing
+    other = _other_links(said, robot, body)
+    believed = np.sum(np.square(_left(said, other))) < LINKS * np.sum(np.square(_left(said, rubbing)))
+    return other if believed else rubbing
+
+
+def _left(said: Simulated, law: Baseline) -> Float:
+    """What a law leaves of each torque (n,), rms, as a share of its size."""
+    left = np.where(_clear(said.plan), said.torque - law.torque(said.plan), 0.0)
+    return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
+
+
+def _size(said: Simulated) -> Float:
+    size = np.sqrt(np.mean(said.torque**2, axis=0))
+    return np.asarray(np.maximum(size, 0.01 * size.max()))
+
+
+def _clear(plan: Plan) -> NDArray[np.bool_]:
+    """Samples (N, n) at which friction's sign is the same in every simulator: at rest, or clearly moving."""
+    speed = np.abs(plan.velocity)
+    return np.asarray((speed < 0.01 * SIGN_WIDTH) | (speed > SLOW))
+
+
+def _courses(plan: Plan, joint: int) -> Float:
+    """(N, 3): what one unit of Coulomb friction, viscous friction and rotor inertia adds at a joint."""
+    speed = plan.velocity[:, joint]
+    return np.column_stack([np.tanh(speed / SIGN_WIDTH), speed, plan.acceleration[:, joint]])
+
+
+def _with_friction(said: Simulated, robot: RobotDescription, body: RigidBody) -> RobotDescription:
+    """Friction and rotors as the simulation has them with these links; joints that do not move keep their own."""
+    plan = said.plan
+    rest = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    clear, joints = _clear(plan), []
+    for i, joint in enumerate(robot.joints):
+        own = np.array([getattr(joint, name) for name in FRICTION])
+        courses = _courses(plan, i)[clear[:, i]]
+        moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
+        if np.all(moved > 0):
+            found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
+            near = np.abs(found - own) * moved < FINE * np.maximum(own * moved, 1e-9)
+            own = np.where(near, own, found)
+        joints.append(joint.model_copy(update=dict(zip(FRICTION, own.tolist(), strict=True))))
+    return robot.model_copy(update={"joints": tuple(joints)})
+
+
+def _other_links(said: Simulated, robot: RobotDescription, body: RigidBody) -> Baseline:
+    """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
+    own = np.stack([column(robot, name) for name in FRICTION], axis=1).ravel()
+    fit = _LinkFit(said, body, own)
+    fixed: dict[int, float] = {}
+    best = fit.left(fixed)
+    for i in range(len(own)):
+        for value in dict.fromkeys((float(own[i]), 0.0)):
+            left = fit.left({**fixed, i: value})
+            if left < NO_WORSE * best:
+                fixed[i], best = value, max(best, left)
+                break
+    links, friction = fit.solved(fixed)
+    joints = [
+        joint.model_copy(update=dict(zip(FRICTION, np.maximum(values, 0.0).tolist(), strict=True)))
+        for joint, values in zip(robot.joints, friction.reshape(-1, len(FRICTION)), strict=True)
+    ]
+    return Baseline(robot.model_copy(update={"joints": tuple(joints)}), body.with_parameters(body.parameters() + links))
+
+
+class _LinkFit:
+    """Least squares of links, friction and rotors on a simulated torque."""
+
+    def __init__(self, said: Simulated, body: RigidBody, own: Float) -> None:
+        self._own, joints, plan = own, body.joints, said.plan
+        self._target = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+        self._variance = np.where(_clear(plan), np.square(FINE * _size(said)), 1e12)
+        regressor = body.regressor(plan.position, plan.velocity, plan.acceleration)
+        links = body.parameters().reshape(-1, PER_LINK)
+        priors = [link_prior(each, OFF) for each in links]
+        heavy, reach = TOOL[0] * float(np.sum(links[:, 0])), TOOL[1]
+        tool = np.square(heavy * np.array([1.0, *(3 * [reach]), *(6 * [reach**2])]))
+        priors[-1] = Prior(priors[-1].mean, priors[-1].covariance + np.diag(tool))
+        self._links = [
+            Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, prior) for i, prior in enumerate(priors)
+        ]
+        self._courses = [(j, _courses(plan, j)[:, k : k + 1]) for j in range(joints) for k in range(len(FRICTION))]
+        self._wide = [_size(said)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
+
+    def left(self, fixed: dict[int, float]) -> float:
+        """What is left with some friction numbers given, rms in units of the standard deviation."""
+        fit = self._fit(fixed)
+        return float(np.sqrt(np.mean(np.square(fit.residual) / self._variance)))
+
+    def solved(self, fixed: dict[int, float]) -> tuple[Float, Float]:
+        """What is added to the links (10 n,), and friction (3 n,)."""
+        coefficients = self._fit(fixed).coefficients
+        links = PER_LINK * len(self._links)
+        friction = coefficients[links:].copy()
+        for i, value in fixed.items():
+            friction[i] = value
+        return coefficients[:links], friction
+
+    def _fit(self, fixed: dict[int, float]) -> Regression:
+        friction = [Block(course, joint, self._prior(i, fixed)) for i, (joint, course) in enumerate(self._courses)]
+        design = Design(self._target, self._variance, [*self._links, *friction])
+        return Regression(design, [], np.ones(self._target.shape[1]))
+
+    def _prior(self, i: int, fixed: dict[int, float]) -> Prior:
+        if i in fixed:
+            return Prior(np.array([fixed[i]]), np.array([[(1e-6 * self._wide[i]) ** 2]]))
+        return Prior(self._own[i : i + 1], np.array([[self._wide[i] ** 2]]))
+
+
+def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
+    """Standby power and windings as the simulation has them."""
+    if said.power is None:
+        return robot
+    left = said.power - nominal_power(robot, said.torque, said.plan.velocity)
+    if np.sqrt(np.mean(left**2)) < SAME * np.sqrt(np.mean(said.power**2)):
+        return robot
+    columns = np.column_stack([np.ones(len(said.power)), np.square(said.torque)])
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    drawn = said.power - np.sum(said.torque * said.plan.velocity, axis=1)
+    standby, *gains = (nnls(columns / scale, drawn)[0] / scale).tolist()
+    # R / K² is what heats: where K is not known it is taken as 1 Nm/A.
+    joints = []
+    for joint, gain in zip(robot.joints, gains, strict=True):
+        constant = joint.torque_constant or 1.0
+        joints.append(joint.model_copy(update={"torque_constant": constant, "winding_resistance": gain * constant**2}))
+    return robot.model_copy(update={"standby_power": standby, "joints": tuple(joints)})
