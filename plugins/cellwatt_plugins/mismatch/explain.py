@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.shaken import remaining
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.motion import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
@@ -105,10 +105,10 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     planned = all(run.plan is not None for run in runs)
     limits = Limits() if planned else Limits(excess=WITHOUT_PLAN)
     for solution in sides:
-        held = HeldOut(solution.problem, solution.factor)
+        held = CrossValidation(solution.problem, solution.factor)
         own = unexplained(_nominal_chi2(solution.problem), solution, limits)
         found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
-        if solution is torque or np.max(remaining(torque)) < SETTLED:
+        if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, own, held)
         left += [leftover(u, *channel(solution.problem, u.channel)) for u in own]
         fit += _fit(solution, held)
@@ -132,7 +132,7 @@ def _nominal_chi2(problem: Problem) -> Float:
     return problem.chi2(problem.fit([]).residual)
 
 
-def _fit(solution: Solution, held: HeldOut) -> list[ChannelFit]:
+def _fit(solution: Solution, held: CrossValidation) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated, retuned, with the model."""
     problem = solution.problem
     refit, model = rms(held.residual([])), rms(held.residual(solution.terms))

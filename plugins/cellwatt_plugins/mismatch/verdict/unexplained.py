@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.shaken import shaken, still
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.swinging_links import chi2_at_rest, swinging_channels
 from cellwatt_plugins.mismatch.verdict.findings import Leftover, Span
 
 Float = NDArray[np.float64]
@@ -47,7 +47,7 @@ def unexplained(before: Float, solution: Solution, limits: Limits = Limits()) ->
     """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone."""
     problem, residual = solution.problem, solution.residual
     left = problem.chi2(residual)
-    rough, calm = shaken(solution), still(solution)
+    rough, calm = swinging_channels(solution), chi2_at_rest(solution)
     out = []
     for channel, excess in enumerate(left - 1.0):
         explained = max(0.0, float(before[channel] - left[channel]))
