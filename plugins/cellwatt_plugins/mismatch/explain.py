@@ -19,8 +19,8 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
-from cellwatt_plugins.mismatch.verdict.unexplained import Limits, Unexplained, leftover, unexplained
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 
 Float = NDArray[np.float64]
@@ -106,11 +106,11 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     limits = Limits() if planned else Limits(excess=WITHOUT_PLAN)
     for solution in sides:
         held = CrossValidation(solution.problem, solution.factor)
-        own = unexplained(_nominal_chi2(solution.problem), solution, limits)
+        own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
         found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, own, held)
-        left += [leftover(u, *channel(solution.problem, u.channel)) for u in own]
+        left += [unexplained_channel(u, *channel(solution.problem, u.channel)) for u in own]
         fit += _fit(solution, held)
         tried += solution.tried
     named = any(f.effect != "unknown" for f in found)
@@ -166,4 +166,4 @@ def _notes(runs: Sequence[Run], supply: Solution | None) -> tuple[str, ...]:
     return tuple(notes)
 
 
-__all__ = ["Explained", "Unexplained", "explain"]
+__all__ = ["Explained", "LackOfFit", "explain"]

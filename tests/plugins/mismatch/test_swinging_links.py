@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.fit.swinging_links import (
     swinging_torque,
 )
 from cellwatt_plugins.mismatch.input.motion import moved
-from cellwatt_plugins.mismatch.verdict.unexplained import unexplained
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit
 from tests.plugins.mismatch import plant
 
 SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))
@@ -69,7 +69,7 @@ def test_what_is_left_while_it_swings_is_its_own(problem):
         residual[when, 1] += 6 * noise * np.sign(np.sin(np.arange(when.sum())))
         found = solved(problem, residual)
         assert (chi2_at_rest(found)[1] > 1.35) == excess
-        named = [u.channel for u in unexplained(problem.chi2(residual), found)]
+        named = [u.channel for u in lack_of_fit(problem.chi2(residual), found)]
         assert named == ([1] if excess else [])
 
 

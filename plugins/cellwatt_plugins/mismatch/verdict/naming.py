@@ -14,7 +14,7 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Span, Where
-from cellwatt_plugins.mismatch.verdict.unexplained import Unexplained
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
 
 Float = NDArray[np.float64]
 
@@ -98,14 +98,14 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
     return (Alternative("torque_gain", None, why),)
 
 
-def unknown_findings(solution: Solution, left: Sequence[Unexplained], held: CrossValidation) -> list[Finding]:
+def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: CrossValidation) -> list[Finding]:
     """Findings of channels where something real is left that is none of the known effects."""
     if solution.problem.side == "supply":
         return [_unknown(solution, u, held, None) for u in left]
     return [_unknown(solution, u, held, u.channel) for u in left]
 
 
-def _unknown(solution: Solution, left: Unexplained, held: CrossValidation, joint: int | None) -> Finding:
+def _unknown(solution: Solution, left: LackOfFit, held: CrossValidation, joint: int | None) -> Finding:
     name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
     error = float(rms(held.residual(solution.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
