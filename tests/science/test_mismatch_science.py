@@ -13,8 +13,8 @@ from scipy.stats import norm
 
 from cellwatt_plugins.mismatch.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.mismatch.effects.presliding_hysteresis import dahl_state
+from cellwatt_plugins.mismatch.fit.coordinate_search import climb
 from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
-from cellwatt_plugins.mismatch.fit.refinement import climb
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.verdict.estimates import estimates

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.states import States, states_of
-from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.fit.shaken import remaining
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
-from cellwatt_plugins.mismatch.verdict.unexplained import Limits, Unexplained, leftover, unexplained
 from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
@@ -105,12 +105,12 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     planned = all(run.plan is not None for run in runs)
     limits = Limits() if planned else Limits(excess=WITHOUT_PLAN)
     for solution in sides:
-        held = HeldOut(solution.problem, solution.factor)
-        own = unexplained(_nominal_chi2(solution.problem), solution, limits)
+        held = CrossValidation(solution.problem, solution.factor)
+        own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
         found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
-        if solution is torque or np.max(remaining(torque)) < SETTLED:
+        if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, own, held)
-        left += [leftover(u, *channel(solution.problem, u.channel)) for u in own]
+        left += [unexplained_channel(u, *channel(solution.problem, u.channel)) for u in own]
         fit += _fit(solution, held)
         tried += solution.tried
     named = any(f.effect != "unknown" for f in found)
@@ -132,7 +132,7 @@ def _nominal_chi2(problem: Problem) -> Float:
     return problem.chi2(problem.fit([]).residual)
 
 
-def _fit(solution: Solution, held: HeldOut) -> list[ChannelFit]:
+def _fit(solution: Solution, held: CrossValidation) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated, retuned, with the model."""
     problem = solution.problem
     refit, model = rms(held.residual([])), rms(held.residual(solution.terms))
@@ -166,4 +166,4 @@ def _notes(runs: Sequence[Run], supply: Solution | None) -> tuple[str, ...]:
     return tuple(notes)
 
 
-__all__ = ["Explained", "Unexplained", "explain"]
+__all__ = ["Explained", "LackOfFit", "explain"]

@@ -14,8 +14,8 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     Finding,
     Findings,
     Improvement,
-    Leftover,
     Span,
+    UnexplainedChannel,
     Where,
 )
 
@@ -162,7 +162,7 @@ TRIED = (
 def arm() -> tuple[Findings, list[Trace]]:
     """Six joints, two runs: two effects found, one value off, one place unexplained."""
     traces = [trace("run_01", 1), trace("run_02", 2, 5000)]
-    rest = Leftover(
+    rest = UnexplainedChannel(
         "tau_3",
         1.02,
         0.6,

@@ -9,7 +9,7 @@ from cellwatt_plugins.mismatch.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.mismatch.effects.effect import Estimate, Parameter, said
 from cellwatt_plugins.mismatch.effects.presliding_hysteresis import dahl_state
 from cellwatt_plugins.mismatch.effects.thermal import warmth
-from cellwatt_plugins.mismatch.fit.belief import OFF_SCALE
+from cellwatt_plugins.mismatch.fit.acceptance import OFF_SCALE
 from tests.plugins.mismatch import plant
 
 JOINT = 1

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from cellwatt_plugins.mismatch.report import words
-from cellwatt_plugins.mismatch.verdict.findings import Findings, Leftover
+from cellwatt_plugins.mismatch.verdict.findings import Findings, UnexplainedChannel
 from tests.plugins.mismatch.reported import INERTIA, STANDBY, STRIBECK
 
 
@@ -61,7 +61,7 @@ def test_units_and_names_as_people_write_them() -> None:
     assert words.times(9.97) == "10×"
 
 
-REST = Leftover("power", 9.0, 4.0, "The supply differs.")
+REST = UnexplainedChannel("power", 9.0, 4.0, "The supply differs.")
 UNKNOWN = replace(STRIBECK, effect="unknown", joint=3)
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.fit.belief import blurred, tension
+from cellwatt_plugins.mismatch.fit.acceptance import collinear, tension
+from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
 from cellwatt_plugins.mismatch.fit.problem import Term, supply_problem, torque_problem
-from cellwatt_plugins.mismatch.fit.refinement import at_bound, climb
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
 from cellwatt_plugins.mismatch.input.motion import moved
@@ -236,8 +236,8 @@ def test_a_term_that_blurs_another_is_seen(arm):
         fit = problem.fit([problem.block(t) for t in terms])
         return Solution(problem, list(terms), fit, problem.factor(fit.residual))
 
-    assert blurred(solved(offset), solved(offset, spring), 4.0) is offset
-    assert blurred(solved(offset), solved(offset, speed), 4.0) is None
+    assert collinear(solved(offset), solved(offset, spring), 4.0) is offset
+    assert collinear(solved(offset), solved(offset, speed), 4.0) is None
 
 
 def hill(*top):

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.command import explain as explain_command
 from cellwatt_plugins.mismatch.effects import BY_NAME
+from cellwatt_plugins.mismatch.experiments.expected_evidence import ExpectedEvidence
+from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states, velocity_spread
 from cellwatt_plugins.mismatch.experiments.library import arm_experiments, joint_experiments, loaded_poses
 from cellwatt_plugins.mismatch.experiments.limits import Limits, limits_of
-from cellwatt_plugins.mismatch.experiments.outlook import Outlook, expected_states, velocity_spread
-from cellwatt_plugins.mismatch.experiments.questions import Whether, Which
+from cellwatt_plugins.mismatch.experiments.objectives import Detection, Discrimination
 from cellwatt_plugins.mismatch.experiments.suggest import Suggestion, suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory, harmonics, move, replay
 from cellwatt_plugins.mismatch.explain import Explained, explain
@@ -167,7 +168,7 @@ class TestLimits:
             assert np.max(np.abs(np.diff(motion.position, axis=0))) < 0.021 * 3, experiment.name
 
 
-class TestOutlook:
+class TestExpectedEvidence:
     def test_velocity_is_known_as_well_as_in_the_recordings(self, explained):
         (states,) = explained.torque.problem.states
         known = velocity_spread([states])
@@ -181,7 +182,7 @@ class TestOutlook:
         )
 
     def test_effect_that_the_motion_does_not_show_is_not_ruled_out(self, explained):
-        now = Outlook(explained.torque, None)
+        now = ExpectedEvidence(explained.torque, None)
         shown = now.against(Term(BY_NAME["spring_load"], 0, ()), np.array([5.0, 5.0]))
         hidden = now.against(Term(BY_NAME[LOAD], 1, ()), np.array([0.5]))
         assert shown > 20
@@ -192,9 +193,9 @@ class TestOutlook:
         (states,) = explained.torque.problem.states
         wide = harmonics(limits_of([states]), 40.0)
         more = expected_states("wide", Trajectory((wide,)).sampled(0.02), explained.model, [states])
-        outlook = Outlook(explained.torque, more)
-        assert outlook.lead(term, rival) > 20
-        assert outlook.lead(rival, term) > 20
+        evidence = ExpectedEvidence(explained.torque, more)
+        assert evidence.lead(term, rival) > 20
+        assert evidence.lead(rival, term) > 20
 
 
 class TestSuggestion:
@@ -205,7 +206,7 @@ class TestSuggestion:
 
     def test_question_is_which(self, suggested):
         (chosen,) = suggested.chosen
-        assert [type(a.question) for a in chosen.answers] == [Which]
+        assert [type(a.objective) for a in chosen.gains] == [Discrimination]
         assert not suggested.open
 
     @pytest.mark.parametrize(("true", "other", "factor"), [(LOAD, STRIBECK, 4.0), (STRIBECK, LOAD, 1.5)])
@@ -224,7 +225,7 @@ class TestSuggestion:
     def test_expected_evidence_comes_true_with_both_recordings(self, folder, explained, suggested):
         first = recorded(program(), LOAD)
         both = explain([first, recorded(suggested.motion, LOAD, "run_02", 5)], *arm(folder))
-        expected = suggested.chosen[0].answers[0].nats
+        expected = suggested.chosen[0].gains[0].nats
         gained = margin(both, LOAD, STRIBECK) - margin(explained, LOAD, STRIBECK)
         assert gained > 0.5 * expected
 
@@ -258,15 +259,15 @@ class TestSuggestion:
     def test_joint_that_hardly_moved_is_to_be_moved(self, folder):
         found = explain([recorded(program(), None)], *arm(folder))
         suggestion = suggest(found)
-        asked = {(a.question.term.effect.name, a.question.term.joint) for c in suggestion.chosen for a in c.answers}
-        assert all(isinstance(a.question, Whether) for c in suggestion.chosen for a in c.answers)
+        asked = {(a.objective.term.effect.name, a.objective.term.joint) for c in suggestion.chosen for a in c.gains}
+        assert all(isinstance(a.objective, Detection) for c in suggestion.chosen for a in c.gains)
         assert (STRIBECK, 1) in asked
         assert (STRIBECK, 0) not in asked
         assert np.ptp(suggestion.motion.position[:, 1]) > 0.5
 
     def test_warming_takes_its_time(self, folder):
         suggestion = suggest(explain([recorded(program(), None)], *arm(folder)))
-        warm = [c for c in suggestion.chosen for a in c.answers if "temperature" in a.question.asks]
+        warm = [c for c in suggestion.chosen for a in c.gains if "temperature" in a.objective.aim]
         assert warm
         assert all(c.experiment.trajectory.seconds > 100 and c.seconds >= 100 for c in warm)
 

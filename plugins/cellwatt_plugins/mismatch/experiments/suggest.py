@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states
 from cellwatt_plugins.mismatch.experiments.library import Experiment, arm_experiments, joint_experiments
 from cellwatt_plugins.mismatch.experiments.limits import Limits, limits_of
-from cellwatt_plugins.mismatch.experiments.outlook import expected_states
-from cellwatt_plugins.mismatch.experiments.questions import SURE, Question, Subject, questions_of
+from cellwatt_plugins.mismatch.experiments.objectives import SURE, ExpectedRun, Objective, objectives_of
 from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.input.run import Motion
@@ -28,34 +28,34 @@ OFTEN = 5
 LEAST = SURE / OFTEN
 """nats: an experiment that is expected to add less does not help."""
 SHOWN = 4
-"""Questions of an experiment that are written out."""
+"""Objectives of an experiment that are written out."""
 AMPLE = 3 * SURE
-"""nats to one question beyond which more are of no use."""
+"""nats to one objective beyond which more are of no use."""
 ROWS = 6000
 """Samples in which an experiment is looked at, about."""
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What an experiment is expected to say to a question."""
+class ExpectedGain:
+    """Evidence that an experiment is expected to add towards an objective."""
 
-    question: Question
+    objective: Objective
     nats: float
     """Log evidence, one time through."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """An experiment with the questions that it answers."""
+    """An experiment with the objectives that it meets."""
 
     experiment: Experiment
-    answers: tuple[Answer, ...]
+    gains: tuple[ExpectedGain, ...]
 
     @property
     def seconds(self) -> float:
-        """How long to run it to be 95 % sure of all answers: evidence is taken to grow evenly."""
+        """How long to run it to be 95 % sure of all of them: evidence is taken to grow evenly."""
         once = self.experiment.trajectory.seconds
-        return max(max(once * SURE / a.nats, a.question.least_time) for a in self.answers)
+        return max(max(once * SURE / a.nats, a.objective.least_time) for a in self.gains)
 
     @property
     def times(self) -> int:
@@ -70,7 +70,7 @@ class Suggestion:
     chosen: tuple[Chosen, ...]
     motion: Motion | None
     """None where no experiment is called for, or none would help."""
-    open: tuple[Question, ...]
+    open: tuple[Objective, ...]
     refused: Mapping[str, str]
     """Experiments left out and the limit that they would break."""
     limits: Limits
@@ -84,45 +84,45 @@ def suggest(found: Explained) -> Suggestion:
     """
     states = found.torque.problem.states
     limits = limits_of(states)
-    questions = questions_of(found, limits)
-    table, refused = _table(found, limits, questions)
+    objectives = objectives_of(found, limits)
+    table, refused = _table(found, limits, objectives)
     chosen = choose(table)
-    answered = {id(answer.question) for one in chosen for answer in one.answers}
+    met = {id(gain.objective) for one in chosen for gain in one.gains}
     motion = _motion(chosen, _step(states)) if chosen else None
-    still = tuple(q for q in questions if id(q) not in answered)
+    still = tuple(q for q in objectives if id(q) not in met)
     return Suggestion(chosen, motion, still, refused, limits)
 
 
-def choose(table: Mapping[Experiment, Sequence[Answer]]) -> tuple[Chosen, ...]:
-    """One experiment after the other: of those that settle a question the one with most nats a second."""
+def choose(table: Mapping[Experiment, Sequence[ExpectedGain]]) -> tuple[Chosen, ...]:
+    """One experiment after the other: of those that meet an objective the one with most nats a second."""
     left = dict(table)
     out: list[Chosen] = []
     settled: set[int] = set()
     while left and len(out) < MOST:
         best = max(left, key=lambda e: _worth(e, left[e], settled))
-        answers = tuple(a for a in left.pop(best) if id(a.question) not in settled and a.nats > LEAST)
-        if not answers:
+        gains = tuple(a for a in left.pop(best) if id(a.objective) not in settled and a.nats > LEAST)
+        if not gains:
             break
-        sure = tuple(a for a in answers if a.nats >= SURE) or answers
+        sure = tuple(a for a in gains if a.nats >= SURE) or gains
         out.append(Chosen(best, sure))
-        settled |= {id(a.question) for a in sure}
+        settled |= {id(a.objective) for a in sure}
     return tuple(out)
 
 
-def _worth(experiment: Experiment, answers: Sequence[Answer], settled: set[int]) -> tuple[bool, float]:
-    nats = [a.nats for a in answers if id(a.question) not in settled]
+def _worth(experiment: Experiment, gains: Sequence[ExpectedGain], settled: set[int]) -> tuple[bool, float]:
+    nats = [a.nats for a in gains if id(a.objective) not in settled]
     useful = sum(min(max(n, 0.0), AMPLE) for n in nats)
     return any(n >= SURE for n in nats), useful / experiment.trajectory.seconds
 
 
 def _table(
-    found: Explained, limits: Limits, questions: Sequence[Question]
-) -> tuple[dict[Experiment, list[Answer]], dict[str, str]]:
-    """What each experiment that keeps the limits would say to each question, and why others are left out."""
+    found: Explained, limits: Limits, objectives: Sequence[Objective]
+) -> tuple[dict[Experiment, list[ExpectedGain]], dict[str, str]]:
+    """What each experiment that keeps the limits would add towards each objective, and why others are left out."""
     states = found.torque.problem.states
-    table: dict[Experiment, list[Answer]] = {}
+    table: dict[Experiment, list[ExpectedGain]] = {}
     refused: dict[str, str] = {}
-    for joint, experiment in _library(limits, states, questions):
+    for joint, experiment in _library(limits, states, objectives):
         step = max(_step(states), experiment.trajectory.seconds / ROWS)
         motion = experiment.trajectory.sampled(step)
         expected = expected_states(experiment.name, motion, found.model, states)
@@ -130,19 +130,19 @@ def _table(
         if broken is not None:
             refused[experiment.name] = broken
             continue
-        subject = Subject(experiment, expected, joint)
-        table[experiment] = [Answer(q, q.nats(subject) if q.suits(joint) else 0.0) for q in questions]
+        run = ExpectedRun(experiment, expected, joint)
+        table[experiment] = [ExpectedGain(q, q.nats(run) if q.suits(joint) else 0.0) for q in objectives]
     return table, refused
 
 
 def _library(
-    limits: Limits, states: Sequence[States], questions: Sequence[Question]
+    limits: Limits, states: Sequence[States], objectives: Sequence[Objective]
 ) -> list[tuple[int | None, Experiment]]:
-    """Experiments on all joints, and on those that the questions are about, each with its joint."""
-    if not questions:
+    """Experiments on all joints, and on those that the objectives are about, each with its joint."""
+    if not objectives:
         return []
     out: list[tuple[int | None, Experiment]] = [(None, experiment) for experiment in arm_experiments(limits, states)]
-    for joint in sorted({joint for question in questions for joint in question.joints}):
+    for joint in sorted({joint for objective in objectives for joint in objective.joints}):
         out += [(joint, experiment) for experiment in joint_experiments(limits, states, joint)]
     return out
 
@@ -175,7 +175,7 @@ def suggestion_in_words(suggestion: Suggestion, path: Path) -> str:
     if not suggestion.chosen and not suggestion.open:
         return "nothing to suggest: no two names are close, and the motion could show every effect"
     lines = [line for one in suggestion.chosen for line in _chosen(one)]
-    lines += [f"no experiment here would {question.asks}; {question.instead}" for question in suggestion.open]
+    lines += [f"no experiment here would {objective.aim}; {objective.instead}" for objective in suggestion.open]
     lines += [f"  left out: {name}, {broken}" for name, broken in suggestion.refused.items()]
     if suggestion.motion is not None:
         lines += _motion_in_words(suggestion.motion, suggestion.limits, path)
@@ -184,10 +184,10 @@ def suggestion_in_words(suggestion: Suggestion, path: Path) -> str:
 
 def _chosen(one: Chosen) -> list[str]:
     once = one.experiment.trajectory.seconds
-    asked = [f"{answer.question.asks} (expected evidence {answer.nats:.3g} nats)" for answer in one.answers]
+    asked = [f"{gain.objective.aim} (expected evidence {gain.nats:.3g} nats)" for gain in one.gains]
     shown = [*asked[:SHOWN], *([f"and {len(asked) - SHOWN} more"] if len(asked) > SHOWN else [])]
     often = "once through is enough" if one.times == 1 else f"run it {one.times} times"
-    cold = "; start with a cold arm" if any(answer.question.least_time > 0 for answer in one.answers) else ""
+    cold = "; start with a cold arm" if any(gain.objective.least_time > 0 for gain in one.gains) else ""
     return [
         f"suggested: {one.experiment.name}, {once:.0f} s: {one.experiment.does}",
         *(f"    to {line}" if i < SHOWN else f"    {line}" for i, line in enumerate(shown)),

@@ -1,4 +1,4 @@
-"""What a search finds: terms, their fit, what was tried; and the thresholds of belief."""
+"""What a search finds: terms, their fit, what was tried; and the thresholds of acceptance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When a term is believed."""
+    """When a term is accepted."""
 
     gain: float = 16.0
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
@@ -49,6 +49,11 @@ class Trial:
     kept: bool
     why: str
 
+    @classmethod
+    def of(cls, term: Term, gain: float, kept: bool, why: str) -> Trial:
+        """The trial of a term, its joint counted from 1."""
+        return cls(term.effect.name, None if term.joint is None else term.joint + 1, float(gain), kept, why)
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -80,3 +85,7 @@ class Solution:
         """The block of a term in the fit and the place of its coefficients."""
         at = self.terms.index(term)
         return self.fit.blocks[at], self.fit.slices[at]
+
+    def coefficients(self, term: Term) -> Float:
+        """The coefficients (m,) of a term in the fit."""
+        return np.asarray(self.fit.coefficients[self.block(term)[1]])

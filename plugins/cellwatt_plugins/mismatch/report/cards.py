@@ -10,7 +10,14 @@ import numpy as np
 
 from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.mismatch.report import words
-from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, Improvement, Leftover, Where
+from cellwatt_plugins.mismatch.verdict.findings import (
+    ChannelFit,
+    Finding,
+    Findings,
+    Improvement,
+    UnexplainedChannel,
+    Where,
+)
 
 MOST_TRIALS = 16
 """Shown at once; the rest is folded."""
@@ -55,7 +62,7 @@ def _ratio(value: float, floor: float) -> float:
 def found(findings: Findings) -> str:
     """A card for each finding and for each channel that stays unexplained."""
     units = {f.channel: f.unit for f in findings.fit}
-    rests = [_leftover_card(r, units.get(r.channel, "")) for r in findings.unexplained]
+    rests = [_unexplained_card(r, units.get(r.channel, "")) for r in findings.unexplained]
     return "".join([*(_finding_card(f) for f in findings.findings), *rests])
 
 
@@ -76,7 +83,7 @@ def _finding_card(finding: Finding) -> str:
     )
 
 
-def _leftover_card(rest: Leftover, symbol: str) -> str:
+def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> str:
     """A channel that stays above its noise floor, in the unit ``symbol``."""
     name = words.capital(words.channel_name(rest.channel))
     place = Where((rest.channel,), rest.position, rest.velocity)

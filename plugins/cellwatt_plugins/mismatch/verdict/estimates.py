@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.effect import Estimate
-from cellwatt_plugins.mismatch.fit.held_out import confirmed
+from cellwatt_plugins.mismatch.fit.cross_validation import confirmed_share
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned
@@ -32,7 +32,7 @@ def _foreseen(solution: Solution, term: Term) -> Float:
     own = np.asarray(solution.fit.coefficients[solution.block(term)[1]])
     if not term.effect.costly:
         return own
-    return np.asarray(own * confirmed(solution.problem, term, own, solution.residual))
+    return np.asarray(own * confirmed_share(solution.problem, term, own, solution.residual))
 
 
 def retuned(torque: Solution, supply: Solution | None) -> Retuned:

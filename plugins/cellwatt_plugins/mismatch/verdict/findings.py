@@ -73,7 +73,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Leftover:
+class UnexplainedChannel:
     """A channel whose residual stays above its noise floor after all findings."""
 
     channel: str
@@ -102,7 +102,7 @@ class Findings:
 
     verdict: Verdict
     findings: tuple[Finding, ...]
-    unexplained: tuple[Leftover, ...] = ()
+    unexplained: tuple[UnexplainedChannel, ...] = ()
     fit: tuple[ChannelFit, ...] = ()
     tried: tuple[Trial, ...] = ()
     notes: tuple[str, ...] = field(default=())

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.effect import INHERITED, Estimate, Parameter
-from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Span, Where
-from cellwatt_plugins.mismatch.verdict.unexplained import Unexplained
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
 
 Float = NDArray[np.float64]
 
@@ -24,14 +24,16 @@ CLOSE = 12.0
 """nats: or one that is this close."""
 
 
-def findings_of(solution: Solution, held: HeldOut, gain: float = 0.0) -> list[Finding]:
+def findings_of(solution: Solution, held: CrossValidation, gain: float = 0.0) -> list[Finding]:
     """The terms of one side as findings; ``gain`` is the tolerance of the common factor of all measured torques."""
     known = estimates(solution)
     after = held.residual(solution.terms)
     return [_finding(solution, held, term, known[term.place], after, gain) for term in solution.terms]
 
 
-def _finding(solution: Solution, held: HeldOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
+def _finding(
+    solution: Solution, held: CrossValidation, term: Term, estimate: Estimate, after: Float, gain: float
+) -> Finding:
     robot = solution.problem.states[0].robot
     parameters = {
         name: _scaled(parameter, 0.0 if name == "phase" else term.effect.inherits.get(name, INHERITED))
@@ -96,14 +98,14 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
     return (Alternative("torque_gain", None, why),)
 
 
-def unknown_findings(solution: Solution, left: Sequence[Unexplained], held: HeldOut) -> list[Finding]:
+def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: CrossValidation) -> list[Finding]:
     """Findings of channels where something real is left that is none of the known effects."""
     if solution.problem.side == "supply":
         return [_unknown(solution, u, held, None) for u in left]
     return [_unknown(solution, u, held, u.channel) for u in left]
 
 
-def _unknown(solution: Solution, left: Unexplained, held: HeldOut, joint: int | None) -> Finding:
+def _unknown(solution: Solution, left: LackOfFit, held: CrossValidation, joint: int | None) -> Finding:
     name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
     error = float(rms(held.residual(solution.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"

@@ -3,7 +3,7 @@ import pytest
 
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.fit.belief import holds
+from cellwatt_plugins.mismatch.fit.acceptance import lowers_held_out_error
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
 from cellwatt_plugins.mismatch.input.motion import moved
@@ -29,9 +29,9 @@ def solved(problem: Problem, *terms: Term) -> Solution:
 
 def test_a_small_real_term_holds_near_the_noise(problem):
     """An offset of less than a third of the noise, in all runs."""
-    assert holds(solved(problem), solved(problem, OFFSET), DEFAULT)
+    assert lowers_held_out_error(solved(problem), solved(problem, OFFSET), DEFAULT)
 
 
 @pytest.mark.parametrize("ripple", RIPPLES, ids=lambda t: f"joint {t.joint + 1}, {t.shape[0]} a turn")
 def test_a_ripple_that_is_not_there_does_not(problem, ripple):
-    assert not holds(solved(problem, OFFSET), solved(problem, OFFSET, ripple), DEFAULT)
+    assert not lowers_held_out_error(solved(problem, OFFSET), solved(problem, OFFSET, ripple), DEFAULT)

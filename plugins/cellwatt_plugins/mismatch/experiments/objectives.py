@@ -1,4 +1,4 @@
-"""What the recordings leave open: which of two names is right, or whether there is what they could not show."""
+"""Objectives of an experiment: to tell two names apart, or to detect what the recordings could not show."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.effects import EFFECTS
 from cellwatt_plugins.mismatch.effects.effect import Effect
 from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.experiments.expected_evidence import ExpectedEvidence
+from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states
 from cellwatt_plugins.mismatch.experiments.library import Experiment, arm_experiments
 from cellwatt_plugins.mismatch.experiments.limits import Limits
-from cellwatt_plugins.mismatch.experiments.outlook import Outlook, expected_states
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
@@ -34,29 +35,29 @@ CLEAR = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Subject:
+class ExpectedRun:
     """An experiment as it is expected to be recorded."""
 
     experiment: Experiment
     states: States
     joint: int | None
     """0-based, where it is on one joint."""
-    outlooks: dict[str, Outlook] = field(default_factory=dict)
+    sides: dict[str, ExpectedEvidence] = field(default_factory=dict)
     """Of both sides, once they are asked for."""
 
-    def outlook(self, solution: Solution) -> Outlook:
+    def evidence(self, solution: Solution) -> ExpectedEvidence:
         """The recordings of a side with the experiment behind them."""
         side = solution.problem.side
-        if side not in self.outlooks:
-            self.outlooks[side] = Outlook(solution, self.states)
-        return self.outlooks[side]
+        if side not in self.sides:
+            self.sides[side] = ExpectedEvidence(solution, self.states)
+        return self.sides[side]
 
 
-class Question(Protocol):
+class Objective(Protocol):
     """Something that the recordings do not tell."""
 
     @property
-    def asks(self) -> str:
+    def aim(self) -> str:
         """In words that follow ``to``."""
         ...
 
@@ -79,13 +80,13 @@ class Question(Protocol):
         """Whether an experiment on a joint (None: on all) may tell."""
         ...
 
-    def nats(self, subject: Subject) -> float:
+    def nats(self, run: ExpectedRun) -> float:
         """Log evidence that an experiment is expected to add."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Which:
+class Discrimination:
     """Which of two names is right."""
 
     solution: Solution
@@ -97,7 +98,7 @@ class Which:
     joints: frozenset[int]
 
     @property
-    def asks(self) -> str:
+    def aim(self) -> str:
         """In words."""
         return f"tell {_called(self.term)} from {_called(self.rival)}"
 
@@ -110,14 +111,14 @@ class Which:
         """On all joints, or on one of its own."""
         return joint is None or joint in self.joints
 
-    def nats(self, subject: Subject) -> float:
+    def nats(self, run: ExpectedRun) -> float:
         """The less of what it adds if either is true."""
-        term, rival = leads(subject.outlook(self.solution), self.term, self.rival)
+        term, rival = leads(run.evidence(self.solution), self.term, self.rival)
         return min(term - self.now[0], rival - self.now[1])
 
 
 @dataclass(frozen=True, eq=False)
-class Whether:
+class Detection:
     """Whether an effect is there that the recordings could not show."""
 
     solution: Solution
@@ -130,7 +131,7 @@ class Whether:
     instead = "within these limits it does not show beside what may be off by its tolerance"
 
     @property
-    def asks(self) -> str:
+    def aim(self) -> str:
         """In words."""
         return f"test for {_called(self.term)}"
 
@@ -148,31 +149,31 @@ class Whether:
         """Experiments on all joints."""
         return joint is None
 
-    def nats(self, subject: Subject) -> float:
+    def nats(self, run: ExpectedRun) -> float:
         """What it adds."""
-        if _too_short([subject.states], self.term.effect):
+        if _too_short([run.states], self.term.effect):
             return 0.0
-        return subject.outlook(self.solution).against(self.term, self.size) - self.now
+        return run.evidence(self.solution).against(self.term, self.size) - self.now
 
 
-def leads(outlook: Outlook, term: Term, rival: Term) -> tuple[float, float]:
+def leads(evidence: ExpectedEvidence, term: Term, rival: Term) -> tuple[float, float]:
     """nats by which a term leads its rival if it is the true one, and the rival if that is."""
-    return outlook.lead(term, rival), outlook.lead(rival, term)
+    return evidence.lead(term, rival), evidence.lead(rival, term)
 
 
-def questions_of(found: Explained, limits: Limits) -> list[Question]:
+def objectives_of(found: Explained, limits: Limits) -> list[Objective]:
     """Pairs of names that are close, the closest first; where there is none, effects that could not be tested."""
     sides = [found.torque] if found.supply is None else [found.torque, found.supply]
-    pairs = [(closeness, which) for side in sides for closeness, which in _pairs(found.findings.findings, side)]
+    pairs = [(closeness, objective) for side in sides for closeness, objective in _pairs(found.findings.findings, side)]
     if pairs:
-        return [which for _, which in sorted(pairs, key=lambda pair: -pair[0])[:PAIRS]]
+        return [objective for _, objective in sorted(pairs, key=lambda pair: -pair[0])[:PAIRS]]
     return list(_untested(found.torque, found.model, limits))
 
 
-def _pairs(findings: Sequence[Finding], solution: Solution) -> list[tuple[float, Which]]:
+def _pairs(findings: Sequence[Finding], solution: Solution) -> list[tuple[float, Discrimination]]:
     """The alternatives of a side's findings with the share of the evidence that they reach."""
-    out: list[tuple[float, Which]] = []
-    now = Outlook(solution, None)
+    out: list[tuple[float, Discrimination]] = []
+    now = ExpectedEvidence(solution, None)
     terms = {term.place: term for term in solution.terms}
     for finding in findings:
         term = terms.get(_place(finding.effect, finding.joint))
@@ -182,8 +183,10 @@ def _pairs(findings: Sequence[Finding], solution: Solution) -> list[tuple[float,
         for candidate in rivals:
             if (reason := _listed(finding, candidate.term)) is not None:
                 joints = _joints(solution, term, candidate.term)
-                which = Which(solution, term, candidate.term, leads(now, term, candidate.term), reason, joints)
-                out.append((candidate.gain / max(own, 1e-9), which))
+                objective = Discrimination(
+                    solution, term, candidate.term, leads(now, term, candidate.term), reason, joints
+                )
+                out.append((candidate.gain / max(own, 1e-9), objective))
     return out
 
 
@@ -205,13 +208,13 @@ def _joints(solution: Solution, term: Term, rival: Term) -> frozenset[int]:
     return frozenset({int(np.argmax(np.ptp(load, axis=0)))})
 
 
-def _untested(solution: Solution, model: Model, limits: Limits) -> list[Whether]:
+def _untested(solution: Solution, model: Model, limits: Limits) -> list[Detection]:
     """Effects on which the recordings are silent at a size that matters."""
     recorded = solution.problem.states
     trajectory = next(e for e in arm_experiments(limits, recorded) if e.name == REFERENCE).trajectory
     reference = expected_states(REFERENCE, trajectory.sampled(max(recorded[0].step, 0.02)), model, recorded)
     size = np.maximum(solution.problem.size, CLEAR * solution.problem.floor)
-    now = Outlook(solution, None)
+    now = ExpectedEvidence(solution, None)
     out = []
     for term in _lasting(reference, solution):
         columns = term.effect.columns(reference, term.joint, term.shape)
@@ -219,7 +222,7 @@ def _untested(solution: Solution, model: Model, limits: Limits) -> list[Whether]
         sizeable = prior.mean + np.sqrt(np.diag(prior.covariance))
         told = 0.0 if _too_short(recorded, term.effect) else now.against(term, sizeable)
         if told < DEFAULT.gain:
-            out.append(Whether(solution, term, sizeable, told))
+            out.append(Detection(solution, term, sizeable, told))
     return out
 
 

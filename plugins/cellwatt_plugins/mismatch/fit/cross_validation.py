@@ -1,4 +1,4 @@
-"""Error on data that the parameters were not fitted to: blocks of the given runs are left out in turn."""
+"""Cross-validation: the error on blocks of the given runs that are left out of the fit in turn."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LEFT_OUT = 1e9
 """Factor on the variance of samples that do not count."""
 
 
-class HeldOut:
+class CrossValidation:
     """Fits of a problem in which a quarter of all blocks is left out, one fit for each quarter."""
 
     def __init__(self, problem: Problem, factor: Float) -> None:
@@ -48,7 +48,7 @@ class HeldOut:
         return out
 
 
-def confirmed(problem: Problem, term: Term, coefficients: Float, residual: Float) -> float:
+def confirmed_share(problem: Problem, term: Term, coefficients: Float, residual: Float) -> float:
     """Share of a simulated effect that runs left out confirm, 0 to 1, less its standard error.
 
     Its shape is chosen anew for each run among those tried, by the other runs; ``residual`` (N, C) is that with the

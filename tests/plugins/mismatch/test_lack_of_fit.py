@@ -5,7 +5,7 @@ from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.input.motion import moved
-from cellwatt_plugins.mismatch.verdict.unexplained import leftover, unexplained
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit, unexplained_channel
 from tests.plugins.mismatch import plant
 
 
@@ -21,7 +21,7 @@ def left(arm, added):
     states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
     problem = torque_problem(runs, states)
     solution = search(lambda turning: torque_problem(runs, states, turning), plant.JOINTS, effects=())
-    return unexplained(problem.chi2(problem.fit([]).residual), solution)
+    return lack_of_fit(problem.chi2(problem.fit([]).residual), solution)
 
 
 def test_nothing_is_left_of_noise_and_mistuned_parameters(arm):
@@ -62,7 +62,7 @@ def test_the_position_is_told(arm):
     assert low < 0.5 < high
     # Of the 2.8 rad that the joint covers.
     assert high - low < 1.8
-    said = leftover(found, "tau_1", "N*m")
+    said = unexplained_channel(found, "tau_1", "N*m")
     assert said.channel == "tau_1"
     assert said.statement.startswith("tau_1 keeps")
     assert "rad" in said.statement

@@ -1,4 +1,4 @@
-"""Channels that an effect shakes which is simulated sample by sample: its course is never followed to the noise."""
+"""Links that swing on a spring or fall through a gap: their course is never followed to the noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FEW = 0.02
 """Share of the samples from which it can be told what is left between the shakes."""
 
 
-def shaking(solution: Solution) -> Float:
+def swinging_torque(solution: Solution) -> Float:
     """What such effects add to each channel together, (N, C); 0 where there is none."""
     channels = len(solution.problem.floor)
     out = np.zeros_like(solution.residual)
@@ -27,13 +27,13 @@ def shaking(solution: Solution) -> Float:
     return out
 
 
-def shaken(solution: Solution) -> set[int]:
+def swinging_channels(solution: Solution) -> set[int]:
     """Channels in which such an effect is felt over the whole recording."""
-    size = np.sqrt(np.mean(np.square(shaking(solution)), axis=0)) / solution.problem.floor
+    size = np.sqrt(np.mean(np.square(swinging_torque(solution)), axis=0)) / solution.problem.floor
     return {int(channel) for channel in np.flatnonzero(size > FELT)}
 
 
-def remaining(solution: Solution) -> Float:
+def remaining_chi2(solution: Solution) -> Float:
     """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour shakes the channel.
 
     What the motion near stops leaves open is not to hide what the shaking does.
@@ -41,13 +41,13 @@ def remaining(solution: Solution) -> Float:
     problem = solution.problem
     out = problem.chi2(solution.residual)
     own = {term.joint for term in solution.terms if term.effect.costly}
-    for channel in shaken(solution) - own:
+    for channel in swinging_channels(solution) - own:
         bare = float(np.mean(np.square(solution.residual[:, channel]))) / problem.floor[channel] ** 2
         out[channel] = max(out[channel], bare)
     return out
 
 
-def still(solution: Solution) -> Float:
+def chi2_at_rest(solution: Solution) -> Float:
     """Mean square residual (C,) in units of its variance over the samples at which no link swings or falls through.
 
     Infinite where there are next to none: nothing tells then.

@@ -1,4 +1,4 @@
-"""What stays unexplained: which channels, where, and whether it is an effect that is in no library."""
+"""Lack of fit: channels whose residual is no noise, and where: an effect that is in no library."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.shaken import shaken, still
 from cellwatt_plugins.mismatch.fit.solution import Solution
-from cellwatt_plugins.mismatch.verdict.findings import Leftover, Span
+from cellwatt_plugins.mismatch.fit.swinging_links import chi2_at_rest, swinging_channels
+from cellwatt_plugins.mismatch.verdict.findings import Span, UnexplainedChannel
 
 Float = NDArray[np.float64]
 
@@ -32,8 +32,8 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Unexplained:
-    """A channel (0-based) that stays unexplained, and where."""
+class LackOfFit:
+    """A channel (0-based) whose residual is no noise, and where."""
 
     channel: int
     rms: float
@@ -43,11 +43,11 @@ class Unexplained:
     times: tuple[Span, ...]
 
 
-def unexplained(before: Float, solution: Solution, limits: Limits = Limits()) -> list[Unexplained]:
+def lack_of_fit(before: Float, solution: Solution, limits: Limits = Limits()) -> list[LackOfFit]:
     """Channels whose residual is no noise; ``before`` (C,): mean square residual with nominal parameters alone."""
     problem, residual = solution.problem, solution.residual
     left = problem.chi2(residual)
-    rough, calm = shaken(solution), still(solution)
+    rough, calm = swinging_channels(solution), chi2_at_rest(solution)
     out = []
     for channel, excess in enumerate(left - 1.0):
         explained = max(0.0, float(before[channel] - left[channel]))
@@ -76,7 +76,7 @@ def _windows(solution: Solution, channel: int, limits: Limits) -> list[Float]:
     return out
 
 
-def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: Limits) -> Unexplained:
+def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: Limits) -> LackOfFit:
     problem = solution.problem
     squared = solution.residual[:, channel] ** 2
     spans, positions, speeds, at = [], [], [], 0
@@ -92,7 +92,7 @@ def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: 
         at += len(windows)
     position = _range(positions, np.concatenate([s.q[:, channel] for s in problem.states])) if positions else None
     velocity = _range(speeds, np.concatenate([s.qd[:, channel] for s in problem.states])) if speeds else None
-    return Unexplained(
+    return LackOfFit(
         channel,
         float(np.sqrt(np.mean(squared))),
         float(problem.floor[channel]),
@@ -120,11 +120,11 @@ def _joined(spans: list[Span]) -> list[Span]:
     return out
 
 
-def leftover(found: Unexplained, name: str, unit: str) -> Leftover:
+def unexplained_channel(found: LackOfFit, name: str, unit: str) -> UnexplainedChannel:
     """An unexplained channel as ``findings.json`` has it."""
     times = found.rms / found.floor
     where = (
         "" if found.position is None else f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} rad"
     )
     said = f"{name} keeps {found.rms:.3g} {unit} that no known effect explains, {times:.1f} times its noise{where}."
-    return Leftover(name, found.rms, found.floor, said, found.velocity, found.position)
+    return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position)

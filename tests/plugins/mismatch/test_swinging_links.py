@@ -7,10 +7,15 @@ import pytest
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
-from cellwatt_plugins.mismatch.fit.shaken import remaining, shaken, shaking, still
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.swinging_links import (
+    chi2_at_rest,
+    remaining_chi2,
+    swinging_channels,
+    swinging_torque,
+)
 from cellwatt_plugins.mismatch.input.motion import moved
-from cellwatt_plugins.mismatch.verdict.unexplained import unexplained
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit
 from tests.plugins.mismatch import plant
 
 SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))
@@ -44,14 +49,14 @@ def swing(problem):
 def test_without_such_a_term_nothing_is_shaken(problem):
     offset = Term(BY_NAME["torque_offset"], 0, ())
     quiet = solved(problem, np.zeros_like(problem.design.target), [offset])
-    assert not shaking(quiet).any()
-    assert shaken(quiet) == set()
+    assert not swinging_torque(quiet).any()
+    assert swinging_channels(quiet) == set()
 
 
 def test_a_swinging_link_shakes_its_joint_and_those_that_carry_it(problem):
     found = solved(problem, np.zeros_like(problem.design.target))
-    np.testing.assert_allclose(shaking(found), problem.block(SWINGS).columns.sum(axis=2))
-    assert 1 in shaken(found)
+    np.testing.assert_allclose(swinging_torque(found), problem.block(SWINGS).columns.sum(axis=2))
+    assert 1 in swinging_channels(found)
 
 
 def test_what_is_left_while_it_swings_is_its_own(problem):
@@ -63,8 +68,8 @@ def test_what_is_left_while_it_swings_is_its_own(problem):
         residual = np.random.default_rng(1).normal(size=problem.design.target.shape) * problem.floor
         residual[when, 1] += 6 * noise * np.sign(np.sin(np.arange(when.sum())))
         found = solved(problem, residual)
-        assert (still(found)[1] > 1.35) == excess
-        named = [u.channel for u in unexplained(problem.chi2(residual), found)]
+        assert (chi2_at_rest(found)[1] > 1.35) == excess
+        named = [u.channel for u in lack_of_fit(problem.chi2(residual), found)]
         assert named == ([1] if excess else [])
 
 
@@ -73,8 +78,8 @@ def test_next_to_a_swinging_link_bare_noise_counts(problem):
     wide = np.sqrt(problem.stack(problem.variance))
     found = solved(problem, 0.9 * wide)
     bare = np.mean(np.square(0.9 * wide), axis=0) / problem.floor**2
-    assert shaken(found) - {1}
+    assert swinging_channels(found) - {1}
     for channel in range(plant.JOINTS):
         by_variance = pytest.approx(0.81, rel=1e-6)
-        neighbour = channel in shaken(found) - {1}
-        assert remaining(found)[channel] == (pytest.approx(max(bare[channel], 0.81)) if neighbour else by_variance)
+        neighbour = channel in swinging_channels(found) - {1}
+        assert remaining_chi2(found)[channel] == (pytest.approx(max(bare[channel], 0.81)) if neighbour else by_variance)

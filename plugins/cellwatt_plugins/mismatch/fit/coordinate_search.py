@@ -1,4 +1,4 @@
-"""Refinement of a shape: the evidence's greatest value near a start."""
+"""Coordinate search: the shape with the greatest evidence near a start."""
 
 from __future__ import annotations
 

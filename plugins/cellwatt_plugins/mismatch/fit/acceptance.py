@@ -1,13 +1,13 @@
-"""When a term is believed: what it must explain, show on data left out, and be told apart from."""
+"""When a term is accepted: what it must explain, show on data left out, and be told apart from."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.held_out import HeldOut, rms
+from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
+from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.fit.refinement import at_bound
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Block, Prior
@@ -24,8 +24,14 @@ OFF_SCALE = 0.35
 """How far the coefficient of what is simulated to scale may be from 1 at most."""
 
 
-def refused(before: Solution, after: Solution, thresholds: Thresholds) -> str | None:
-    """Why the last term is not believed; None where it is."""
+def required_gain(term: Term, robot: RobotDescription, thresholds: Thresholds) -> float:
+    """nats that a term must add; half of it for no rare thing, as a plain parameter that is described as 0."""
+    unset = bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
+    return 0.5 * thresholds.gain if term.effect.ordinary or unset else thresholds.gain
+
+
+def rejection(before: Solution, after: Solution, thresholds: Thresholds) -> str | None:
+    """Why the last term is not accepted; None where it is."""
     term = after.terms[-1]
     if term.effect.strict and at_bound(term):
         return "its shape runs to the end of what is possible"
@@ -36,19 +42,19 @@ def refused(before: Solution, after: Solution, thresholds: Thresholds) -> str | 
     chi2, left = before.problem.chi2(before.residual), after.problem.chi2(after.residual)
     at = slice(None) if term.joint is None else slice(term.joint, term.joint + 1)
     drop = float(np.sum((chi2 - left)[at]))
-    if relieves(before, after, thresholds):
+    if relieves_tension(before, after, thresholds):
         return None
     if drop < thresholds.least * float(np.min(chi2[at])):
         return "hardly lowers the residual"
     excess = float(np.sum(np.maximum(chi2[at] - 1.15, 0.0)))
     if drop < thresholds.share * excess:
         return f"explains only {100 * max(drop, 0) / excess:.0f} % of what is unexplained there"
-    if not term.effect.scheduled and not holds(before, after, thresholds):
+    if not term.effect.scheduled and not lowers_held_out_error(before, after, thresholds):
         return "hardly lowers the error on data left out"
     return None
 
 
-def blurred(before: Solution, after: Solution, factor: float) -> Term | None:
+def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
     """The term whose coefficients the last one of ``after`` makes ``factor`` times less certain; None where none is.
 
     The square of that ratio is the variance inflation factor; from about 10 on columns count as collinear.
@@ -72,7 +78,7 @@ def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
     return not effect.positive or first > effect.least
 
 
-def usual(term: Term, coefficients: Float, prior: Prior) -> bool:
+def within_prior(term: Term, coefficients: Float, prior: Prior) -> bool:
     """Whether coefficients are within what their prior says is possible at all."""
     off = np.abs(coefficients - prior.mean) / np.sqrt(np.diag(prior.covariance))
     return bool(np.all(off < term.effect.most))
@@ -87,7 +93,7 @@ def tension(solution: Solution) -> float:
     return out
 
 
-def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
+def lowers_held_out_error(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     """Whether the last term lowers the error on data left out, as the fit weighs its samples and as they are.
 
     By a share of it; near the noise by less, too, where it does so block after block: the mean over blocks of what it
@@ -97,8 +103,8 @@ def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     block = after.block(after.terms[-1])[0]
     channels = [c for c in range(len(chi2)) if block.channel in (None, c)]
     root = before.problem.design.root
-    held = HeldOut(before.problem, before.factor)
-    old, new = held.residual(before.terms), HeldOut(after.problem, before.factor).residual(after.terms)
+    held = CrossValidation(before.problem, before.factor)
+    old, new = held.residual(before.terms), CrossValidation(after.problem, before.factor).residual(after.terms)
     saved = held.by_block(np.square(root * old) - np.square(root * new))
     steady = np.mean(saved, axis=0) > STEADY * np.std(saved, axis=0, ddof=1) / np.sqrt(len(saved))
     near = chi2 < thresholds.costly
@@ -108,7 +114,7 @@ def holds(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     return bool(np.any(enough[channels]))
 
 
-def relieves(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
+def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     """Whether nominal parameters that were stretched beyond their tolerances come back."""
     return tension(before) - tension(after) > 2 * thresholds.gain
 

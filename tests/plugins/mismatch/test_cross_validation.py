@@ -3,7 +3,14 @@ import pytest
 
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.fit.held_out import BLOCK, FOLDS, HeldOut, blocks_of, confirmed, rms
+from cellwatt_plugins.mismatch.fit.cross_validation import (
+    BLOCK,
+    FOLDS,
+    CrossValidation,
+    blocks_of,
+    confirmed_share,
+    rms,
+)
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.input.motion import moved
 from tests.plugins.mismatch import plant
@@ -40,7 +47,7 @@ def test_blocks_are_seconds_long_so_that_neighbours_tell_nothing(problem):
 
 def test_the_residual_of_a_row_is_from_the_fit_without_its_fold(problem):
     """Ridge regression on the other rows alone, by the normal equations of all channels."""
-    held = HeldOut(problem, np.full(plant.JOINTS, 2.0))
+    held = CrossValidation(problem, np.full(plant.JOINTS, 2.0))
     got = held.residual([OFFSET])
     blocks = [*problem.design.blocks, problem.block(OFFSET)]
     rows, channels = problem.design.target.shape
@@ -70,7 +77,7 @@ def test_the_residual_of_a_row_is_from_the_fit_without_its_fold(problem):
 
 
 def test_a_real_term_lowers_the_held_out_error_to_the_noise(problem):
-    held = HeldOut(problem, np.full(plant.JOINTS, 2.0))
+    held = CrossValidation(problem, np.full(plant.JOINTS, 2.0))
     before, after = rms(held.residual([])), rms(held.residual([OFFSET]))
     assert before[0] > 1.2
     assert after[0] < 1.3 * plant.TORQUE_NOISE[0]
@@ -79,7 +86,7 @@ def test_a_real_term_lowers_the_held_out_error_to_the_noise(problem):
 
 def test_a_term_of_pure_chance_does_not_lower_it(problem):
     """A push that never was gains nothing on rows that it was not fitted to."""
-    held = HeldOut(problem, np.full(plant.JOINTS, 2.0))
+    held = CrossValidation(problem, np.full(plant.JOINTS, 2.0))
     chance = [Term(BY_NAME["external_contact"], 2, (0.0, 6.0, 0.1))]
     assert rms(held.residual(chance))[2] >= rms(held.residual([]))[2] - 1e-3
 
@@ -89,13 +96,13 @@ def test_a_simulated_effect_counts_as_far_as_other_runs_confirm_it(problem):
     term = Term(BY_NAME["joint_elasticity"], 1, (4000.0, 8.0, 0.0))
     courses = problem.columns(term)
     nothing = np.zeros_like(problem.design.target)
-    assert confirmed(problem, term, np.array([1.0, 0.0, 0.0]), nothing) == pytest.approx(1.0, abs=0.05)
+    assert confirmed_share(problem, term, np.array([1.0, 0.0, 0.0]), nothing) == pytest.approx(1.0, abs=0.05)
     other_way = problem.stack([-2 * courses[0][:, :, 0], np.zeros_like(courses[1][:, :, 0])])
-    assert confirmed(problem, term, np.array([1.0, 0.0, 0.0]), other_way) < 0.3
+    assert confirmed_share(problem, term, np.array([1.0, 0.0, 0.0]), other_way) < 0.3
 
 
 def test_sums_by_block_are_over_the_rows_of_each_block(problem):
-    held = HeldOut(problem, np.full(plant.JOINTS, 2.0))
+    held = CrossValidation(problem, np.full(plant.JOINTS, 2.0))
     course = np.random.default_rng(3).normal(size=problem.design.target.shape)
     sums = held.by_block(course)
     numbers = blocks_of(problem)

@@ -1,0 +1,97 @@
+"""The candidates of a step: every effect at every place, each with its best shape, beside the terms already there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.effects.effect import Effect, Shape
+from cellwatt_plugins.mismatch.fit.acceptance import physical, within_prior
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.search.state import SearchState
+from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
+from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.regression import Block
+
+Float = NDArray[np.float64]
+
+
+def candidates(state: SearchState, now: Solution, at: int | None = None) -> list[Candidate]:
+    """What each effect would add, the greatest evidence first; where ``at`` is given, at that joint only."""
+    residual = now.problem.every_sample(now.residual)
+    chi2 = now.problem.fast_chi2(now.residual)
+    out = []
+    for effect in state.effects:
+        for joint in _places(state, effect):
+            elsewhere = at is not None and joint is not None and joint != at
+            if elsewhere or not _open(state, now, effect, joint, chi2):
+                continue
+            shapes = effect.shapes(now.problem.states, joint, residual)
+            found = _best_shape(state, now, effect, joint, shapes)
+            if found is not None:
+                out.append(found)
+    return sorted(out, key=lambda c: -c.gain - c.term.effect.plainer)
+
+
+def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:
+    """Whether there is Coulomb friction that an effect could change."""
+    described = column(state.robot, "coulomb_friction")[joint or 0]
+    return bool(described > 0) or any(t.place == ("coulomb_friction", joint) for t in terms)
+
+
+def _places(state: SearchState, effect: Effect) -> list[int | None]:
+    """Joints (0-based), or None for the robot or the supply, at which the simulation may lack an effect."""
+    states = state.problem.states
+    if max(float(s.time[-1] - s.time[0]) for s in states) < effect.least_time:
+        return []
+    places: list[int | None] = list(range(states[0].body.joints)) if effect.place == "joint" else [None]
+    return [joint for joint in places if effect.possible(state.robot, joint)]
+
+
+def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, fast_chi2: Float) -> bool:
+    """Whether an effect is worth a try beside the terms that are there."""
+    if any(t.joint == joint and _stands_for(t.effect, effect) for t in now.terms):
+        return False
+    if effect.costly and joint is not None and fast_chi2[joint] <= state.thresholds.costly:
+        return False
+    return not effect.shapes_friction or has_friction(state, joint, now.terms)
+
+
+def _stands_for(one: Effect, other: Effect) -> bool:
+    return one is other or bool(other.family and one.family == other.family)
+
+
+def _best_shape(
+    state: SearchState, now: Solution, effect: Effect, joint: int | None, shapes: Sequence[Shape]
+) -> Candidate | None:
+    """The shape with the greatest evidence; None where the recordings resolve none or no coefficients can be."""
+    states = now.problem.states
+    terms = [Term(effect, joint, shape) for shape in shapes if effect.resolved(states, joint, shape)]
+    if not terms:
+        return None
+    blocks = _blocks(state, now, effect, joint, terms)
+    gains = now.fit.gains(blocks, keep=_by_motion_alone(effect))
+    found = [
+        Candidate(term, gain - effect.charge(states, term.shape), coefficients)
+        for term, block, (gain, coefficients) in zip(terms, blocks, gains, strict=True)
+        if physical(term, coefficients, state.robot) and within_prior(term, coefficients, block.prior)
+    ]
+    return max(found, key=lambda c: c.gain, default=None)
+
+
+def _blocks(state: SearchState, now: Solution, effect: Effect, joint: int | None, terms: Sequence[Term]) -> list[Block]:
+    """Blocks of all shapes of an effect; made once where they depend on the motion alone."""
+    key, problem = (effect.name, joint), now.problem
+    if key in state.blocks:
+        return state.blocks[key]
+    per_run = [effect.grid(s, joint, [t.shape for t in terms]) for s in problem.states]
+    blocks = [problem.prior_block(t, problem.stack([run[i] for run in per_run])) for i, t in enumerate(terms)]
+    if _by_motion_alone(effect):
+        state.blocks[key] = blocks
+    return blocks
+
+
+def _by_motion_alone(effect: Effect) -> bool:
+    return not (effect.after or effect.varies or effect.by_load)

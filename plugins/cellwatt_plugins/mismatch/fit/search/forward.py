@@ -1,0 +1,64 @@
+"""Forward steps: the best candidate enters, and each term is tried under every other name."""
+
+from __future__ import annotations
+
+from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection, required_gain
+from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.search.candidates import candidates
+from cellwatt_plugins.mismatch.fit.search.refine import refine
+from cellwatt_plugins.mismatch.fit.search.solve import solve, without
+from cellwatt_plugins.mismatch.fit.search.state import SearchState
+from cellwatt_plugins.mismatch.fit.solution import Solution
+
+BEST = 6
+"""Candidates of a step that are looked at closely."""
+RIVALS = 3
+"""Other names that are fitted in a term's place."""
+AHEAD = 3.0
+"""nats by which a name must lead the one in whose place it comes."""
+
+
+def enter(state: SearchState, now: Solution) -> Solution | None:
+    """The solution with the best new term; None where none is accepted."""
+    for candidate in candidates(state, now)[:BEST]:
+        if candidate.gain < required_gain(candidate.term, state.robot, state.thresholds):
+            state.refuse(candidate.term, candidate.gain, "adds too little evidence")
+            continue
+        new = refine(state, solve(state, [*now.terms, candidate.term]), candidate.term)
+        if (like := collinear(now, new, state.thresholds.blur)) is not None:
+            if (instead := _instead(state, now, like, new.terms[-1])) is not None:
+                return instead
+            why: str | None = f"cannot be told from {like.effect.name.replace('_', ' ')} in these recordings"
+        else:
+            why = rejection(now, new, state.thresholds)
+        if why is None:
+            return new
+        state.refuse(candidate.term, candidate.gain, why)
+    return None
+
+
+def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:
+    """The solution with a new term in an old one's place; None where the old one has more evidence."""
+    others = without(state, now, old)
+    own, other = (others.fit.gain(others.problem.block(t))[0] + t.effect.plainer for t in (old, new))
+    if other < own + AHEAD:
+        return None
+    state.refuse(old, own, f"{new.effect.name} explains it better")
+    return solve(state, [*others.terms, new])
+
+
+def swap(state: SearchState, now: Solution) -> Solution:
+    """Each term under the name that explains it best, the others held."""
+    for term in list(now.terms):
+        others = without(state, now, term)
+        own = others.fit.gain(others.problem.block(term))[0]
+        for rival in candidates(state, others, at=term.joint)[:RIVALS]:
+            ahead = rival.term.effect.plainer - term.effect.plainer
+            if rival.term.place == term.place or rival.gain + ahead < own - AHEAD:
+                continue
+            new = refine(state, solve(state, [*others.terms, rival.term]), rival.term)
+            gain = others.fit.gain(new.problem.block(new.terms[-1]))[0]
+            if gain + ahead > own + AHEAD:
+                state.refuse(term, own, f"{new.terms[-1].effect.name} explains it better")
+                now, own = new, gain
+    return now

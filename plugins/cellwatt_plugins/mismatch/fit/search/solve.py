@@ -1,0 +1,63 @@
+"""The fit of given terms: a least-squares step, repeated until noise and fitted torque agree with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.search.state import SearchState
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.robot.regression import Regression
+
+Float = NDArray[np.float64]
+
+
+def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
+    """Fit terms; effects that act on the measured torque see the torque of this fit."""
+    problem = state.problem
+    factor: Float | None = None
+    for _ in range(3 if any(t.effect.after for t in terms) else 2):
+        fit = problem.fit([problem.block(t) for t in terms], factor)
+        factor = _noise_factor(problem, fit)
+        problem = _with_fitted_torque(problem, terms, fit)
+    fit = problem.fit([problem.block(t) for t in terms], factor)
+    return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
+
+
+def without(state: SearchState, now: Solution, term: Term) -> Solution:
+    """The other terms alone."""
+    return solve(state, [t for t in now.terms if t is not term])
+
+
+def reweigh(state: SearchState, now: Solution) -> Solution:
+    """The same terms where friction that they add makes the samples near stops count less."""
+    turning = np.zeros_like(state.turning)
+    for term in now.terms:
+        if term.effect.turns_over and term.joint is not None:
+            turning[term.joint] += abs(float(now.coefficients(term)[0]))
+    if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12):
+        return now
+    state.turning, state.problem = turning, state.make(turning)
+    state.blocks.clear()
+    return solve(state, now.terms)
+
+
+def _noise_factor(problem: Problem, fit: Regression) -> Float:
+    """Correlation factor (C,) of a residual; what is unexplained yet counts as noise.
+
+    So an effect is judged by the share that it explains.
+    """
+    return problem.factor(fit.residual) * np.maximum(problem.chi2(fit.residual), 1.0)
+
+
+def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression) -> Problem:
+    if problem.side == "supply":
+        return problem
+    mechanical = [
+        (term, fit.coefficients[place]) for term, place in zip(terms, fit.slices, strict=True) if not term.effect.after
+    ]
+    nuisance = fit.coefficients[: problem.design.size]
+    return problem.with_torque(problem.course(nuisance, mechanical), problem.carried(nuisance, mechanical))

@@ -1,0 +1,58 @@
+"""What the steps of a search share: what is asked, the problem of the moment, and what was refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.effects.effect import Effect
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.solution import Thresholds, Trial
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Block
+
+Float = NDArray[np.float64]
+Place = tuple[str, int | None]
+"""Name of an effect and its joint (0-based), as ``Term.place``."""
+
+
+@dataclass
+class SearchState:
+    """One search on one side of the arm."""
+
+    make: Callable[[Float], Problem]
+    """The problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign."""
+    thresholds: Thresholds
+    effects: tuple[Effect, ...]
+    """Those of this side."""
+    turning: Float
+    """The friction (C,) Nm that the problem was made for."""
+    problem: Problem
+    """Nominal parameters alone; terms are fitted beside them."""
+    blocks: dict[Place, list[Block]] = field(default_factory=dict)
+    """All shapes of the effects whose columns depend on the motion alone."""
+    refused: dict[Place, Trial] = field(default_factory=dict)
+    """The last reason why a candidate did not enter or a term left."""
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The arm as described."""
+        return self.problem.states[0].robot
+
+    def refuse(self, term: Term, gain: float, why: str) -> None:
+        """Note why a term is not there, and the log evidence that it would add."""
+        self.refused[term.place] = Trial.of(term, gain, False, why)
+
+
+def start(
+    make: Callable[[Float], Problem], channels: int, thresholds: Thresholds, effects: Sequence[Effect]
+) -> SearchState:
+    """A search of ``channels`` in which nothing was tried yet."""
+    turning = np.zeros(channels)
+    problem = make(turning)
+    supply = problem.side == "supply"
+    own = tuple(e for e in effects if (e.place == "supply") == supply)
+    return SearchState(make, thresholds, own, turning, problem)

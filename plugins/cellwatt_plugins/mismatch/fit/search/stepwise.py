@@ -1,0 +1,75 @@
+"""Stepwise selection: the set of terms with the greatest evidence, found step by step.
+
+Forward: of all candidates the one that adds most evidence enters, and each term is tried against every other name.
+Backward: terms leave that the others make needless, or that do not show on data left out. Nominal parameters are free
+throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.effects import EFFECTS
+from cellwatt_plugins.mismatch.effects.effect import Effect
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.search.backward import (
+    drop_minor,
+    drop_needless,
+    drop_unconfirmed,
+    drop_within_model_error,
+)
+from cellwatt_plugins.mismatch.fit.search.candidates import candidates
+from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
+from cellwatt_plugins.mismatch.fit.search.refine import refine
+from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
+from cellwatt_plugins.mismatch.fit.search.state import SearchState, start
+from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Candidate, Solution, Thresholds, Trial
+
+Float = NDArray[np.float64]
+
+
+def search(
+    make: Callable[[Float], Problem],
+    channels: int,
+    thresholds: Thresholds = DEFAULT,
+    effects: Sequence[Effect] = EFFECTS,
+) -> Solution:
+    """The terms of one side that the data ask for.
+
+    ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
+    """
+    state = start(make, channels, thresholds, effects)
+    now = solve(state, [])
+    while len(now.terms) < thresholds.most and (entered := enter(state, now)) is not None:
+        now = drop_needless(state, swap(state, reweigh(state, entered)))
+    for term in now.terms[:-1]:
+        now = refine(state, now, term)
+    now = drop_needless(state, now, keep=0)
+    for drop in (drop_within_model_error, drop_minor, drop_unconfirmed):
+        now = drop(state, now)
+    return _compared(state, now)
+
+
+def _compared(state: SearchState, now: Solution) -> Solution:
+    """The solution with the rivals of each term, and all that was tried: kept first, then by the evidence."""
+    now.rivals = {term.place: _rivals(state, now, term) for term in now.terms}
+    refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
+    now.tried = [_kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
+    return now
+
+
+def _rivals(state: SearchState, now: Solution, term: Term) -> tuple[float, tuple[Candidate, ...]]:
+    """Evidence of a term beside the others, and the names that come nearest in its place."""
+    others = without(state, now, term)
+    own = others.fit.gain(others.problem.block(term))[0]
+    found = [c for c in candidates(state, others, at=term.joint) if c.term.place != term.place]
+    return own, tuple(found[:RIVALS])
+
+
+def _kept(now: Solution, term: Term) -> Trial:
+    gain, rivals = now.rivals[term.place]
+    best = f"{rivals[0].term.effect.name} in its place: {rivals[0].gain:.0f}" if rivals else "no other name fits"
+    return Trial.of(term, gain, True, best)
