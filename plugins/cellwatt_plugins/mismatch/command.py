@@ -9,6 +9,7 @@ import click
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from cellwatt.errors import RecordingError
@@ -51,6 +52,14 @@ class _Explain(click.Command):
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+@click.option(
+    "--time",
+    "seconds",
+    type=click.FloatRange(min=1.0),
+    default=50.0,
+    show_default=True,
+    help="Seconds of computing after which nothing more is looked for.",
+)
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @click.option(
     "--suggest",
@@ -64,6 +73,7 @@ def explain(
     robot: Path,
     out: Path,
     as_json: bool,
+    seconds: float,
     no_report: bool,
     experiment: Path | None,
 ) -> None:
@@ -75,10 +85,10 @@ def explain(
     """
     description = load_robot(robot)
     body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    runs = read_runs(recordings, simulations, description)
-    with threadpool_limits(1):
+    with threadpool_limits(1), Console(stderr=True).status("reading") as status:
+        runs = read_runs(recordings, simulations, description)
         base, notes = examine(runs, description, body)
-        found = explain_runs(runs, base, notes=notes)
+        found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=status.update)
     out.mkdir(parents=True, exist_ok=True)
     (out / "findings.json").write_text(json.dumps(found.findings.as_json(), indent=1))
     save_model(found.model, out / "model.yaml")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
+from cellwatt_plugins.mismatch.verdict.events import merged
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
@@ -29,10 +31,14 @@ POORLY = 1.5
 """Mean square residual from which a joint's torque is taken as measured, not as fitted, for the power."""
 CURRENT_GAIN = 0.1
 """Torque constants from data sheets are off by about as much."""
+EXCESS = 0.35
+"""Mean square residual beyond noise from which a channel is unexplained."""
 WITHOUT_PLAN = 2.0
 """Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
 FAR = 3.0
 """Held-out error in units of the noise from which a channel is not explained in full."""
+SUPPLY_SHARE = 0.2
+"""Share of the time that is kept for the supply."""
 SETTLED = 1.3
 """Mean square residual of all joints up to which the supply's own residual can be judged."""
 
@@ -54,14 +60,30 @@ def explain(
     base: Baseline,
     thresholds: Thresholds = DEFAULT,
     notes: Sequence[str] = (),
+    seconds: float = np.inf,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Explained:
-    """Where the runs differ from the simulation, why, and what model does not; ``notes`` are of their admission."""
+    """Where the runs differ from the simulation, why, and what model does not; ``notes`` are of their admission.
+
+    What is not found after ``seconds`` of this process's time is not looked for; ``progress`` is told what it is at.
+    """
+    until = time.process_time() + seconds
     states = [states_of(run, i, base) for i, run in enumerate(runs)]
     body = base.body
+    progress("fitting the nominal parameters")
     nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
-    torque = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds)
+    progress("looking for effects in the torques")
+    torque = search(
+        lambda turning: torque_problem(runs, states, turning),
+        body.joints,
+        thresholds,
+        until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
+        progress=progress,
+    )
     supplied = supply_problem(runs, *_torque_for_power(runs, torque))
-    supply = None if supplied is None else search(lambda _: supplied, 1, thresholds)
+    progress("looking for effects in the supply")
+    supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until, progress=progress)
+    progress("judging by data left out")
     findings = _findings(runs, torque, supply, notes)
     return Explained(findings, model_of(torque, supply), torque, supply, nominal)
 
@@ -103,7 +125,8 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     sides = [torque] if supply is None else [torque, supply]
     found, left, fit, tried = [], [], [], []
     planned = all(run.plan is not None for run in runs)
-    limits = Limits() if planned else Limits(excess=WITHOUT_PLAN)
+    size = torque.problem.states[0].robot.tolerances.unexplained
+    limits = Limits(excess=EXCESS if planned else WITHOUT_PLAN, size=size)
     for solution in sides:
         held = CrossValidation(solution.problem, solution.factor)
         own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
@@ -118,7 +141,9 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     once = any(term.effect.scheduled for solution in sides for term in solution.terms)
     far = not once and any(c.model > FAR * c.noise_floor for c in fit)
     verdict = _verdict(named, bool(left) or (named and far))
-    return Findings(verdict, tuple(found), tuple(left), tuple(fit), tuple(tried), (*admitted, *_notes(runs, supply)))
+    return Findings(
+        verdict, tuple(merged(found)), tuple(left), tuple(fit), tuple(tried), (*admitted, *_notes(runs, torque, supply))
+    )
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
@@ -156,8 +181,10 @@ def _verdict(named: bool, left: bool) -> Verdict:
     return "unexplained" if left else "no_mismatch"
 
 
-def _notes(runs: Sequence[Run], supply: Solution | None) -> tuple[str, ...]:
-    notes = [f"{run.name}: {note}" for run in runs for note in run.notes]
+def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tuple[str, ...]:
+    notes = []
+    if torque.spent or (supply is not None and supply.spent):
+        notes.append("The time was up before all was tried: what is said is sound, more may be found with --time")
     if supply is None:
         notes.append("No supply power was recorded: what only the supply shows could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)

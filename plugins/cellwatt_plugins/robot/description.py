@@ -22,6 +22,8 @@ class Tolerances(BaseModel):
     rotor_inertia: PositiveFloat = 0.03
     link: PositiveFloat = 0.03
     supply: PositiveFloat = 0.05
+    unexplained: NonNegative = 0.03
+    """Share of what a channel measures (standard deviation) below which nothing unexplained is told as a finding."""
     torque_gain: NonNegative | None = None
     """Common factor of all measured torques; where absent 0.1 for torque from current, 0 for measured torque."""
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.mismatch.effects.possible import impossible
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
@@ -18,6 +21,10 @@ SEVERAL = 3.0
 """nats that all channels but the one that asks most must give for what concerns the whole recording."""
 BARELY = 0.97
 """A shape that would not be resolved were it so much smaller is at the end of what can be."""
+AGAINST = 0.3
+"""Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
+RISE = 1.001
+"""Factor on a held-out error that is a rise."""
 STEADY = 2.5
 """Standard errors by which the error on blocks left out must fall on average, near the noise."""
 OFF_SCALE = 0.35
@@ -69,7 +76,7 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
     """Whether the sign, and the scale of what is simulated to scale, can be."""
     effect, first = term.effect, float(coefficients[0])
-    if not effect.sensible(coefficients, robot, term.joint):
+    if not effect.sensible(coefficients, robot, term.joint) or impossible(effect.name, coefficients) is not None:
         return False
     if effect.unit_scale:
         return abs(first - 1) < OFF_SCALE
@@ -114,13 +121,30 @@ def lowers_held_out_error(before: Solution, after: Solution, thresholds: Thresho
     return bool(np.any(enough[channels]))
 
 
+def raises_held_out_error(before: Solution, after: Solution) -> bool:
+    """Whether the last term raises the error on data left out in each channel that it acts on."""
+    channel = after.block(after.terms[-1])[0].channel
+    old, new = (rms(CrossValidation(s.problem, before.factor).residual(s.terms)) for s in (before, after))
+    worse = new > RISE * old
+    return bool(np.all(worse) if channel is None else worse[channel])
+
+
 def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
     """Whether nominal parameters that were stretched beyond their tolerances come back."""
     return tension(before) - tension(after) > 2 * thresholds.gain
 
 
 def seen_by_several(now: Solution, block: Block) -> bool:
-    """Whether more than one channel asks for a block that acts on all: a fact of the whole recording."""
+    """Whether more than one channel asks for a block that acts on all, and few for its contrary."""
     parts = [Block(block.columns[:, c], c, block.prior) for c in range(block.columns.shape[1])]
-    gains = [gain for gain, _ in now.fit.gains(parts)]
-    return sum(gains) - max(gains) > SEVERAL
+    gains = np.array([gain for gain, _ in now.fit.gains(parts)])
+    agreed = float(np.sum(np.maximum(gains, 0.0)))
+    return float(np.sum(gains) - np.max(gains)) > SEVERAL and _against(now, parts) < AGAINST * agreed
+
+
+def _against(now: Solution, parts: Sequence[Block]) -> float:
+    """nats that channels give for the contrary of a block that is simulated to scale; 0 for other blocks."""
+    if parts[0].columns.shape[1] > 1 or np.any(parts[0].prior.mean == 0):
+        return 0.0
+    free = [Block(part.columns, part.channel, Prior.spread(np.ones(1))) for part in parts]
+    return sum(gain for gain, own in now.fit.gains(free) if own[0] < 0 and gain > 0)

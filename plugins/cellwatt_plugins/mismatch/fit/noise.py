@@ -21,8 +21,8 @@ STANDS_OUT = 5.0
 """Power of a line over the level on both of its sides."""
 LONGEST = 1.0
 """s over which a residual's autocorrelation is followed."""
-MOST = 0.25
-"""s: a residual that stays longer is an effect not yet found, not noise."""
+MOST, FEWEST_SAMPLES = 0.25, 9.0
+"""s, and samples where those are more: a residual that stays longer is an effect not yet found, not noise."""
 
 
 def floor(residuals: Sequence[Float], steps: Sequence[float]) -> Float:
@@ -105,7 +105,7 @@ def correlation_factor(standard: Sequence[Float], steps: Sequence[float]) -> Flo
         sums += np.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[: lags + 1]
     correlation = sums[1:] / np.maximum(sums[0], 1e-300)
     lasting = np.cumprod(correlation > 0.05, axis=0)
-    return np.asarray(np.clip(1 + 2 * np.sum(correlation * lasting, axis=0), 1.0, max(1.0, MOST / step)))
+    return np.asarray(np.clip(1 + 2 * np.sum(correlation * lasting, axis=0), 1.0, max(FEWEST_SAMPLES, MOST / step)))
 
 
 def _window_spreads(residual: Float, step: float) -> Float:

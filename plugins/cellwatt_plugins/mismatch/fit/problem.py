@@ -27,6 +27,8 @@ LEAST_RATE = 12.0
 """Hz that are fitted at least."""
 SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
+FINEST = 0.002
+"""Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
 STOP = 0.1
 """s over which the sign of the velocity stays unknown at a stop."""
 
@@ -45,6 +47,12 @@ class Term:
         """What tells it from other terms."""
         return self.effect.name, self.joint
 
+    @property
+    def said(self) -> str:
+        """What messages call it."""
+        name = self.effect.name.replace("_", " ")
+        return name if self.joint is None else f"{name} of joint {self.joint + 1}"
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -60,6 +68,8 @@ class Problem:
     size: Float
     """What counts as sizeable (C,): scale of the priors of effects."""
     nuisance: tuple[Block, ...]
+    measured: Float
+    """Standard deviation (C,) of what was measured."""
 
     thin: int = 1
     """Every how many samples one is fitted; states are simulated at all."""
@@ -173,8 +183,8 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
     """
     robot = states[0].robot
     target = tuple(run.torque - s.nominal for run, s in zip(runs, states, strict=True))
-    noise = floor(target, [run.step for run in runs])
     measured = np.concatenate([run.torque for run in runs])
+    noise = np.maximum(floor(target, [run.step for run in runs]), FINEST * np.std(measured, axis=0))
     least = 0.03 * np.std(measured, axis=0)
     coulomb = np.maximum(column(robot, "coulomb_friction"), least) + (0.0 if turning is None else turning)
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
@@ -188,7 +198,15 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
     variance = tuple(_without_gaps(v, run) for v, run in zip(variance, runs, strict=True))
     size = np.maximum(column(robot, "coulomb_friction"), 0.1 * np.std(measured, axis=0))
     return Problem(
-        "torque", tuple(states), target, variance, noise, size, torque_nuisance(states), thinning(target, runs)
+        "torque",
+        tuple(states),
+        target,
+        variance,
+        noise,
+        size,
+        torque_nuisance(states),
+        np.std(measured, axis=0),
+        thinning(target, runs),
     )
 
 
@@ -212,7 +230,9 @@ def supply_problem(runs: Sequence[Run], states: Sequence[States], doubt: Sequenc
     size = np.array([max(0.1 * float(np.std(power)), 0.03 * float(np.mean(power)), noise[0])])
     kept = tuple(s for _, s in pairs)
     thin = thinning(target, runs)
-    return Problem("supply", kept, target, variance, noise, size, supply_nuisance(kept), thin)
+    return Problem(
+        "supply", kept, target, variance, noise, size, supply_nuisance(kept), np.array([np.std(power)]), thin
+    )
 
 
 def thinning(target: Sequence[Float], runs: Sequence[Run]) -> int:

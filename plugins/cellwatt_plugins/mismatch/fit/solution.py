@@ -31,7 +31,7 @@ class Thresholds:
     """Share of all that differs at its joint that it must explain where much stays unexplained."""
     costly: float = 1.3
     """Mean square of the residual's fast part, in units of the noise, from which costly effects are tried."""
-    most: int = 16
+    most: int = 40
     """Terms at most."""
 
 
@@ -73,6 +73,8 @@ class Solution:
     fit: Regression
     factor: Float
     tried: list[Trial] = field(default_factory=list)
+    spent: bool = False
+    """Whether the time was up before all was tried."""
     rivals: dict[tuple[str, int | None], tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
     """Evidence of each term beside the others, and of the best other names in its place."""
 

@@ -76,21 +76,6 @@ def even(
     return Even(grid, {name: np.interp(grid, time, values) for name, values in filled.items()}, gaps, tuple(notes))
 
 
-def slower(grid: Even, rate: float) -> Even:
-    """Means of as many samples as bring the grid to ``rate`` Hz or less; a mean is a gap where one of them is."""
-    step = float((grid.time[-1] - grid.time[0]) / (len(grid.time) - 1))
-    count = int(np.ceil(1 / (step * rate) - EVEN))
-    if count < 2:
-        return grid
-    rows = len(grid.time) // count
-
-    def mean(values: Float) -> Float:
-        return np.asarray(values[: rows * count].reshape(rows, count).mean(axis=1))
-
-    gaps: Bool = np.any(grid.gaps[: rows * count].reshape(rows, count), axis=1)
-    return Even(mean(grid.time), {name: mean(values) for name, values in grid.columns.items()}, gaps, grid.notes)
-
-
 def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
     """Rows with a time of their own."""
     kept = np.isfinite(time)

@@ -22,8 +22,9 @@ ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulat
 """Taken off a file's name, from the end, to have the run's."""
 SAME_CLOCK = 0.5
 """Recording and simulation that share less of the shorter one have different clocks."""
-RATE = 250.0
-"""Samples a second that are looked at: joints ring below 50 Hz, and what is faster is the drives' own."""
+RATE, SAMPLES = 250.0, 100_000
+"""Samples a second that are looked at: joints ring below 50 Hz, and what is faster is the drives' own. Of long
+recordings fewer, so that there are not more than so many in all: what is slow needs no more."""
 COVERED = 0.5
 """Share of a recording that its simulation must cover."""
 
@@ -36,8 +37,12 @@ def read_runs(recordings: Sequence[Path], simulations: Sequence[Path], robot: Ro
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
     runs = []
-    for name, path, simulation in zip(_names(recordings), recordings, _matched(recordings, simulations), strict=True):
-        signals = read_signals(path, robot, RATE)
+    every = [read_signals(path, robot) for path in recordings]
+    rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
+    pairs = zip(
+        _names(recordings), (each.slower(rate) for each in every), _matched(recordings, simulations), strict=True
+    )
+    for name, signals, simulation in pairs:
         run = Run(
             name=name,
             time=signals.time,

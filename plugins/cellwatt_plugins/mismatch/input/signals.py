@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.mismatch.input.columns import PLAIN, Columns, Quantity, columns_of, listed
-from cellwatt_plugins.mismatch.input.grid import even, slower
+from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.mismatch.input.motion import OWN_BANDWIDTH, differentiate, smooth
 from cellwatt_plugins.mismatch.input.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
@@ -56,6 +56,24 @@ class Signals:
         names = " or ".join(_family(quantity) for quantity in quantities)
         raise RecordingError(f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}")
 
+    def slower(self, rate: float) -> Signals:
+        """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
+        count = int(np.ceil(1 / (self.step * rate) - EVEN))
+        if count < 2:
+            return self
+        rows = len(self.time) // count
+
+        def mean(values: Float) -> Float:
+            return np.asarray(values[: rows * count].reshape(rows, count, *values.shape[1:]).mean(axis=1))
+
+        return replace(
+            self,
+            time=mean(self.time),
+            joints={quantity: mean(values) for quantity, values in self.joints.items()},
+            power=None if self.power is None else mean(self.power),
+            gaps=np.any(self.gaps[: rows * count].reshape(rows, count), axis=1),
+        )
+
     def derivatives(self, position: Quantity, velocity: Quantity, acceleration: Quantity) -> tuple[Float, Float]:
         """Velocity and acceleration; differentiated where the file lacks them."""
         speed = self.joints.get(velocity)
@@ -67,11 +85,8 @@ class Signals:
         return speed, gain
 
 
-def read_signals(path: Path, robot: RobotDescription, rate: float = np.inf) -> Signals:
-    """Read a file; one of more than ``rate`` samples a second as means of neighbours.
-
-    Raises ``RecordingError`` that says what is wrong with it.
-    """
+def read_signals(path: Path, robot: RobotDescription) -> Signals:
+    """Read a file. Raises ``RecordingError`` that says what is wrong with it."""
     table = read_table(path)
     columns = _with_content(table, columns_of(table.names(), table.place))
     _all_joints(table.place, columns, robot)
@@ -89,7 +104,6 @@ def read_signals(path: Path, robot: RobotDescription, rate: float = np.inf) -> S
         slow=[name for quantity in SLOW for name in columns.joints.get(quantity, ())],
         positions=positions,
     )
-    grid = slower(grid, rate)
     return Signals(
         place=table.place,
         time=grid.time,

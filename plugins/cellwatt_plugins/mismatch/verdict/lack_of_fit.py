@@ -25,6 +25,8 @@ class Limits:
     rough: float = 4.0
     """The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much
     as ``share`` of it is left while no link swings, too."""
+    size: float = 0.03
+    """Beyond this share of what was measured (standard deviation): less is of no use to anybody."""
     window: float = 0.5
     """s of the windows that are looked at."""
     strong: float = 6.0
@@ -53,7 +55,8 @@ def lack_of_fit(before: Float, solution: Solution, limits: Limits = Limits()) ->
         explained = max(0.0, float(before[channel] - left[channel]))
         share = limits.rough if channel in rough else limits.share
         theirs = channel in rough and calm[channel] - 1.0 < max(limits.excess, limits.share * excess)
-        if excess > max(limits.excess, share * explained) and not theirs:
+        small = np.sqrt(max(excess, 0.0)) * problem.floor[channel] < limits.size * problem.measured[channel]
+        if excess > max(limits.excess, share * explained) and not theirs and not small:
             out.append(_place(solution, channel, _strong(solution, channel, limits), limits))
     return out
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from cellwatt_plugins.mismatch.fit.acceptance import (
     lowers_held_out_error,
+    raises_held_out_error,
     relieves_tension,
     required_gain,
     seen_by_several,
@@ -79,6 +80,8 @@ def _unconfirmed(state: SearchState, rest: Solution, last: Solution, term: Term)
     """Why the last term is not confirmed beside the others; None where it is."""
     if term.effect.everywhere and not seen_by_several(rest, last.block(term)[0]):
         return "beside the others only one channel asks for it"
+    if raises_held_out_error(rest, last):
+        return "beside the others it raises the error on data left out"
     if relieves_tension(rest, last, state.thresholds) or lowers_held_out_error(rest, last, state.thresholds):
         return None
     return "beside the others it hardly lowers the error on data left out"

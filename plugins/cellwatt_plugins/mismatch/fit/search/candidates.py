@@ -46,7 +46,9 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
     states = state.problem.states
     if max(float(s.time[-1] - s.time[0]) for s in states) < effect.least_time:
         return []
-    places: list[int | None] = list(range(states[0].body.joints)) if effect.place == "joint" else [None]
+    places: list[int | None] = list(state.moving) if effect.place == "joint" else [None]
+    if effect.scheduled and effect.place == "joint":
+        places = list(range(states[0].body.joints))
     return [joint for joint in places if effect.possible(state.robot, joint)]
 
 

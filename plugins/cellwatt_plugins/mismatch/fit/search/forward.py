@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection, required_gain
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
@@ -10,8 +12,8 @@ from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 
-BEST = 6
-"""Candidates of a step that are looked at closely."""
+BEST = 3
+"""Candidates at one place (a joint, the whole arm) that are looked at closely in a step."""
 RIVALS = 3
 """Other names that are fitted in a term's place."""
 AHEAD = 3.0
@@ -20,10 +22,15 @@ AHEAD = 3.0
 
 def enter(state: SearchState, now: Solution) -> Solution | None:
     """The solution with the best new term; None where none is accepted."""
-    for candidate in candidates(state, now)[:BEST]:
+    looked_at: Counter[int | None] = Counter()
+    for candidate in candidates(state, now):
         if candidate.gain < required_gain(candidate.term, state.robot, state.thresholds):
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
+        if looked_at[candidate.term.joint] == BEST or state.spent():
+            state.refuse(candidate.term, candidate.gain, "others at its place add more evidence and were refused")
+            continue
+        looked_at[candidate.term.joint] += 1
         new = refine(state, solve(state, [*now.terms, candidate.term]), candidate.term)
         if (like := collinear(now, new, state.thresholds.blur)) is not None:
             if (instead := _instead(state, now, like, new.terms[-1])) is not None:
@@ -47,9 +54,13 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
     return solve(state, [*others.terms, new])
 
 
-def swap(state: SearchState, now: Solution) -> Solution:
-    """Each term under the name that explains it best, the others held."""
+def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
+    """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
     for term in list(now.terms):
+        if beside is not None and None not in (beside.joint, term.joint) and beside.joint != term.joint:
+            continue
+        if state.spent():
+            break
         others = without(state, now, term)
         own = others.fit.gain(others.problem.block(term))[0]
         for rival in candidates(state, others, at=term.joint)[:RIVALS]:

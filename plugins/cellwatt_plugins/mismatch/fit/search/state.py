@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,10 @@ from cellwatt_plugins.robot.regression import Block
 Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 """Name of an effect and its joint (0-based), as ``Term.place``."""
+
+
+MOVES = 0.05
+"""rad: a joint that goes further has moved."""
 
 
 @dataclass
@@ -37,6 +43,19 @@ class SearchState:
     refused: dict[Place, Trial] = field(default_factory=dict)
     """The last reason why a candidate did not enter or a term left."""
 
+    until: float = float("inf")
+    """s of this process's time at which nothing more is tried."""
+
+    def spent(self) -> bool:
+        """Whether the time is up: what is found by then is said, no more."""
+        return time.process_time() > self.until
+
+    @cached_property
+    def moving(self) -> list[int]:
+        """Joints (0-based) that move: at rest friction may hold any torque, and nothing else can be told of a joint."""
+        travel = np.max([np.ptp(s.q, axis=0) for s in self.problem.states], axis=0)
+        return [int(joint) for joint in np.flatnonzero(travel > MOVES)]
+
     @property
     def robot(self) -> RobotDescription:
         """The arm as described."""
@@ -48,11 +67,11 @@ class SearchState:
 
 
 def start(
-    make: Callable[[Float], Problem], channels: int, thresholds: Thresholds, effects: Sequence[Effect]
+    make: Callable[[Float], Problem], channels: int, thresholds: Thresholds, effects: Sequence[Effect], until: float
 ) -> SearchState:
     """A search of ``channels`` in which nothing was tried yet."""
     turning = np.zeros(channels)
     problem = make(turning)
     supply = problem.side == "supply"
     own = tuple(e for e in effects if (e.place == "supply") == supply)
-    return SearchState(make, thresholds, own, turning, problem)
+    return SearchState(make, thresholds, own, turning, problem, until=until)

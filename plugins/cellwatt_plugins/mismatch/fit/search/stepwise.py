@@ -36,20 +36,28 @@ def search(
     channels: int,
     thresholds: Thresholds = DEFAULT,
     effects: Sequence[Effect] = EFFECTS,
+    until: float = float("inf"),
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Solution:
-    """The terms of one side that the data ask for.
+    """The terms of one side that the data ask for; ``progress`` is told each one that enters.
+
+    Nothing more is tried from ``until`` s of this process's time on.
 
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """
-    state = start(make, channels, thresholds, effects)
+    state = start(make, channels, thresholds, effects, until)
     now = solve(state, [])
-    while len(now.terms) < thresholds.most and (entered := enter(state, now)) is not None:
-        now = drop_needless(state, swap(state, reweigh(state, entered)))
+    while len(now.terms) < thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
+        progress(entered.terms[-1].said)
+        now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
+    now = drop_needless(state, swap(state, now))
     for term in now.terms[:-1]:
-        now = refine(state, now, term)
+        if not state.spent():
+            now = refine(state, now, term)
     now = drop_needless(state, now, keep=0)
     for drop in (drop_within_model_error, drop_minor, drop_unconfirmed):
         now = drop(state, now)
+    now.spent = state.spent()
     return _compared(state, now)
 
 
