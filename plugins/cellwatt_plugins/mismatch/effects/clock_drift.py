@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.time_delay import SHARE, shifted
 from cellwatt_plugins.robot.description import RobotDescription
@@ -20,10 +21,10 @@ class ClockDrift(Effect):
     """Torque of t - rate · (t - start of the run)."""
 
     name = "clock_drift"
-    everywhere = True
-    place = "robot"
-    after = True
-    unit_scale = True
+    acts_on = "reading"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

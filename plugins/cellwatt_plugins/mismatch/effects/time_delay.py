@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -24,10 +25,10 @@ class TimeDelay(Effect):
     """Torque of t - delay; a negative delay is torque that comes first."""
 
     name = "time_delay"
-    everywhere = True
-    place = "robot"
-    after = True
-    unit_scale = True
+    acts_on = "reading"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(several_channels=True)
     confusions = (
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
         Confusion("clock_drift", "record for longer: a drift grows"),

@@ -21,7 +21,7 @@ def swinging_torque(solution: Solution) -> Float:
     channels = len(solution.problem.floor)
     out = np.zeros_like(solution.residual)
     for term in solution.terms:
-        if term.effect.costly:
+        if term.effect.form.sample_by_sample:
             block, place = solution.block(term)
             out += block.times(solution.fit.coefficients[place], channels)
     return out
@@ -40,7 +40,7 @@ def remaining_chi2(solution: Solution) -> Float:
     """
     problem = solution.problem
     out = problem.chi2(solution.residual)
-    own = {term.joint for term in solution.terms if term.effect.costly}
+    own = {term.joint for term in solution.terms if term.effect.form.sample_by_sample}
     for channel in swinging_channels(solution) - own:
         bare = float(np.mean(np.square(solution.residual[:, channel]))) / problem.floor[channel] ** 2
         out[channel] = max(out[channel], bare)
@@ -55,7 +55,7 @@ def chi2_at_rest(solution: Solution) -> Float:
     problem = solution.problem
     at_rest = np.ones(len(solution.residual), np.bool_)
     for term in solution.terms:
-        if term.effect.costly:
+        if term.effect.form.sample_by_sample:
             # To its own scale: rebounds that are not followed make its coefficient small.
             own = solution.block(term)[0].columns[:, term.joint, 0]
             at_rest &= np.abs(own) < FELT * problem.floor[term.joint]
