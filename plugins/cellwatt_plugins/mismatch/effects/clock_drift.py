@@ -14,7 +14,7 @@ from cellwatt_plugins.robot.description import RobotDescription
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
 """s by which the clocks have come apart at the end of the longest run: drifts that are tried, so near to each other
-that one of them is within the scale that is believed."""
+that one of them is within the scale that is accepted."""
 
 
 class ClockDrift(Effect):

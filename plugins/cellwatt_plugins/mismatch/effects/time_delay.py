@@ -13,7 +13,7 @@ from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
 DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
-"""s, so near to each other that one of them is within the scale that is believed."""
+"""s, so near to each other that one of them is within the scale that is accepted."""
 
 SHARE = 0.5
 """Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""

@@ -13,11 +13,11 @@ FELT = 0.3
 """Share of a channel's noise floor from which an effect is felt there."""
 
 FEW = 0.02
-"""Share of the samples from which it can be told what is left between the shakes."""
+"""Share of the samples from which it can be told what is left while no link swings."""
 
 
 def swinging_torque(solution: Solution) -> Float:
-    """What such effects add to each channel together, (N, C); 0 where there is none."""
+    """What effects that are simulated sample by sample add to each channel together, (N, C); 0 where there is none."""
     channels = len(solution.problem.floor)
     out = np.zeros_like(solution.residual)
     for term in solution.terms:
@@ -34,9 +34,9 @@ def swinging_channels(solution: Solution) -> set[int]:
 
 
 def remaining_chi2(solution: Solution) -> Float:
-    """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour shakes the channel.
+    """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour swings.
 
-    What the motion near stops leaves open is not to hide what the shaking does.
+    What the motion near stops leaves open is not to hide what the swinging does.
     """
     problem = solution.problem
     out = problem.chi2(solution.residual)
