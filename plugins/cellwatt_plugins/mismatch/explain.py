@@ -109,7 +109,7 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     problem = torque.problem
     out = [np.zeros_like(s.torque) for s in problem.states]
     for term in torque.terms:
-        if not term.effect.after:
+        if term.effect.acts_on != "reading":
             continue
         coefficients = torque.fit.coefficients[torque.block(term)[1]]
         for part, columns in zip(out, problem.columns(term), strict=True):
@@ -138,7 +138,7 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
         tried += solution.tried
     named = any(f.effect != "unknown" for f in found)
     # Of what is there at one time only, no data can be left out.
-    once = any(term.effect.scheduled for solution in sides for term in solution.terms)
+    once = any(term.effect.form.intermittent for solution in sides for term in solution.terms)
     far = not once and any(c.model > FAR * c.noise_floor for c in fit)
     verdict = _verdict(named, bool(left) or (named and far))
     return Findings(

@@ -106,7 +106,7 @@ def predict_states(model: Model, states: States) -> Prediction:
         effect, joint = fitted.term.effect, fitted.term.joint
         if effect.place == "supply":
             power = power + effect.columns(states, None, fitted.term.shape) @ fitted.coefficients
-        elif effect.after:
+        elif effect.acts_on == "reading":
             _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
     return Prediction(states.time, torque, power)
 
@@ -117,15 +117,15 @@ def mechanical_torque(model: Model, states: States) -> Float:
     friction = retuned.coulomb_friction * states.sign + retuned.viscous_friction * states.qd
     carried = states.regressor @ retuned.inertial
     for fitted in model.terms:
-        if fitted.term.effect.loads:
+        if fitted.term.effect.acts_on == "links":
             carried += fitted.term.effect.columns(states, fitted.term.joint, fitted.term.shape) @ fitted.coefficients
     torque = states.nominal + carried + friction + retuned.rotor_inertia * states.qdd
     states = states.with_torque(states.torque, carried)
     for fitted in model.terms:
-        if fitted.term.effect.loads:
+        if fitted.term.effect.acts_on == "links":
             continue
         effect, joint = fitted.term.effect, fitted.term.joint
-        if effect.place != "supply" and not effect.after:
+        if effect.acts_on not in ("supply", "reading"):
             _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
     return np.asarray(torque)
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.law import column
@@ -18,8 +19,8 @@ class AsymmetricFriction(Effect):
     """More friction one way than the other: half the difference each way, or all of it one way."""
 
     name = "asymmetric_friction"
-    shapes_friction = True
-    turns_over = True
+    acts_on = "friction"
+    form = Form(reverses=True)
     confusions = (
         Confusion("torque_offset", "hold the arm still: an offset stays, friction goes"),
         Confusion("load_dependent_friction", "sweep where gravity loads the joint the other way"),

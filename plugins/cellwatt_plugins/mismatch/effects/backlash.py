@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.two_mass import coupled, hanging, with_gap, with_others
 from cellwatt_plugins.robot.description import RobotDescription
@@ -25,13 +25,12 @@ class Backlash(Effect):
     """A spring with a dead zone; the link hits its flanks when the load turns over. See ``two_mass``."""
 
     name = "backlash"
-    inherits: ClassVar[Mapping[str, float]] = {"gap": 0.15}
+    form = Form(sample_by_sample=True)
+    acceptance = Acceptance(above=0.05)
+    """Rebounds that are not followed make the coefficient small; less follows none at all."""
+    relations = Relations(family="two_mass")
+    uncertainty = Uncertainty({"gap": 0.15})
     """Rebounds in the gap are not followed one by one."""
-    costly = True
-    family = "two_mass"
-    positive = True
-    least = 0.05
-    """Rebounds that are not followed make it small; less follows none at all."""
     confusions = (
         Confusion("joint_elasticity", "reverse slowly at zero load, and tap the link"),
         Confusion("presliding_hysteresis", "reverse slowly where gravity loads the joint: a gap then stays closed"),

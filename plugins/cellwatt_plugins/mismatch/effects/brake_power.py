@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -24,11 +24,11 @@ class BrakePower(Effect):
     """Power from ``lead`` s before motion to ``delay`` s after. Shape: delay, lead."""
 
     name = "brake_power"
-    inherits: ClassVar[Mapping[str, float]] = {"power": 0.04, "delay": 0.06}
+    acts_on = "supply"
+    form = Form(intermittent=True)
+    acceptance = Acceptance(above=0.0)
+    uncertainty = Uncertainty({"power": 0.04, "delay": 0.06})
     """When the arm came to rest is known to some samples."""
-    place = "supply"
-    positive = True
-    scheduled = True
     confusions = (
         Confusion("iron_loss", "hold the arm with the brakes released: brakes draw power at rest, iron does not"),
         Confusion("standby_power", "record some minutes at rest with the brakes closed"),

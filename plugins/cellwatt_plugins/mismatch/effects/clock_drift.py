@@ -6,24 +6,25 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.time_delay import SHARE, shifted
 from cellwatt_plugins.robot.description import RobotDescription
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
 """s by which the clocks have come apart at the end of the longest run: drifts that are tried, so near to each other
-that one of them is within the scale that is believed."""
+that one of them is within the scale that is accepted."""
 
 
 class ClockDrift(Effect):
     """Torque of t - rate · (t - start of the run)."""
 
     name = "clock_drift"
-    everywhere = True
-    place = "robot"
-    after = True
-    unit_scale = True
+    acts_on = "reading"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.law import copper_loss
@@ -20,10 +21,9 @@ class ConverterEfficiency(Effect):
     """(1/efficiency - 1) · drive power; of all drive power, only while motoring, or lost both ways."""
 
     name = "converter_efficiency"
-    place = "supply"
-    positive = True
-    least = 0.005
-    varies = True
+    acts_on = "supply"
+    depends_on = "fitted torque"
+    acceptance = Acceptance(above=0.005)
     confusions = (
         Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
         Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.law import column
@@ -16,9 +17,9 @@ class CopperLoss(Effect):
     """R (torque / torque constant)² of each joint, where the description has no resistance."""
 
     name = "copper_loss"
-    place = "supply"
-    positive = True
-    varies = True
+    acts_on = "supply"
+    depends_on = "fitted torque"
+    acceptance = Acceptance(above=0.0)
     confusions = (
         Confusion("converter_efficiency", "hold the arm at several loads: at rest only copper heats"),
         Confusion("standby_power", "hold the arm at several loads"),

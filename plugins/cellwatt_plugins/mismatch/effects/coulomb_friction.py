@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -14,7 +15,7 @@ class CoulombFriction(Effect):
 
     name = "coulomb_friction"
     nominal = "coulomb_friction"
-    turns_over = True
+    form = Form(reverses=True)
     confusions = (
         Confusion("viscous_friction", "sweep one joint at six constant speeds over two decades, both directions"),
     )

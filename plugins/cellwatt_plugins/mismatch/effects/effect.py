@@ -5,11 +5,21 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.mismatch.effects.declaration import (
+    Acceptance,
+    ActsOn,
+    Confusion,
+    DependsOn,
+    Form,
+    Place,
+    Relations,
+    Uncertainty,
+)
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
@@ -21,7 +31,6 @@ UNIT_SPREAD = 0.05
 """How far the coefficient of an effect that is simulated to scale may be from 1."""
 INHERITED = 0.01
 """Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
-Place = Literal["joint", "robot", "supply"]
 
 
 @dataclass(frozen=True)
@@ -31,14 +40,6 @@ class Parameter:
     value: float
     std: float
     unit: str
-
-
-@dataclass(frozen=True)
-class Confusion:
-    """An effect that can look the same, and the experiment that separates the two."""
-
-    effect: str
-    experiment: str
 
 
 @dataclass(frozen=True)
@@ -70,54 +71,29 @@ class Effect(ABC):
     """One kind of physics that a simulation may lack."""
 
     name: ClassVar[str]
-    place: ClassVar[Place] = "joint"
+    acts_on: ClassVar[ActsOn] = "joint"
+    whole_arm: ClassVar[bool] = False
+    """One term for all joints, not one for each."""
+    depends_on: ClassVar[DependsOn] = "motion"
     nominal: ClassVar[str] = ""
     """The parameter of the description that it stands for: where that is not 0, it is mistuned rather than missing."""
-    contains: ClassVar[tuple[str, ...]] = ()
-    """Effects that it contains as a special case: it always fits as well, and is no rival of theirs."""
-    after: ClassVar[bool] = False
-    """Acts on the measured torque, after all mechanics (gain, delay, clipping)."""
-    positive: ClassVar[bool] = False
-    """Its first coefficient cannot be negative."""
-    unit_scale: ClassVar[bool] = False
-    """Its columns are simulated to scale: the coefficient is 1 within a few per cent."""
-    turns_over: ClassVar[bool] = False
-    """Its first coefficient (Nm) turns over with the sign of the velocity, which is not known well near stops."""
-    loads: ClassVar[bool] = False
-    """Changes the load that the links are."""
-    by_load: ClassVar[bool] = False
-    """Its columns depend on that load, as the model of the moment has it."""
-    scheduled: ClassVar[bool] = False
-    """There at some times only."""
-    strict: ClassVar[bool] = False
-    """Not believed where its shape runs to one of its bounds."""
-    scales_with_torque: ClassVar[tuple[str, ...]] = ()
-    """Parameters that are off by the factor by which all measured torques are off: nothing in the data shows it."""
-    inherits: ClassVar[Mapping[str, float]] = {}
-    """Share of a parameter that is uncertain with the description it is computed with, where that is not INHERITED."""
-    plainer: ClassVar[float] = 0.0
-    """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
-    family: ClassVar[str] = ""
-    """Effects of one family stand for one another: one of them at a joint."""
-    ordinary: ClassVar[bool] = False
-    """No rare thing: half as much evidence is asked."""
-    costly: ClassVar[bool] = False
-    """Simulated sample by sample: tried only where much is unexplained."""
-    inexact: ClassVar[float] = 0.0
-    """Share of what it adds by which its form may be wrong: what adds less beside it is not believed."""
-    varies: ClassVar[bool] = False
-    """Its shapes come from what is left unexplained, or its columns from the fitted torque."""
-    most: ClassVar[float] = float("inf")
-    """Standard deviations of its prior that a coefficient may be off: beyond, it stands for something else."""
-    everywhere: ClassVar[bool] = False
-    """A fact of the whole recording or arm: more than one channel must ask for it."""
-    least: ClassVar[float] = 0.0
-    """First coefficient of a positive effect that is worth a name."""
-    shapes_friction: ClassVar[bool] = False
-    """Is told by how friction differs from Coulomb's, which must be there."""
-    least_time: ClassVar[float] = 0.0
-    """s that the longest run must last to show it."""
+    form: ClassVar[Form] = Form()
+    acceptance: ClassVar[Acceptance] = Acceptance()
+    relations: ClassVar[Relations] = Relations()
+    uncertainty: ClassVar[Uncertainty] = Uncertainty()
     confusions: ClassVar[tuple[Confusion, ...]] = ()
+
+    @property
+    def place(self) -> Place:
+        """Where it is: at a joint, in the whole robot, or in the supply."""
+        if self.acts_on == "supply":
+            return "supply"
+        return "robot" if self.whole_arm else "joint"
+
+    @property
+    def by_motion_alone(self) -> bool:
+        """Whether its columns and shapes stay as they are whatever is fitted."""
+        return self.acts_on != "reading" and self.depends_on == "motion"
 
     def described(self, robot: RobotDescription, joint: int | None) -> float:
         """The value that the description has for it, 0 where it has none (0-based joint)."""
@@ -158,7 +134,7 @@ class Effect(ABC):
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         """Prior of the coefficients: each column may add about ``size`` (C,) of its channel's unit."""
-        if self.unit_scale:
+        if self.form.to_scale:
             return Prior.spread(np.full(columns.shape[-1], UNIT_SPREAD), 1.0)
         if columns.ndim == 3:
             strength = np.sqrt(np.max(np.mean(np.square(columns), axis=0) / np.square(size)[:, None], axis=0))

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -28,9 +29,9 @@ class ExternalContact(Effect):
     """torque · exp(-(t - time)²/(2 width²)) in one run. Shape: run, time, width."""
 
     name = "external_contact"
-    varies = True
-    scheduled = True
-    strict = True
+    depends_on = "residual"
+    form = Form(intermittent=True)
+    acceptance = Acceptance(inside_bounds=True)
     confusions = (
         Confusion("unknown", "repeat the same program: a contact does not repeat"),
         Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),

@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.payload_change import inside
 from cellwatt_plugins.mismatch.effects.schedule import levels, switching_charge
 from cellwatt_plugins.mismatch.effects.states import States
@@ -25,10 +26,10 @@ class FanSwitching(Effect):
     """
 
     name = "fan_switching"
-    place = "supply"
-    positive = True
-    varies = True
-    scheduled = True
+    acts_on = "supply"
+    depends_on = "residual"
+    form = Form(intermittent=True)
+    acceptance = Acceptance(above=0.0)
     confusions = (
         Confusion("brake_power", "let the arm stand: a fan goes on switching"),
         Confusion("winding_temperature", "hold a load at rest for minutes: windings warm steadily, a fan switches"),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -16,11 +16,11 @@ class GravityTilt(Effect):
     """Gravity turned by roll and pitch about the base's x and y axes."""
 
     name = "gravity_tilt"
-    inherits: ClassVar[Mapping[str, float]] = {"roll": 0.015, "pitch": 0.015}
+    acts_on = "links"
+    whole_arm = True
+    acceptance = Acceptance(several_channels=True)
+    uncertainty = Uncertainty({"roll": 0.015, "pitch": 0.015})
     """The weight that tilts is as uncertain as the links."""
-    loads = True
-    everywhere = True
-    place = "robot"
     confusions = (
         Confusion("payload", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
         Confusion("link_inertial_error", "turn joint 1 about its vertical axis"),

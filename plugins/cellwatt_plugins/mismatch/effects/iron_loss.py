@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
@@ -20,8 +21,8 @@ class IronLoss(Effect):
     """Σ c |w|^a over the joints, or Σ h |w| + e w²; coefficients of one size but not the same: motors differ."""
 
     name = "iron_loss"
-    place = "supply"
-    inexact = 0.01
+    acts_on = "supply"
+    form = Form(error=0.01)
     confusions = (
         Confusion("brake_power", "move slowly and fast: brakes draw the same, iron more"),
         Confusion("converter_efficiency", "move fast without load and slowly with load"),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form, Relations, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, hanging, with_others
 from cellwatt_plugins.robot.description import RobotDescription
@@ -24,11 +24,10 @@ class JointElasticity(Effect):
     """Stiffness and damping between motor and link; see ``two_mass``."""
 
     name = "joint_elasticity"
-    inherits: ClassVar[Mapping[str, float]] = {"stiffness": 0.03, "damping": 0.1}
+    form = Form(to_scale=True, sample_by_sample=True)
+    relations = Relations(family="two_mass")
+    uncertainty = Uncertainty({"stiffness": 0.03, "damping": 0.1})
     """It swings with the links: stiffness is as uncertain as their inertia."""
-    unit_scale = True
-    costly = True
-    family = "two_mass"
     confusions = (
         Confusion("backlash", "tap the link, and reverse slowly at zero load: a spring rings, a gap clacks"),
         Confusion("time_delay", "move with and without jerk: a spring rings on"),

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
@@ -23,9 +24,8 @@ class LinkInertialError(Effect):
     """Errors of the ten inertial parameters of the link that a joint moves."""
 
     name = "link_inertial_error"
-    loads = True
-    ordinary = True
-    most = 2.5
+    acts_on = "links"
+    acceptance = Acceptance(prior_deviations=2.5, common=True)
     confusions = (
         Confusion("payload", "weigh with the tool off, then on"),
         Confusion("torque_gain", "compare with the supply's power at constant speed"),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -16,11 +16,11 @@ class LoadDependentFriction(Effect):
     """c · |load torque| · sign(w); the load is what the links need."""
 
     name = "load_dependent_friction"
-    inherits: ClassVar[Mapping[str, float]] = {"coefficient": 0.015}
+    acts_on = "friction"
+    depends_on = "load"
+    acceptance = Acceptance(above=0.0)
+    uncertainty = Uncertainty({"coefficient": 0.015})
     """A share of the load, which is as uncertain as the links."""
-    by_load = True
-    shapes_friction = True
-    positive = True
     confusions = (
         Confusion("torque_gain", "hold the arm still at several loads: friction then has no direction, a gain stays"),
         Confusion("asymmetric_friction", "sweep where gravity does not load the joint"),

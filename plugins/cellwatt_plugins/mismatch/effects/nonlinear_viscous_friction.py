@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -17,8 +18,8 @@ class NonlinearViscousFriction(Effect):
     """c · |w|^a sign(w) with a other than 1."""
 
     name = "nonlinear_viscous_friction"
-    shapes_friction = True
-    strict = True
+    acts_on = "friction"
+    acceptance = Acceptance(inside_bounds=True)
     confusions = (
         Confusion("stribeck_friction", "sweep at six constant speeds over two decades, up to full speed"),
         Confusion("temperature_dependent_friction", "repeat the same cycle cold and warm"),

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Relations, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
@@ -21,11 +22,11 @@ class Payload(Effect):
     """A rigid body on the last link: mass, first moments and inertia in the last joint's frame."""
 
     name = "payload"
-    loads = True
-    place = "robot"
-    positive = True
-    plainer = 10.0
-    scales_with_torque = ("mass",)
+    acts_on = "links"
+    whole_arm = True
+    acceptance = Acceptance(above=0.0)
+    relations = Relations(plainer=10.0)
+    uncertainty = Uncertainty(torque_gain=("mass",))
     confusions = (
         Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link stays"),
         Confusion("gravity_tilt", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.payload import HEAVY, REACH, body_parameters, body_prior
 from cellwatt_plugins.mismatch.effects.schedule import levels, switching_charge
 from cellwatt_plugins.mismatch.effects.states import States
@@ -23,12 +24,12 @@ class PayloadChange(Effect):
     """A payload that is there during some stretches. Shape: run, start, end, run, start, end, …"""
 
     name = "payload_change"
-    loads = True
-    place = "robot"
-    positive = True
-    varies = True
-    scheduled = True
-    scales_with_torque = ("mass",)
+    acts_on = "links"
+    whole_arm = True
+    depends_on = "residual"
+    form = Form(intermittent=True)
+    acceptance = Acceptance(above=0.0)
+    uncertainty = Uncertainty(torque_gain=("mass",))
     confusions = (Confusion("external_contact", "repeat the same program without the part"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -26,12 +26,11 @@ class PreslidingHysteresis(Effect):
     """F (z - sign(w)), dz/dq = (1 - z sign(w)) / way: Dahl, Solid Friction Damping of Mechanical Vibrations (1976)."""
 
     name = "presliding_hysteresis"
-    inherits: ClassVar[Mapping[str, float]] = {"displacement": 0.05}
+    acts_on = "friction"
+    form = Form(reverses=True)
+    acceptance = Acceptance(above=0.0, inside_bounds=True)
+    uncertainty = Uncertainty({"displacement": 0.05})
     """The law of the way after a reversal differs from gear to gear."""
-    shapes_friction = True
-    positive = True
-    turns_over = True
-    strict = True
     confusions = (
         Confusion("stribeck_friction", "reverse slowly at one place: presliding depends on the way since reversal"),
         Confusion("backlash", "reverse slowly at zero load"),

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.mismatch.effects.converter_efficiency import drive_power
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -18,10 +19,9 @@ class RegenerationDissipated(Effect):
     """-min(drive power, 0), of all drives together on one bus or of each drive."""
 
     name = "regeneration_dissipated"
-    place = "supply"
-    positive = True
-    least = 0.05
-    varies = True
+    acts_on = "supply"
+    depends_on = "fitted torque"
+    acceptance = Acceptance(above=0.05)
     confusions = (Confusion("converter_efficiency", "lower a load fast, then lift it at the same speed"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Relations
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -15,7 +16,7 @@ class SpringLoad(Effect):
     """k (q - q0)."""
 
     name = "spring_load"
-    contains = ("torque_offset",)
+    relations = Relations(contains=("torque_offset",))
     confusions = (
         Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),
         Confusion("torque_offset", "hold the joint at several positions"),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Relations, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -16,11 +16,11 @@ class StandbyPower(Effect):
     """A constant: absent from the description, or well off there."""
 
     name = "standby_power"
-    inherits: ClassVar[Mapping[str, float]] = {"power": 0.002}
-    """Read at rest, where nothing else is drawn."""
-    place = "supply"
+    acts_on = "supply"
     nominal = "standby_power"
-    plainer = 6.0
+    relations = Relations(plainer=6.0)
+    uncertainty = Uncertainty({"power": 0.002})
+    """Read at rest, where nothing else is drawn."""
     confusions = (Confusion("brake_power", "record some minutes at rest with the brakes closed"),)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:

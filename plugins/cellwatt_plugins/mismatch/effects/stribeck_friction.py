@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -20,10 +21,9 @@ class StribeckFriction(Effect):
     """excess · exp(-(w/ws)²) sign(w) on top of Coulomb and viscous friction."""
 
     name = "stribeck_friction"
-    shapes_friction = True
-    positive = True
-    turns_over = True
-    strict = True
+    acts_on = "friction"
+    form = Form(reverses=True)
+    acceptance = Acceptance(above=0.0, inside_bounds=True)
     confusions = (
         Confusion("presliding_hysteresis", "reverse slowly at one place: presliding depends on the way since reversal"),
         Confusion("load_dependent_friction", "sweep slowly at two loads: Stribeck friction does not change with load"),

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Uncertainty
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.thermal import warmth
 from cellwatt_plugins.robot.description import RobotDescription
@@ -29,16 +29,10 @@ class TemperatureDependentFriction(Effect):
     """
 
     name = "temperature_dependent_friction"
-    inherits: ClassVar[Mapping[str, float]] = {
-        "cold_factor": 0.15,
-        "scale": 0.05,
-        "time_constant": 0.15,
-        "warming": 0.15,
-    }
+    acts_on = "friction"
+    acceptance = Acceptance(above=0.0, longest_run=100.0)
+    uncertainty = Uncertainty({"cold_factor": 0.15, "scale": 0.05, "time_constant": 0.15, "warming": 0.15})
     """A share of nominal friction, which may be off by its tolerance."""
-    shapes_friction = True
-    positive = True
-    least_time = 100.0
     confusions = (
         Confusion("viscous_friction", "repeat the same cycle cold and warm"),
         Confusion("torque_drift", "hold the arm still for minutes: friction rests, a drift goes on"),

@@ -7,12 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
 DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
-"""s, so near to each other that one of them is within the scale that is believed."""
+"""s, so near to each other that one of them is within the scale that is accepted."""
 
 SHARE = 0.5
 """Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
@@ -24,10 +25,10 @@ class TimeDelay(Effect):
     """Torque of t - delay; a negative delay is torque that comes first."""
 
     name = "time_delay"
-    everywhere = True
-    place = "robot"
-    after = True
-    unit_scale = True
+    acts_on = "reading"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(several_channels=True)
     confusions = (
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
         Confusion("clock_drift", "record for longer: a drift grows"),

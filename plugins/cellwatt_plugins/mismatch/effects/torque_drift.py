@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -18,7 +19,7 @@ class TorqueDrift(Effect):
     """An offset that grows steadily from the start of a run, or settles with a time constant."""
 
     name = "torque_drift"
-    after = True
+    acts_on = "reading"
     confusions = (
         Confusion("temperature_dependent_friction", "hold the arm still for minutes: a drift goes on, friction rests"),
     )

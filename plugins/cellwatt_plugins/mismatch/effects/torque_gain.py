@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -13,7 +14,7 @@ class TorqueGain(Effect):
     """measured = (1 + gain) · true."""
 
     name = "torque_gain"
-    after = True
+    acts_on = "reading"
     confusions = (
         Confusion(
             "link_inertial_error", "compare with the supply's power at constant speed: a wrong gain draws no power"

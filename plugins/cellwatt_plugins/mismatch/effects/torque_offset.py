@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -15,7 +16,7 @@ class TorqueOffset(Effect):
     """A constant, at rest too."""
 
     name = "torque_offset"
-    after = True
+    acts_on = "reading"
     confusions = (
         Confusion("asymmetric_friction", "hold the arm still: an offset stays, friction goes"),
         Confusion("spring_load", "hold the joint at several positions"),

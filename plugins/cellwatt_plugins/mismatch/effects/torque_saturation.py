@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
 
@@ -22,9 +23,9 @@ class TorqueSaturation(Effect):
     """Torque beyond a limit reads as the limit."""
 
     name = "torque_saturation"
-    after = True
-    varies = True
-    unit_scale = True
+    acts_on = "reading"
+    depends_on = "residual"
+    form = Form(to_scale=True)
     confusions = (Confusion("torque_gain", "move slower: a gain stays, clipping goes"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Confusion, Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.thermal import warmth
 from cellwatt_plugins.robot.description import RobotDescription
@@ -25,10 +26,9 @@ class WindingTemperature(Effect):
     """
 
     name = "winding_temperature"
-    place = "supply"
-    positive = True
-    least_time = 60.0
-    varies = True
+    acts_on = "supply"
+    depends_on = "fitted torque"
+    acceptance = Acceptance(above=0.0, longest_run=60.0)
     confusions = (
         Confusion("converter_efficiency", "hold a load at rest for minutes: only windings warm up"),
         Confusion("fan_switching", "hold a load at rest for minutes: windings warm steadily"),

@@ -103,12 +103,16 @@ class ExpectedEvidence:
 
     def _best(self, fit: Regression, term: Term) -> float:
         blocks = [self.block(replace(term, shape=shape)) for shape in self._shapes(term)]
-        allowed = [gain for gain, found in fit.gains(blocks) if not (term.effect.positive and found[0] <= 0)]
+        allowed = [
+            gain
+            for gain, found in fit.gains(blocks)
+            if not (term.effect.acceptance.above is not None and found[0] <= 0)
+        ]
         return max([0.0, *allowed])
 
     def _shapes(self, term: Term) -> list[Shape]:
         """The term's own shape, and all that are quickly tried."""
-        if term.effect.varies or term.effect.costly:
+        if term.effect.depends_on in ("fitted torque", "residual") or term.effect.form.sample_by_sample:
             return [term.shape]
         residual = self.problem.every_sample(self.solution.residual)
         return [term.shape, *term.effect.shapes(self.problem.states, term.joint, residual)]
@@ -151,6 +155,6 @@ def _turning(solution: Solution, problem: Problem) -> Float:
     """Friction (C,) Nm that the terms add and that turns over with the velocity's sign."""
     out = np.zeros(len(problem.floor))
     for term in solution.terms:
-        if term.effect.turns_over and term.joint is not None:
+        if term.effect.form.reverses and term.joint is not None:
             out[term.joint] += abs(float(solution.fit.coefficients[solution.block(term)[1]][0]))
     return out

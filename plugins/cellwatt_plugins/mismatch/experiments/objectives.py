@@ -105,7 +105,7 @@ class Discrimination:
     @property
     def least_time(self) -> float:
         """What either effect asks for."""
-        return max(self.term.effect.least_time, self.rival.effect.least_time)
+        return max(self.term.effect.acceptance.longest_run, self.rival.effect.acceptance.longest_run)
 
     def suits(self, joint: int | None) -> bool:
         """On all joints, or on one of its own."""
@@ -143,7 +143,7 @@ class Detection:
     @property
     def least_time(self) -> float:
         """What the effect asks for."""
-        return self.term.effect.least_time
+        return self.term.effect.acceptance.longest_run
 
     def suits(self, joint: int | None) -> bool:
         """Experiments on all joints."""
@@ -231,7 +231,9 @@ def _lasting(reference: States, solution: Solution) -> list[Term]:
     nothing = [np.zeros_like(reference.q)]
     out = []
     for effect in EFFECTS:
-        if effect.place == "supply" or effect.after or effect.varies or effect.costly:
+        if effect.acts_on in ("supply", "reading") or effect.depends_on not in ("motion", "load"):
+            continue
+        if effect.form.sample_by_sample:
             continue
         places = range(len(reference.robot.joints)) if effect.place == "joint" else [None]
         for joint in places:
@@ -244,7 +246,7 @@ def _lasting(reference: States, solution: Solution) -> list[Term]:
 
 
 def _too_short(states: Sequence[States], effect: Effect) -> bool:
-    return max(float(s.time[-1] - s.time[0]) for s in states) < effect.least_time
+    return max(float(s.time[-1] - s.time[0]) for s in states) < effect.acceptance.longest_run
 
 
 def _called(term: Term) -> str:

@@ -34,17 +34,17 @@ OFF_SCALE = 0.35
 def required_gain(term: Term, robot: RobotDescription, thresholds: Thresholds) -> float:
     """nats that a term must add; half of it for no rare thing, as a plain parameter that is described as 0."""
     unset = bool(term.effect.nominal) and term.effect.described(robot, term.joint) == 0
-    return 0.5 * thresholds.gain if term.effect.ordinary or unset else thresholds.gain
+    return 0.5 * thresholds.gain if term.effect.acceptance.common or unset else thresholds.gain
 
 
 def rejection(before: Solution, after: Solution, thresholds: Thresholds) -> str | None:
     """Why the last term is not accepted; None where it is."""
     term = after.terms[-1]
-    if term.effect.strict and at_bound(term):
+    if term.effect.acceptance.inside_bounds and at_bound(term):
         return "its shape runs to the end of what is possible"
     if not term.effect.resolved(after.problem.states, term.joint, tuple(BARELY * x for x in term.shape)):
         return "is too small to be told from how the motion was sampled"
-    if term.effect.everywhere and not seen_by_several(before, after.block(term)[0]):
+    if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel asks for it"
     chi2, left = before.problem.chi2(before.residual), after.problem.chi2(after.residual)
     at = slice(None) if term.joint is None else slice(term.joint, term.joint + 1)
@@ -56,7 +56,7 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds) -> str 
     excess = float(np.sum(np.maximum(chi2[at] - 1.15, 0.0)))
     if drop < thresholds.share * excess:
         return f"explains only {100 * max(drop, 0) / excess:.0f} % of what is unexplained there"
-    if not term.effect.scheduled and not lowers_held_out_error(before, after, thresholds):
+    if not term.effect.form.intermittent and not lowers_held_out_error(before, after, thresholds):
         return "hardly lowers the error on data left out"
     return None
 
@@ -78,17 +78,18 @@ def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
     effect, first = term.effect, float(coefficients[0])
     if not effect.sensible(coefficients, robot, term.joint) or impossible(effect.name, coefficients) is not None:
         return False
-    if effect.unit_scale:
+    if effect.form.to_scale:
         return abs(first - 1) < OFF_SCALE
     if effect.nominal:
         return first + effect.described(robot, term.joint) > 0
-    return not effect.positive or first > effect.least
+    above = effect.acceptance.above
+    return above is None or first > above
 
 
 def within_prior(term: Term, coefficients: Float, prior: Prior) -> bool:
     """Whether coefficients are within what their prior says is possible at all."""
     off = np.abs(coefficients - prior.mean) / np.sqrt(np.diag(prior.covariance))
-    return bool(np.all(off < term.effect.most))
+    return bool(np.all(off < term.effect.acceptance.prior_deviations))
 
 
 def tension(solution: Solution) -> float:

@@ -97,7 +97,7 @@ class Problem:
 
     def columns(self, term: Term) -> list[Float]:
         """Columns of a term in each run; simulated once where they depend on the motion alone."""
-        if term.effect.after or term.effect.by_load or term.effect.place == "supply":
+        if term.effect.acts_on in ("reading", "supply") or term.effect.depends_on == "load":
             return [term.effect.columns(s, term.joint, term.shape) for s in self.states]
         key = (*term.place, term.shape)
         if key not in self.simulated:
@@ -141,7 +141,7 @@ class Problem:
         links = nuisance[: PER_LINK * self.states[0].body.joints]
         out = [s.regressor @ links for s in self.states]
         for term, coefficients in terms:
-            if term.effect.loads:
+            if term.effect.acts_on == "links":
                 for part, columns in zip(out, self.columns(term), strict=True):
                     part += columns @ coefficients
         return out

@@ -13,15 +13,15 @@ FELT = 0.3
 """Share of a channel's noise floor from which an effect is felt there."""
 
 FEW = 0.02
-"""Share of the samples from which it can be told what is left between the shakes."""
+"""Share of the samples from which it can be told what is left while no link swings."""
 
 
 def swinging_torque(solution: Solution) -> Float:
-    """What such effects add to each channel together, (N, C); 0 where there is none."""
+    """What effects that are simulated sample by sample add to each channel together, (N, C); 0 where there is none."""
     channels = len(solution.problem.floor)
     out = np.zeros_like(solution.residual)
     for term in solution.terms:
-        if term.effect.costly:
+        if term.effect.form.sample_by_sample:
             block, place = solution.block(term)
             out += block.times(solution.fit.coefficients[place], channels)
     return out
@@ -34,13 +34,13 @@ def swinging_channels(solution: Solution) -> set[int]:
 
 
 def remaining_chi2(solution: Solution) -> Float:
-    """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour shakes the channel.
+    """Mean square residual (C,): in units of its variance, or of the bare noise where a neighbour swings.
 
-    What the motion near stops leaves open is not to hide what the shaking does.
+    What the motion near stops leaves open is not to hide what the swinging does.
     """
     problem = solution.problem
     out = problem.chi2(solution.residual)
-    own = {term.joint for term in solution.terms if term.effect.costly}
+    own = {term.joint for term in solution.terms if term.effect.form.sample_by_sample}
     for channel in swinging_channels(solution) - own:
         bare = float(np.mean(np.square(solution.residual[:, channel]))) / problem.floor[channel] ** 2
         out[channel] = max(out[channel], bare)
@@ -55,7 +55,7 @@ def chi2_at_rest(solution: Solution) -> Float:
     problem = solution.problem
     at_rest = np.ones(len(solution.residual), np.bool_)
     for term in solution.terms:
-        if term.effect.costly:
+        if term.effect.form.sample_by_sample:
             # To its own scale: rebounds that are not followed make its coefficient small.
             own = solution.block(term)[0].columns[:, term.joint, 0]
             at_rest &= np.abs(own) < FELT * problem.floor[term.joint]

@@ -104,7 +104,7 @@ def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> boo
         for states in (long, short)
     ]
     size = float(np.sqrt(np.mean(np.square(said[0]))))
-    if size == 0 and term.effect.scheduled:
+    if size == 0 and term.effect.form.intermittent:
         return False
     return float(np.sqrt(np.mean(np.square(said[0] - said[1])))) <= ALIKE * size
 

@@ -30,7 +30,7 @@ def model_of(torque: Solution, supply: Solution | None) -> Model:
 def _foreseen(solution: Solution, term: Term) -> Float:
     """Coefficients of a term; of one whose course is sensitive as much as other runs confirm."""
     own = np.asarray(solution.fit.coefficients[solution.block(term)[1]])
-    if not term.effect.costly:
+    if not term.effect.form.sample_by_sample:
         return own
     return np.asarray(own * confirmed_share(solution.problem, term, own, solution.residual))
 

@@ -36,14 +36,14 @@ def _finding(
 ) -> Finding:
     robot = solution.problem.states[0].robot
     parameters = {
-        name: _scaled(parameter, 0.0 if name == "phase" else term.effect.inherits.get(name, INHERITED))
+        name: _scaled(parameter, 0.0 if name == "phase" else term.effect.uncertainty.inherited.get(name, INHERITED))
         for name, parameter in term.effect.parameters(estimate, robot, term.joint).items()
     }
-    for name in term.effect.scales_with_torque if gain > 0 else ():
+    for name in term.effect.uncertainty.torque_gain if gain > 0 else ():
         parameters[name] = _scaled(parameters[name], gain)
     described = term.effect.described(robot, term.joint)
     others = [t for t in solution.terms if t is not term]
-    seen = term.effect.scheduled
+    seen = term.effect.form.intermittent
     if seen:
         blocks = [solution.problem.block(t) for t in others]
         before, after = solution.problem.fit(blocks, solution.factor).residual, solution.residual
@@ -89,7 +89,7 @@ def _scaled(parameter: Parameter, share: float) -> Parameter:
 
 
 def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
-    if gain == 0 or not term.effect.scales_with_torque:
+    if gain == 0 or not term.effect.uncertainty.torque_gain:
         return ()
     why = (
         "mass and torque gain are not separable in these recordings, 1 % of gain is 1 % of mass, and the gain is "
@@ -173,7 +173,7 @@ def _narrow(values: Float, strong: NDArray[np.bool_]) -> tuple[float, float] | N
 
 def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
     """Stretches of the runs during which a term that is there at times only is there."""
-    if not term.effect.scheduled:
+    if not term.effect.form.intermittent:
         return ()
     out = []
     for states, columns in zip(solution.problem.states, solution.problem.columns(term), strict=True):
@@ -207,7 +207,7 @@ def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[
     out = []
     for rival in rivals:
         name = rival.term.effect.name
-        if term.effect.name in rival.term.effect.contains:
+        if term.effect.name in rival.term.effect.relations.contains:
             continue
         if rival.gain > NEARLY * own or own - rival.gain < CLOSE:
             why = experiments.get(name, "repeat with slower and faster motion, and with another load")

@@ -26,7 +26,7 @@ def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
     """Terms that the later ones made needless leave; the last ``keep`` stay."""
     for term in list(now.terms[: len(now.terms) - keep]):
         others = [t for t in now.terms if t is not term]
-        shaping = any(t.joint == term.joint and t.effect.shapes_friction for t in others)
+        shaping = any(t.joint == term.joint and t.effect.acts_on == "friction" for t in others)
         if shaping and not has_friction(state, term.joint, others):
             continue
         rest = solve(state, others)
@@ -40,7 +40,7 @@ def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
 def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
     """Terms that add less than the form of another one there may be wrong by leave."""
     for term in list(now.terms):
-        doubt = {t.effect.name: t.effect.inexact * _size(now, t) for t in now.terms if t is not term}
+        doubt = {t.effect.name: t.effect.form.error * _size(now, t) for t in now.terms if t is not term}
         name = max(doubt, key=lambda n: doubt[n], default="")
         if name and _size(now, term) < doubt[name]:
             state.refuse(term, 0.0, f"is less than the form of {name.replace('_', ' ')} may be wrong by")
@@ -52,7 +52,7 @@ def drop_minor(state: SearchState, now: Solution) -> Solution:
     """Terms of a joint that explain little of what differs there leave: they only lean on the unknown."""
     left = remaining_chi2(now)
     for term in list(now.terms):
-        if term.joint is None or term.effect.costly or left[term.joint] - 1 < EXCESS:
+        if term.joint is None or term.effect.form.sample_by_sample or left[term.joint] - 1 < EXCESS:
             continue
         rest = without(state, now, term)
         drop = float(remaining_chi2(rest)[term.joint] - left[term.joint])
@@ -66,7 +66,7 @@ def drop_minor(state: SearchState, now: Solution) -> Solution:
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
     """Terms that, beside the later ones, no longer show on data left out or in several channels leave."""
     for term in sorted(now.terms, key=lambda t: _size(now, t)):
-        if term.effect.scheduled or term.effect.costly:
+        if term.effect.form.intermittent or term.effect.form.sample_by_sample:
             continue
         rest = without(state, now, term)
         last = solve(state, [*rest.terms, term])
@@ -78,7 +78,7 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
 
 def _unconfirmed(state: SearchState, rest: Solution, last: Solution, term: Term) -> str | None:
     """Why the last term is not confirmed beside the others; None where it is."""
-    if term.effect.everywhere and not seen_by_several(rest, last.block(term)[0]):
+    if term.effect.acceptance.several_channels and not seen_by_several(rest, last.block(term)[0]):
         return "beside the others only one channel asks for it"
     if raises_held_out_error(rest, last):
         return "beside the others it raises the error on data left out"

@@ -32,7 +32,7 @@ def candidates(state: SearchState, now: Solution, at: int | None = None) -> list
             found = _best_shape(state, now, effect, joint, shapes)
             if found is not None:
                 out.append(found)
-    return sorted(out, key=lambda c: -c.gain - c.term.effect.plainer)
+    return sorted(out, key=lambda c: -c.gain - c.term.effect.relations.plainer)
 
 
 def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:
@@ -44,7 +44,7 @@ def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -
 def _places(state: SearchState, effect: Effect) -> list[int | None]:
     """Joints (0-based), or None for the robot or the supply, at which the simulation may lack an effect."""
     states = state.problem.states
-    if max(float(s.time[-1] - s.time[0]) for s in states) < effect.least_time:
+    if max(float(s.time[-1] - s.time[0]) for s in states) < effect.acceptance.longest_run:
         return []
     places: list[int | None] = list(state.moving) if effect.place == "joint" else [None]
     if effect.scheduled and effect.place == "joint":
@@ -56,13 +56,14 @@ def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, 
     """Whether an effect is worth a try beside the terms that are there."""
     if any(t.joint == joint and _stands_for(t.effect, effect) for t in now.terms):
         return False
-    if effect.costly and joint is not None and fast_chi2[joint] <= state.thresholds.costly:
+    if effect.form.sample_by_sample and joint is not None and fast_chi2[joint] <= state.thresholds.costly:
         return False
-    return not effect.shapes_friction or has_friction(state, joint, now.terms)
+    return effect.acts_on != "friction" or has_friction(state, joint, now.terms)
 
 
 def _stands_for(one: Effect, other: Effect) -> bool:
-    return one is other or bool(other.family and one.family == other.family)
+    family = other.relations.family
+    return one is other or (family != "" and one.relations.family == family)
 
 
 def _best_shape(
@@ -74,7 +75,7 @@ def _best_shape(
     if not terms:
         return None
     blocks = _blocks(state, now, effect, joint, terms)
-    gains = now.fit.gains(blocks, keep=_by_motion_alone(effect))
+    gains = now.fit.gains(blocks, keep=effect.by_motion_alone)
     found = [
         Candidate(term, gain - effect.charge(states, term.shape), coefficients)
         for term, block, (gain, coefficients) in zip(terms, blocks, gains, strict=True)
@@ -90,10 +91,6 @@ def _blocks(state: SearchState, now: Solution, effect: Effect, joint: int | None
         return state.blocks[key]
     per_run = [effect.grid(s, joint, [t.shape for t in terms]) for s in problem.states]
     blocks = [problem.prior_block(t, problem.stack([run[i] for run in per_run])) for i, t in enumerate(terms)]
-    if _by_motion_alone(effect):
+    if effect.by_motion_alone:
         state.blocks[key] = blocks
     return blocks
-
-
-def _by_motion_alone(effect: Effect) -> bool:
-    return not (effect.after or effect.varies or effect.by_load)

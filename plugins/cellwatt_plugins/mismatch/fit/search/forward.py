@@ -47,7 +47,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
 def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:
     """The solution with a new term in an old one's place; None where the old one has more evidence."""
     others = without(state, now, old)
-    own, other = (others.fit.gain(others.problem.block(t))[0] + t.effect.plainer for t in (old, new))
+    own, other = (others.fit.gain(others.problem.block(t))[0] + t.effect.relations.plainer for t in (old, new))
     if other < own + AHEAD:
         return None
     state.refuse(old, own, f"{new.effect.name} explains it better")
@@ -64,7 +64,7 @@ def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solut
         others = without(state, now, term)
         own = others.fit.gain(others.problem.block(term))[0]
         for rival in candidates(state, others, at=term.joint)[:RIVALS]:
-            ahead = rival.term.effect.plainer - term.effect.plainer
+            ahead = rival.term.effect.relations.plainer - term.effect.relations.plainer
             if rival.term.place == term.place or rival.gain + ahead < own - AHEAD:
                 continue
             new = refine(state, solve(state, [*others.terms, rival.term]), rival.term)

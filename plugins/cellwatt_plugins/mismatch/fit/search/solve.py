@@ -19,7 +19,7 @@ def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
     """Fit terms; effects that act on the measured torque see the torque of this fit."""
     problem = state.problem
     factor: Float | None = None
-    for _ in range(3 if any(t.effect.after for t in terms) else 2):
+    for _ in range(3 if any(t.effect.acts_on == "reading" for t in terms) else 2):
         fit = problem.fit([problem.block(t) for t in terms], factor)
         factor = _noise_factor(problem, fit)
         problem = _with_fitted_torque(problem, terms, fit)
@@ -36,7 +36,7 @@ def reweigh(state: SearchState, now: Solution) -> Solution:
     """The same terms where friction that they add makes the samples near stops count less."""
     turning = np.zeros_like(state.turning)
     for term in now.terms:
-        if term.effect.turns_over and term.joint is not None:
+        if term.effect.form.reverses and term.joint is not None:
             turning[term.joint] += abs(float(now.coefficients(term)[0]))
     if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12):
         return now
@@ -57,7 +57,9 @@ def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression
     if problem.side == "supply":
         return problem
     mechanical = [
-        (term, fit.coefficients[place]) for term, place in zip(terms, fit.slices, strict=True) if not term.effect.after
+        (term, fit.coefficients[place])
+        for term, place in zip(terms, fit.slices, strict=True)
+        if term.effect.acts_on != "reading"
     ]
     nuisance = fit.coefficients[: problem.design.size]
     return problem.with_torque(problem.course(nuisance, mechanical), problem.carried(nuisance, mechanical))

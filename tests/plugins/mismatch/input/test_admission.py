@@ -21,7 +21,7 @@ from tests.plugins.mismatch.recorded_arm import (
     write_robot,
 )
 
-CASES = Path(__file__).resolve().parents[3] / ".." / "shared" / "concealed" / "dev"
+CASES = Path(__file__).resolve().parents[4] / ".." / "shared" / "concealed" / "dev"
 DEGREES = 57.29577951308232
 MOTIONS = {"excitation": excitation, "points": points}
 PLAN = ("position", "velocity", "acceleration", "torque", "power")

@@ -206,7 +206,7 @@ def test_missing_plotly_names_the_extra() -> None:
         "from cellwatt_plugins.mismatch.report import write_report\n"
         "f, t = reported.single()\nwrite_report(Path('x.html'), f, t, 'r', reported.floors(t[0]))"
     )
-    root = Path(__file__).resolve().parents[3]
+    root = Path(__file__).resolve().parents[4]
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=False)
     assert "CellwattError: the report needs plotly: pip install 'cellwatt[plot]'" in done.stderr
 

@@ -1,0 +1,91 @@
+"""What an effect declares of itself: what it acts on, what its columns depend on, and when it is accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+Place = Literal["joint", "robot", "supply"]
+ActsOn = Literal["joint", "friction", "links", "reading", "supply"]
+"""What an effect changes:
+
+- ``joint``: the torque of a joint, Nm;
+- ``friction``: the same, but as a change of Coulomb friction, which must be there;
+- ``links``: the load that the links are, Nm at all joints;
+- ``reading``: the torque as measured, after all mechanics (gain, delay, clipping); columns follow the fitted torque;
+- ``supply``: the power of the supply, W.
+"""
+DependsOn = Literal["motion", "load", "fitted torque", "residual"]
+"""What the columns or the shapes to try are computed from, besides the motion:
+
+- ``motion``: nothing; columns are computed once;
+- ``load``: the torque that the links need, by the model of the moment;
+- ``fitted torque``: the torque of the fit;
+- ``residual``: what is unexplained yet.
+"""
+
+
+@dataclass(frozen=True)
+class Form:
+    """What is known of the columns."""
+
+    to_scale: bool = False
+    """Simulated to scale: the coefficient is 1 within a few per cent."""
+    reverses: bool = False
+    """The first coefficient (Nm) changes sign with the velocity, whose sign is not known well near stops."""
+    intermittent: bool = False
+    """There at some times only: no data can be left out."""
+    sample_by_sample: bool = False
+    """Simulated sample by sample, which is slow and sensitive: tried only where fast residuals are left."""
+    error: float = 0.0
+    """Share of what it adds by which its form may be wrong: what adds less beside it is not accepted."""
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """What is asked of an effect besides its evidence."""
+
+    above: float | None = None
+    """What the first coefficient must exceed; None: it has either sign."""
+    inside_bounds: bool = False
+    """Its shape may not run to one of its bounds."""
+    several_channels: bool = False
+    """A fact of the whole recording or arm: more than one channel must ask for it."""
+    prior_deviations: float = float("inf")
+    """Standard deviations of its prior that a coefficient may be off: beyond, it stands for something else."""
+    longest_run: float = 0.0
+    """s that the longest run must last to show it."""
+    common: bool = False
+    """No rare thing: half as much evidence is asked."""
+
+
+@dataclass(frozen=True)
+class Relations:
+    """How it stands to other effects."""
+
+    contains: tuple[str, ...] = ()
+    """Effects that it contains as a special case: it always fits as well, and is no rival of theirs."""
+    family: str = ""
+    """Effects of one family stand for one another: one of them at a joint."""
+    plainer: float = 0.0
+    """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What no data make certain of its parameters."""
+
+    inherited: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    """Share of a parameter that is uncertain with the description it is computed with; ``INHERITED`` if left out."""
+    torque_gain: tuple[str, ...] = ()
+    """Parameters that are off by the factor by which all measured torques are off: nothing in the data shows it."""
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """An effect that can look the same, and the experiment that separates the two."""
+
+    effect: str
+    experiment: str
