@@ -73,7 +73,7 @@ def load_robot(folder: Path) -> Robot:
     root = ET.fromstring((folder / spec["urdf"]).read_text())
     joints, links = root.findall("joint"), [x for x in root.findall("link") if x.find("inertial") is not None]
     inertia = [x.find("inertial/inertia") for x in links]
-    of = lambda name: np.array([j[name] for j in spec["joints"]], float)  # noqa: E731
+    of = lambda name: np.array([j.get(name, 0.0) for j in spec["joints"]], float)  # noqa: E731
     return Robot(
         np.array([triple(j.find("axis"), "xyz") for j in joints]),
         np.array([triple(j.find("origin"), "xyz") for j in joints]),
@@ -85,7 +85,7 @@ def load_robot(folder: Path) -> Robot:
         of("viscous_friction"),
         of("torque_constant"),
         of("winding_resistance"),
-        float(spec["standby_power"]),
+        float(spec.get("standby_power", 0.0)),
     )
 
 
