@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from concealed.effects import KINDS, UNKNOWNS, Kind
-from concealed.arms import Arm
 from concealed.families import FAMILIES
 from concealed.own import KNOWABLE, OWN, Own, describe, prepare
 from concealed.record import Key, write_case
@@ -126,11 +125,8 @@ def joints_for(rng: np.random.Generator, spec: Spec, n: int) -> list[int]:
     return chosen
 
 
-def build(rng: np.random.Generator, spec: Spec) -> tuple[Setting, list[Key], Own | None, Arm | None]:
-    """One attempt at a case, with what is the user's own and the arm as described then.
-
-    Raises NotVisibleError where an effect would not show.
-    """
+def build(rng: np.random.Generator, spec: Spec) -> tuple[Setting, list[Key], Own | None]:
+    """One attempt at a case, with what is the user's own; raises NotVisibleError where an effect does not show."""
     family = str(rng.choice(list(FAMILIES)))
     n = len(FAMILIES[family].mass)
     joints = joints_for(rng, spec, n)
@@ -144,7 +140,7 @@ def build(rng: np.random.Generator, spec: Spec) -> tuple[Setting, list[Key], Own
         truth = entry.draw(s, joint)
         label = f"unknown_{name}" if name in UNKNOWNS else name
         effects.append({"effect": label, "joint": joint if entry.joints else None, "strength": level, **truth})
-    return s, effects, own, None if own is None else describe(s, own, names)
+    return s, effects, None if own is None else describe(s, own, names)
 
 
 def make_case(seed: str, index: int, spec: Spec, work: Path) -> Key:
@@ -153,8 +149,8 @@ def make_case(seed: str, index: int, spec: Spec, work: Path) -> Key:
     for attempt in range(200):
         rng = generator(seed, "case", index, attempt)
         try:
-            s, effects, own, described = build(rng, spec)
-            return write_case(s, effects, spec.level, name, work, own, described)
+            s, effects, own = build(rng, spec)
+            return write_case(s, effects, spec.level, name, work, own)
         except NotVisibleError:
             continue
     raise NotVisibleError(f"{name}: {spec} shows with no arm in 200 draws")

@@ -1,7 +1,7 @@
 """Simulations that are the user's own: what robot.yaml, the URDF and the clock say otherwise than the simulation does.
 
-A case is drawn as ever, and the question stays what the simulation leaves out. `prepare` gives simulation and arm, before
-the effects are drawn, what the description will not have; `describe` writes the description after them.
+A case is drawn as ever, and the question stays what the simulation leaves out. `prepare` gives simulation and arm,
+before the effects are drawn, what the description will not have; `describe` writes the description after them.
 """
 
 from __future__ import annotations
@@ -45,10 +45,14 @@ RATES, SLOW_RATES = (40.0, 240.0, 500.0, 1000.0), (40.0, 60.0, 100.0)
 
 @dataclass
 class Own:
-    """What is the user's own in a case; `facts` go into the key."""
+    """What is the user's own in a case: `described` is what robot.yaml and the URDF say, `facts` go into the key.
+
+    `belief` is the arm as somebody knows it who leaves nothing out, off by a few per cent.
+    """
 
     kind: str
     belief: Arm
+    described: Arm
     facts: dict[str, Any] = field(default_factory=dict)
 
 
@@ -71,7 +75,8 @@ def carrying(arm: Arm, mass: float, com: Array) -> Arm:
 def prepare(s: Setting, kind: str, effects: Collection[str]) -> Own:
     """Put into simulation and arm what the description will lack; `effects` are those that the case will have."""
     # In half of the cases the simulator has read the same files, in the others somebody has set it up anew.
-    own = Own(kind, s.believed if s.rng.random() < 0.5 else mistune(s.rng, s.base))
+    belief = s.believed if s.rng.random() < 0.5 else mistune(s.rng, s.base)
+    own = Own(kind, belief, belief)
     if kind == "tool":
         add_tool(s, own)
     elif kind == "term":
@@ -111,7 +116,9 @@ def add_terms(s: Setting, own: Own, effects: Collection[str]) -> None:
     told.frictions = [mistuned_term(s.rng, f) for f in s.body.joints.frictions]
     told.efficiency = 1.0 - (1.0 - s.supply.efficiency) * few_per_cent(s.rng)
     if (iron := s.supply.iron) is not None:
-        told.iron = replace(iron, hysteresis=iron.hysteresis * few_per_cent(s.rng), eddy=iron.eddy * few_per_cent(s.rng))
+        told.iron = replace(
+            iron, hysteresis=iron.hysteresis * few_per_cent(s.rng), eddy=iron.eddy * few_per_cent(s.rng)
+        )
     own.facts = {"terms": terms}
 
 
@@ -121,21 +128,28 @@ def mistuned_term(rng: np.random.Generator, term: Any) -> Any:
     return replace(term, **{name: getattr(term, name) * few_per_cent(rng)})
 
 
-def describe(s: Setting, own: Own, effects: Collection[str]) -> Arm:
-    """The arm as robot.yaml and the URDF say it."""
-    n = s.joints
-    if own.kind == "bare":
-        own.facts = {"keys_left_out": bool(s.rng.random() < 0.5)}
-        nothing = np.zeros(n)
-        return replace(own.belief, coulomb=nothing, viscous=nothing, rotor=nothing, resistance=nothing, standby=0.0)
-    if own.kind == "off":
-        return far_off(s, own)
-    if own.kind == "known":
-        return knowing(s, own, effects)
-    if own.kind == "tool":
-        bare = own.belief
-        return replace(s.believed, mass=bare.mass, com=bare.com, inertia=bare.inertia)
-    return s.believed
+def describe(s: Setting, own: Own, effects: Collection[str]) -> Own:
+    """The same with the arm as robot.yaml and the URDF say it."""
+    match own.kind:
+        case "bare":
+            own.described = knowing_nothing(s, own)
+        case "off":
+            own.described = far_off(s, own)
+        case "known":
+            own.described = knowing(s, own, effects)
+        case "tool":
+            bare = own.belief
+            own.described = replace(s.believed, mass=bare.mass, com=bare.com, inertia=bare.inertia)
+        case _:
+            own.described = s.believed
+    return own
+
+
+def knowing_nothing(s: Setting, own: Own) -> Arm:
+    """No friction, rotors, windings or standby power; in half of the cases not even as zeros."""
+    own.facts = {"keys_left_out": bool(s.rng.random() < 0.5)}
+    none = np.zeros(s.joints)
+    return replace(own.belief, coulomb=none, viscous=none, rotor=none, resistance=none, standby=0.0)
 
 
 def far_off(s: Setting, own: Own) -> Arm:

@@ -155,17 +155,15 @@ def shaken(s: Setting, sizes: Array) -> list[Key]:
     return [{"effect": "unknown", "joint": j + 1} for j in others]
 
 
-def write_case(
-    s: Setting, effects: list[Key], level: str, name: str, work: Path, own: Own | None = None, described: Arm | None = None
-) -> Key:
+def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path, own: Own | None = None) -> Key:
     """Run the plant, write the open files to work/dev/name and the sealed ones with the key to work/keys/name.
 
-    `described` is what robot.yaml and URDF say where the simulation is the user's own. Raises NotVisibleError where two masses turn out not to show.
+    Raises NotVisibleError where two masses turn out not to show.
     """
     case, keys = work / "dev" / name, work / "keys" / name
     case.mkdir(parents=True, exist_ok=True)
     keys.mkdir(parents=True, exist_ok=True)
-    known = described or s.believed
+    known = s.believed if own is None else own.described
     leave_out = own is not None and bool(own.facts.get("keys_left_out"))
     (case / "robot.urdf").write_text(urdf(known))
     (case / "robot.yaml").write_text(robot_yaml(known, s.interface.rate, leave_out))

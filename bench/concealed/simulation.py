@@ -16,7 +16,7 @@ from concealed.supply import Iron, Supply
 
 @dataclass(frozen=True)
 class Clock:
-    """A simulation's own step, Hz; it says `start` s where the plan is at minus `lead` s, and rests `lead` s at the end."""
+    """A simulation's own step, Hz; it says `start` s when the plan is at -`lead` s, and rests as long at the end."""
 
     rate: float
     start: float
