@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from concealed.effects import KINDS, UNKNOWNS, Kind
 from concealed.families import FAMILIES
+from concealed.own import KNOWABLE, OWN, Own, describe, prepare
 from concealed.record import Key, write_case
 from concealed.setting import RATIO, NotVisibleError, Setting, new_setting
 
@@ -36,12 +37,16 @@ PAIRS = 26
 
 @dataclass(frozen=True)
 class Spec:
-    """What one case shall hold: level of the case, effects with their strength, and whether they share a joint."""
+    """What one case shall hold: level of the case, effects with their strength, and whether they share a joint.
+
+    `simulation` is a kind of the user's own, or "law": it computes what robot.yaml and URDF say.
+    """
 
     level: str
     effects: tuple[tuple[str, str], ...]
     run_set: str
     shared: bool = False
+    simulation: str = "law"
 
 
 def kind_of(name: str) -> Kind:
@@ -86,7 +91,26 @@ def specs(seed: str) -> list[Spec]:
     out += [draw_pair(rng) for _ in range(PAIRS)]
     for name in UNKNOWNS:
         out += [Spec("unknown", ((name, level),), "short") for level in RATIO]
-    return [out[i] for i in rng.permutation(len(out))]
+    return with_own(generator(seed, "own"), [out[i] for i in rng.permutation(len(out))])
+
+
+def with_own(rng: np.random.Generator, all_specs: list[Spec]) -> list[Spec]:
+    """The same cases, half of each level with a simulation that is the user's own; its kinds come equally often.
+
+    A description that knows more than the simulation needs an effect that it can know: every second of those.
+    """
+    out, anywhere = list(all_specs), [k for k in OWN if k != "known"]
+    turn = 0
+    for level in dict.fromkeys(s.level for s in all_specs):
+        cases = rng.permutation([i for i, s in enumerate(all_specs) if s.level == level])
+        for i in map(int, cases[: (len(cases) + int(rng.integers(2))) // 2]):
+            knowable = KNOWABLE.intersection(e for e, _ in all_specs[i].effects)
+            if knowable and rng.random() < 0.5:
+                out[i] = replace(all_specs[i], simulation="known")
+                continue
+            out[i] = replace(all_specs[i], simulation=anywhere[turn % len(anywhere)])
+            turn += 1
+    return out
 
 
 def joints_for(rng: np.random.Generator, spec: Spec, n: int) -> list[int]:
@@ -101,20 +125,22 @@ def joints_for(rng: np.random.Generator, spec: Spec, n: int) -> list[int]:
     return chosen
 
 
-def build(rng: np.random.Generator, spec: Spec) -> tuple[Setting, list[Key]]:
-    """One attempt at a case; raises NotVisibleError where an effect would not show."""
+def build(rng: np.random.Generator, spec: Spec) -> tuple[Setting, list[Key], Own | None]:
+    """One attempt at a case, with what is the user's own; raises NotVisibleError where an effect does not show."""
     family = str(rng.choice(list(FAMILIES)))
     n = len(FAMILIES[family].mass)
     joints = joints_for(rng, spec, n)
     named = [j for j, (e, _) in zip(joints, spec.effects, strict=True) if kind_of(e).joints]
     s = new_setting(rng, family, spec.run_set, sorted(set(named)))
+    names = [e for e, _ in spec.effects]
+    own = None if spec.simulation == "law" else prepare(s, spec.simulation, names)
     effects = []
     for joint, (name, level) in zip(joints, spec.effects, strict=True):
         s.level, entry = level, kind_of(name)
         truth = entry.draw(s, joint)
         label = f"unknown_{name}" if name in UNKNOWNS else name
         effects.append({"effect": label, "joint": joint if entry.joints else None, "strength": level, **truth})
-    return s, effects
+    return s, effects, None if own is None else describe(s, own, names)
 
 
 def make_case(seed: str, index: int, spec: Spec, work: Path) -> Key:
@@ -123,8 +149,8 @@ def make_case(seed: str, index: int, spec: Spec, work: Path) -> Key:
     for attempt in range(200):
         rng = generator(seed, "case", index, attempt)
         try:
-            s, effects = build(rng, spec)
-            return write_case(s, effects, spec.level, name, work)
+            s, effects, own = build(rng, spec)
+            return write_case(s, effects, spec.level, name, work, own)
         except NotVisibleError:
             continue
     raise NotVisibleError(f"{name}: {spec} shows with no arm in 200 draws")

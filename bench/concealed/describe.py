@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 import yaml
@@ -39,9 +40,12 @@ def urdf(arm: Arm) -> str:
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
 
 
-def robot_yaml(arm: Arm, rate: float) -> str:
-    """What the simulation knows of the drives, as the contract of `explain` names it."""
-    joints = [
+MAY_BE_ABSENT = ("rotor_inertia", "coulomb_friction", "viscous_friction", "winding_resistance", "standby_power")
+
+
+def robot_yaml(arm: Arm, rate: float, leave_out: bool = False) -> str:
+    """What is known of the drives, as the contract of `explain` names it; keys of value 0 may be left out."""
+    joints: list[dict[str, Any]] = [
         {
             "name": f"joint_{j + 1}",
             "gear_ratio": float(arm.gear[j]),
@@ -53,13 +57,18 @@ def robot_yaml(arm: Arm, rate: float) -> str:
         }
         for j in range(arm.joints)
     ]
-    content = {
+    content: dict[str, Any] = {
         "robot": arm.family,
         "urdf": "robot.urdf",
         "sample_rate": rate,
         "joints": joints,
         "standby_power": round(float(arm.standby), 4),
     }
+    if leave_out:
+        for part in (content, *joints):
+            for key in MAY_BE_ABSENT:
+                if part.get(key) == 0:
+                    del part[key]
     return yaml.safe_dump(content, sort_keys=False)
 
 

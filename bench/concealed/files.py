@@ -73,7 +73,7 @@ def load_robot(folder: Path) -> Robot:
     root = ET.fromstring((folder / spec["urdf"]).read_text())
     joints, links = root.findall("joint"), [x for x in root.findall("link") if x.find("inertial") is not None]
     inertia = [x.find("inertial/inertia") for x in links]
-    of = lambda name: np.array([j[name] for j in spec["joints"]], float)  # noqa: E731
+    of = lambda name: np.array([j.get(name, 0.0) for j in spec["joints"]], float)  # noqa: E731
     return Robot(
         np.array([triple(j.find("axis"), "xyz") for j in joints]),
         np.array([triple(j.find("origin"), "xyz") for j in joints]),
@@ -85,7 +85,7 @@ def load_robot(folder: Path) -> Robot:
         of("viscous_friction"),
         of("torque_constant"),
         of("winding_resistance"),
-        float(spec["standby_power"]),
+        float(spec.get("standby_power", 0.0)),
     )
 
 
@@ -95,10 +95,11 @@ def group(table: pa.Table, name: str) -> Array:
     return np.stack([table[f"{name}_{j + 1}"].to_numpy() for j in range(len(found))], axis=1).astype(float)
 
 
-def load_run(recording: Path) -> Run:
-    """One recording and the simulation beside it."""
+def load_run(recording: Path, keys: Path) -> Run:
+    """One recording and what the simulation says at its times: in the keys where the simulation has its own clock."""
     seen = pq.read_table(recording)
-    told = pq.read_table(recording.with_name(recording.name.replace(".recording.", ".simulation.")))
+    beside = recording.with_name(recording.name.replace(".recording.", ".simulation."))
+    told = pq.read_table(aligned if (aligned := keys / beside.name).exists() else beside)
     return Run(
         recording.name.split(".")[0],
         seen["t"].to_numpy().astype(float),
@@ -112,9 +113,9 @@ def load_run(recording: Path) -> Run:
     )
 
 
-def load_runs(folder: Path) -> list[Run]:
+def load_runs(folder: Path, keys: Path) -> list[Run]:
     """All recordings of a folder in order."""
-    return [load_run(p) for p in sorted(folder.glob("*.recording.parquet"))]
+    return [load_run(p, keys) for p in sorted(folder.glob("*.recording.parquet"))]
 
 
 def thinned(run: Run, rows: int) -> Run:

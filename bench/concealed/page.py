@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from concealed.own import OWN
+
 Row = dict[str, Any]
 LINES = (
     ("F1 over (effect, joint)", "f1"),
@@ -16,11 +18,27 @@ LINES = (
     ("95 % intervals that hold the truth", "interval_coverage"),
     ("parameter error, median", "parameter_error_median"),
     ("gap to the best possible closed on sealed runs, median", "gap_closed_median"),
-    ("the same by a refit of the nominal parameters alone", "gap_closed_by_refit_median"),
+    ("the same on the motion as it was recorded", "gap_closed_recorded_median"),
+    ("the first by a refit of the nominal parameters alone", "gap_closed_by_refit_median"),
     ("gap that such a refit leaves, closed, median", "gap_beyond_refit_median"),
     ("channels better than that refit", "channels_better_than_refit"),
     ("channels made worse than the simulation", "channels_made_worse"),
+    ("the same on the motion as it was recorded", "channels_made_worse_recorded"),
+    ("channels", "channels"),
     ("seconds a case, median", "seconds_median"),
+)
+
+
+SIMULATIONS = {"law": "robot.yaml's law", "own": "own simulation"}
+KIND_COLUMNS = (
+    ("F1", "f1"),
+    ("exact set", "exact"),
+    ("nulls with false names", "null_false_rate"),
+    ("unknown called unknown", "unknown_recall"),
+    ("95 % intervals", "interval_coverage"),
+    ("parameter error", "parameter_error_median"),
+    ("gap closed", "gap_closed_median"),
+    ("channels made worse", "channels_made_worse"),
 )
 
 
@@ -40,12 +58,29 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join(lines + ["| " + " | ".join(r) + " |" for r in rows])
 
 
+def by_simulation(first: Row) -> list[str]:
+    """The first method over all cases, over robot.yaml's law and over simulations of the user's own; then by kind."""
+    columns = {"all": first, **{title: first["by_simulation"][k] for k, title in SIMULATIONS.items()}}
+    whole = [["cases", *(cell(t["cases"]) for t in columns.values())]]
+    whole += [[name, *(cell(t.get(key)) for t in columns.values())] for name, key in LINES]
+    titles = {"law": SIMULATIONS["law"], **{k: f"({letter}) {OWN[k]}" for letter, k in zip("abcdef", OWN, strict=True)}}
+    kinds = [(title, first["by_kind"][k]) for k, title in titles.items() if k in first["by_kind"]]
+    return [
+        table(["", *columns], whole),
+        table(
+            ["simulation", "cases", *(title for title, _ in KIND_COLUMNS)],
+            [[title, cell(x["cases"]), *(cell(x[key]) for _, key in KIND_COLUMNS)] for title, x in kinds],
+        ),
+    ]
+
+
 def markdown(result: Row, titles: dict[str, str]) -> str:
-    """Head table with all methods, then the first method by level, strength and effect, then its failures."""
+    """Head table with all methods, then the first by simulation, level, strength and effect, then its failures."""
     methods = result["methods"]
     first = next(iter(methods.values()))
     head = table(
-        ["", *(titles[m] for m in methods)], [[name, *(cell(t[key]) for t in methods.values())] for name, key in LINES]
+        ["", *(titles[m] for m in methods)],
+        [[name, *(cell(t.get(key)) for t in methods.values())] for name, key in LINES],
     )
     groups = [
         table([title, "F1", "exact set"], [[g, cell(x["f1"]), cell(x["exact"])] for g, x in first[key].items()])
@@ -65,11 +100,12 @@ def markdown(result: Row, titles: dict[str, str]) -> str:
         ],
     )
     failures = table(
-        ["case", "robot", "level", "size / noise", "truth", "named"],
+        ["case", "robot", "simulation", "level", "size / noise", "truth", "named"],
         [
             [
                 f["id"],
                 f["robot"],
+                f["simulation"],
                 f["level"],
                 cell(f["ratio"]),
                 ", ".join(f["truth"]) or "–",
@@ -78,4 +114,6 @@ def markdown(result: Row, titles: dict[str, str]) -> str:
             for f in result["failures"]
         ],
     )
-    return "\n\n".join([f"{result['cases']} cases, {result['nulls']} of them nulls.", head, *groups, effects, failures])
+    text = f"{result['cases']} cases, {result['nulls']} of them nulls."
+    first_tables = ([head] if len(methods) > 1 else []) + by_simulation(first)
+    return "\n\n".join([text, *first_tables, *groups, effects, failures])

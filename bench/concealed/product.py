@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 from concealed.arms import Array
@@ -52,17 +53,8 @@ def explain(command: str, case: Path, out: Path) -> Answer:
     """Run `explain` on all open runs of one case."""
     runs = sorted(case.glob("run_*.recording.parquet"))
     told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
-    words = [
-        *shlex.split(command),
-        "explain",
-        *map(str, runs),
-        "--simulation",
-        *map(str, told),
-        "--robot",
-        str(case / "robot.yaml"),
-        "--out",
-        str(out),
-    ]
+    words = [*shlex.split(command), "explain", *map(str, runs), "--simulation", *map(str, told)]
+    words += ["--robot", str(case / "robot.yaml"), "--out", str(out)]
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     error = call(words)
@@ -81,29 +73,44 @@ def answer(out: Path, seconds: float, error: str | None) -> Answer:
         return Answer([], [], None, seconds, error or f"findings.json: {broken!r}")
 
 
-def predict(command: str, out: Path, recording: Path) -> tuple[Array, Array] | None:
-    """Torque (N, n) and power (N,) that the product's model gives for a sealed motion; it never sees the answer."""
-    plan = pq.read_table(recording.with_name(recording.name.replace(".recording.", ".simulation.")))
+@dataclass(frozen=True)
+class Prediction:
+    """Torque (N, n), power (N,), and whether the product could use the simulation that it was given."""
+
+    torque: Array
+    power: Array
+    uses_simulation: bool
+
+
+def motion_of(recording: Path, told: Path, source: str) -> pa.Table:
+    """What is asked for: the planned motion, or the recorded positions and velocities; never torque or power."""
+    seen, plan = pq.read_table(recording), pq.read_table(told)
     motion = plan.drop_columns([c for c in plan.column_names if c.startswith("tau_") or c == "power"])
-    seen = pq.read_table(recording)
+    if source == "recorded":
+        motion = seen.select(["t", *(c for c in seen.column_names if c.startswith(("q_", "qd_")))])
     for column in (c for c in seen.column_names if c.startswith("temperature_")):
         motion = motion.append_column(column, seen[column])
+    return motion
+
+
+def predict(command: str, out: Path, recording: Path, source: str = "planned") -> Prediction | None:
+    """What the product's model gives for a sealed motion, "planned" or "recorded"; it never sees the answer.
+
+    It is given the user's simulation of that motion, as that writes it; a product that knows no such option goes
+    without.
+    """
     name = recording.name.split(".")[0]
-    source, result = out / f"{name}.motion.parquet", out / f"{name}.prediction.parquet"
-    pq.write_table(motion, source)
-    words = [
-        *shlex.split(command),
-        "simulate",
-        "--model",
-        str(out / "model.yaml"),
-        "--motion",
-        str(source),
-        "--out",
-        str(result),
-    ]
-    if call(words) is not None or not result.exists():
+    told, own = (recording.with_name(f"{name}.{what}.parquet") for what in ("simulation", "simulator"))
+    motion, result = out / f"{name}.{source}.parquet", out / f"{name}.{source}.prediction.parquet"
+    pq.write_table(motion_of(recording, told, source), motion)
+    result.unlink(missing_ok=True)
+    words = [*shlex.split(command), "simulate", "--model", str(out / "model.yaml")]
+    words += ["--motion", str(motion), "--out", str(result)]
+    error = call([*words, "--simulation", str(own if own.exists() else told)])
+    refused = error is not None and "No such option" in error
+    if (call(words) if refused else error) is not None or not result.exists():
         return None
     table = pq.read_table(result)
     n = sum(c.startswith("tau_") for c in table.column_names)
-    torque = np.stack([table[f"tau_{j + 1}"].to_numpy() for j in range(n)], axis=1)
-    return torque.astype(float), table["power"].to_numpy().astype(float)
+    torque = np.stack([table[f"tau_{j + 1}"].to_numpy() for j in range(n)], axis=1).astype(float)
+    return Prediction(torque, table["power"].to_numpy().astype(float), not refused)

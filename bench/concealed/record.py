@@ -13,11 +13,12 @@ import pyarrow.parquet as pq
 
 from concealed.arms import Arm, Array
 from concealed.describe import robot_yaml, urdf
-from concealed.law import joint_torque, supply_power
-from concealed.motion import Plan
+from concealed.own import Own
 from concealed.plant import Trace, ideal, simulate, tune
 from concealed.sensing import Reading, at, read
 from concealed.setting import Setting, require
+from concealed.simulation import own_times, said, torque_of
+from concealed.supply import Supply
 
 Key = dict[str, Any]
 TWO_MASS_SHOWS = 1.7
@@ -43,17 +44,17 @@ def recording_table(r: Reading, with_temperature: bool) -> pa.Table:
     return columns(**groups, power=r.power)
 
 
-def planned(plan: Plan, t: Array) -> tuple[Array, Array, Array]:
-    """Position, velocity and acceleration (N, n) of the plan at times t."""
-    grid = np.arange(len(plan.q)) * plan.tick
-    return at(t, grid, plan.q), at(t, grid, plan.v), at(t, grid, plan.a)
+def simulation_table(s: Setting, copy: int, t: Array) -> pa.Table:
+    """What the simulation says for the planned motion, on the recording's times."""
+    return columns(t=t, **said(s.believed, s.simulation, s.plans[copy], t))
 
 
-def simulation_table(believed: Arm, plan: Plan, t: Array) -> pa.Table:
-    """What the simulation says for the planned motion."""
-    q, v, a = planned(plan, t)
-    torque = joint_torque(believed, q, v, a)
-    return columns(t=t, q=q, qd=v, qdd=a, tau=torque, power=supply_power(believed, torque, v))
+def simulator_table(s: Setting, copy: int) -> pa.Table | None:
+    """The same as a simulation with its own step and clock writes it; None where it has none."""
+    if (clock := s.simulation.clock) is None:
+        return None
+    t = own_times(clock, s.plans[copy].seconds)
+    return columns(t=t + clock.lead + clock.start, **said(s.believed, s.simulation, s.plans[copy], t))
 
 
 def rms(x: Array) -> Array:
@@ -77,6 +78,12 @@ def present(s: Setting) -> Arm:
     return replace(s.base, **{name: getattr(s.base, name) * there for name, there in has.items()})
 
 
+def present_supply(s: Setting) -> Supply:
+    """The supply without the effects."""
+    arm = present(s)
+    return replace(s.simulation.true_supply or Supply.of(arm), standby=arm.standby, resistance=arm.resistance)
+
+
 def run_key(s: Setting, trace: Trace, perfect: Trace, copy: int, r: Reading, sim: pa.Table) -> Key:
     """Errors of one run per channel: simulation, best possible, size of the effect, noise."""
     seen = np.stack([sim[f"tau_{j + 1}"].to_numpy() for j in range(s.joints)], axis=1)
@@ -88,16 +95,17 @@ def run_key(s: Setting, trace: Trace, perfect: Trace, copy: int, r: Reading, sim
         best_torque, best_power = r.clean_torque, r.clean_power
     skip = max(1, len(r.t) // 1500)
     q, v, a = (at(r.t[::skip], trace.t, np.asarray(x[:, copy], float)) for x in (trace.q, trace.v, trace.a))
-    arm = present(s)
+    expected = torque_of(present(s), s.simulation.true_frictions, r.t[::skip], q, v, a)
     torque = at(r.t[::skip], trace.t, np.asarray(trace.torque[:, copy], float))
+    supplied = present_supply(s).power(r.t[::skip], torque, v)
     return {
         "rmse_simulation": rms(r.torque - seen).round(5).tolist(),
         "rmse_oracle": rms(r.torque - best_torque).round(5).tolist(),
-        "effect_rms": rms(r.clean_torque[::skip] - joint_torque(arm, q, v, a)).round(5).tolist(),
+        "effect_rms": rms(r.clean_torque[::skip] - expected).round(5).tolist(),
         "noise": s.base.noise.round(5).tolist(),
         "power_rmse_simulation": float(rms(r.power - sim["power"].to_numpy()).round(4)),
         "power_rmse_oracle": float(rms(r.power - best_power).round(4)),
-        "power_effect_rms": float(rms(r.clean_power[::skip] - supply_power(arm, torque, v)).round(4)),
+        "power_effect_rms": float(rms(r.clean_power[::skip] - supplied).round(4)),
         "power_noise": float(round(s.base.power_noise, 4)),
     }
 
@@ -110,14 +118,20 @@ def channel_sizes(runs: list[Key]) -> Array:
 
 
 def write_run(s: Setting, trace: Trace, perfect: Trace, copy: int, case: Path, keys: Path) -> Key:
-    """Write recording and simulation of one run to the folder where they belong; returns the run's part of the key."""
+    """Write recording and simulation of one run to the folder where they belong; returns the run's part of the key.
+
+    Of a simulation with its own clock, the key has the samples at the recording's times too, for the scores; what it
+    writes itself for a sealed run is `.simulator.parquet`.
+    """
     plan, is_open = s.plans[copy], copy < s.opens
     run = f"run_{copy + 1:02d}" if is_open else f"holdout_{copy + 1:02d}"
     r = read(s.rng, s.interface, trace, copy, plan.seconds, true_power(s, trace, copy))
-    sim = simulation_table(s.believed, plan, r.t)
+    sim, own = simulation_table(s, copy, r.t), simulator_table(s, copy)
     folder = case if is_open else keys
     pq.write_table(recording_table(r, s.shows_temperature), folder / f"{run}.recording.parquet")
-    pq.write_table(sim, folder / f"{run}.simulation.parquet")
+    pq.write_table(sim, (folder if own is None else keys) / f"{run}.simulation.parquet")
+    if own is not None:
+        pq.write_table(own, case / f"{run}.simulation.parquet" if is_open else keys / f"{run}.simulator.parquet")
     head = {"run": run, "style": plan.style, "split": "open" if is_open else "sealed"}
     return head | run_key(s, trace, perfect, copy, r, sim)
 
@@ -141,7 +155,7 @@ def shaken(s: Setting, sizes: Array) -> list[Key]:
     return [{"effect": "unknown", "joint": j + 1} for j in others]
 
 
-def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path) -> Key:
+def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path, own: Own | None = None) -> Key:
     """Run the plant, write the open files to work/dev/name and the sealed ones with the key to work/keys/name.
 
     Raises NotVisibleError where two masses turn out not to show.
@@ -149,8 +163,10 @@ def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path
     case, keys = work / "dev" / name, work / "keys" / name
     case.mkdir(parents=True, exist_ok=True)
     keys.mkdir(parents=True, exist_ok=True)
-    (case / "robot.urdf").write_text(urdf(s.believed))
-    (case / "robot.yaml").write_text(robot_yaml(s.believed, s.interface.rate))
+    known = s.believed if own is None else own.described
+    leave_out = own is not None and bool(own.facts.get("keys_left_out"))
+    (case / "robot.urdf").write_text(urdf(known))
+    (case / "robot.yaml").write_text(robot_yaml(known, s.interface.rate, leave_out))
     trace = simulate(s.body, s.plans, tune(s.rng, s.body, s.plans[0].tick))
     perfect = perfect_trace(s)
     runs = [write_run(s, trace, perfect, copy, case, keys) for copy in range(len(s.plans))]
@@ -160,6 +176,7 @@ def write_case(s: Setting, effects: list[Key], level: str, name: str, work: Path
         "id": name,
         "robot": s.base.family,
         "level": level,
+        "simulation": {"kind": "law"} if own is None else {"kind": own.kind, **own.facts},
         "run_set": s.run_set,
         "rate": s.interface.rate,
         "required": required(effects),

@@ -54,7 +54,8 @@ def joint_columns(robot: Robot, run: Run) -> Columns:
                 column[:, j] = shape[:, j]
                 columns.append(column)
                 spread.append(TOLERANCE["joint"] * values[j])
-    return Columns(np.stack(columns, axis=2), np.array(spread))
+    shape = np.stack(columns, axis=2) if columns else np.zeros((*run.v.shape, 0))
+    return Columns(shape, np.array(spread))
 
 
 def torque_columns(robot: Robot, run: Run) -> Columns:
@@ -77,9 +78,10 @@ def power_columns(robot: Robot, run: Run) -> Columns:
 
 
 def power_left(robot: Robot, run: Run) -> Array:
-    """(N,) measured power beyond what the law makes of the measured torque."""
-    loss = robot.resistance * (run.measured / robot.constant) ** 2
-    return np.asarray(run.measured_power - robot.standby - np.sum(run.measured * run.v + loss, axis=1))
+    """(N,) measured power beyond the simulation's, which is carried from its torque to the measured by the law."""
+    more = run.measured**2 - run.simulated**2
+    change = (run.measured - run.simulated) * run.v + robot.resistance / robot.constant**2 * more
+    return np.asarray(run.measured_power - run.simulated_power - np.sum(change, axis=1))
 
 
 def map_fit(columns: Array, residual: Array, noise: Array, spread: Array) -> Array:

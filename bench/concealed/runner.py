@@ -1,26 +1,25 @@
-"""The whole benchmark: draw, record, explain, score, and the two baselines beside it in the same run."""
+"""The whole benchmark: draw, record, explain, score; it goes on where it was stopped, and splits its figures."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import os
-import shutil
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
-from concealed import network, product, sparse
-from concealed.cases import Spec, make_case, specs
-from concealed.files import load_robot, load_run, load_runs
+from concealed import kept, product
+from concealed.cases import Spec, specs
+from concealed.judging import Codes, Job, judge, make
 from concealed.page import markdown
-from concealed.refit import refit
-from concealed.scoring import Row, hold_out, residual_of, score, strength_of
+from concealed.scoring import Row
 from concealed.seal import REVEALED, commit, reveal
 from concealed.totals import totals
 
@@ -30,111 +29,75 @@ METHODS = ("explain", "sparse", "network")
 TITLES = {"explain": "cellwatt explain", "sparse": "sparse regression", "network": "black-box network"}
 
 
-@dataclass(frozen=True)
-class Job:
-    """One case to make and to judge."""
-
-    seed: str
-    index: int
-    spec: Spec
-    work: Path
-    command: str
-    methods: tuple[str, ...]
-    keep: bool
-
-    @property
-    def name(self) -> str:
-        """Folder of the case."""
-        return f"case-{self.index + 1:03d}"
-
-
-def judge(job: Job) -> Row:
-    """Make one case, let every method explain it, and score the answers."""
-    start = time.monotonic()
-    key_file = job.work / "keys" / job.name / "key.json"
-    key = (
-        json.loads(key_file.read_text())
-        if job.keep and key_file.exists()
-        else make_case(job.seed, job.index, job.spec, job.work)
-    )
-    made = time.monotonic() - start
-    case, sealed = job.work / "dev" / job.name, job.work / "keys" / job.name
-    robot, runs = load_robot(case), load_runs(case)
-    nominal = refit(robot, runs)
-    tests = {
-        r["run"]: load_run(sealed / f"{r['run']}.recording.parquet") for r in key["runs"] if r["split"] == "sealed"
-    }
-    plain = {name: nominal.left(run) for name, run in tests.items()}
-    row: Row = {k: key[k] for k in ("id", "robot", "level", "run_set", "rate", "ratio", "effects")}
-    row |= {"strength": strength_of(key), "seconds_to_make": round(made, 1)}
-    for method in job.methods:
-        start = time.monotonic()
-        if method == "explain":
-            row[method] = by_product(job, key, case, sealed, tests, plain)
-            continue
-        model = sparse.explain(robot, runs) if method == "sparse" else network.explain(robot, runs, nominal)
-        seconds = time.monotonic() - start
-        left = {name: model.left(run) for name, run in tests.items()}
-        gaps = hold_out(key, left.get, plain.__getitem__)
-        row[method] = {**score(key, model.findings, [], gaps), "seconds": round(seconds, 1), "error": None}
-    return row
-
-
-def by_product(job: Job, key: Row, case: Path, sealed: Path, tests: Any, plain: Any) -> Row:
-    """The product's answer on one case."""
-    out = job.work / "results" / job.name
-    if job.keep and (out / "findings.json").exists():
-        got = product.answer(out, 0.0, None)
-    else:
-        shutil.rmtree(out, ignore_errors=True)
-        got = product.explain(job.command, case, out)
-
-    def left(name: str) -> Any:
-        predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet")
-        return None if predicted is None else residual_of(tests[name], predicted)
-
-    gaps = hold_out(key, left, plain.__getitem__)
-    return {
-        **score(key, got.findings, got.unexplained, gaps),
-        "verdict": got.verdict,
-        "seconds": round(got.seconds, 1),
-        "error": got.error,
-    }
-
-
 def wanted(all_specs: list[Spec], only: list[str], count: int | None) -> list[int]:
-    """Indices of the cases to run: by level, effect, run set or name of the case; all without a choice."""
+    """Indices of the cases to run: by level, effect, run set, simulation or name; all without a choice."""
 
     def fits(index: int, s: Spec) -> bool:
-        words = {s.level, s.run_set, f"case-{index + 1:03d}", *(e for e, _ in s.effects)}
+        own = set() if s.simulation == "law" else {"own"}
+        words = {s.level, s.run_set, s.simulation, f"case-{index + 1:03d}", *(e for e, _ in s.effects)} | own
         return not only or bool(words & set(only))
 
     return [i for i, s in enumerate(all_specs) if fits(i, s)][:count]
 
 
-def run(jobs: list[Job], at_once: int) -> list[Row]:
-    """All jobs, some at once; progress goes to standard error, and so do cases that the benchmark itself fails at."""
+def leave_with(parent: int) -> None:
+    """End this process soon after its parent is gone, however that was stopped."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def pooled(step: Callable[[Job], Row], jobs: list[Job], at_once: int) -> Iterator[tuple[Job, Row]]:
+    """Each job with its result as it is done; cases that the benchmark itself fails at are said and left out."""
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ[variable] = "1"
-    rows = []
-    with ProcessPoolExecutor(at_once, get_context("spawn")) as pool:
-        futures = {pool.submit(judge, job): job for job in jobs}
-        for done in as_completed(futures):
+    start = time.monotonic()
+    with ProcessPoolExecutor(at_once, get_context("spawn"), leave_with, (os.getpid(),)) as pool:
+        futures = {pool.submit(step, job): job for job in jobs}
+        for n, done in enumerate(as_completed(futures), start=1):
+            job = futures[done]
+            spent = time.monotonic() - start
+            left = f"{spent / 60:.0f} min, {spent / n * (len(jobs) - n) / 60:.0f} left"
             if (error := done.exception()) is not None:
-                print(f"{futures[done].name} FAILED in the benchmark: {error!r}", file=sys.stderr, flush=True)
+                say(f"{n:3d}/{len(jobs)} {left}: {job.name} FAILED in the benchmark: {error!r}")
                 continue
-            row = done.result()
-            rows.append(row)
-            print(f"{len(rows):3d}/{len(jobs)} {progress(row)}", file=sys.stderr, flush=True)
-    return sorted(rows, key=lambda r: str(r["id"]))
+            say(f"{n:3d}/{len(jobs)} {left}: {job.name} {progress(job, done.result())}")
+            yield job, done.result()
 
 
-def progress(row: Row) -> str:
-    """One line on one case, by the first method."""
-    said = row[next(m for m in METHODS if m in row)]
+def say(line: str) -> None:
+    """Progress goes to standard error."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def progress(job: Job, row: Row) -> str:
+    """One line on one case, by the first method; where it is only made, how long that took."""
+    head = f"{job.spec.level:7s} {job.spec.simulation:5s} {row['robot']:14s}"
+    said = next((row[m] for m in METHODS if m in row), None)
+    if said is None:
+        return f"{head} made in {row['seconds_to_make']:.0f} s"
     mark = "exact" if said["exact"] else "  -  "
     error = f" ERROR {said['error']}" if said["error"] else ""
-    return f"{row['id']} {row['level']:8s} {row['robot']:15s} {mark} truth {said['truth']} named {said['named']}{error}"
+    return f"{head} {mark} truth {said['truth']} named {said['named']}{error}"
+
+
+def run(jobs: list[Job], at_once: int) -> list[Row]:
+    """Scores of all jobs, of which those that are kept from an earlier run are not done again."""
+    rows = {job.name: kept.read(*job.scored) for job in jobs}
+    rest = [job for job in jobs if rows[job.name] is None]
+    if len(rest) < len(jobs):
+        say(f"{len(jobs) - len(rest)} of {len(jobs)} cases are kept from before")
+    rows |= {job.name: row for job, row in pooled(judge, rest, at_once)}
+    return [row for _, row in sorted(rows.items()) if row is not None]
+
+
+def others(jobs: list[Job]) -> int:
+    """How many answers that are kept belong to another seed, product or benchmark than these jobs'."""
+    return sum(job.answered[0].exists() and kept.read(*job.answered) is None for job in jobs)
 
 
 def figures(rows: list[Row], methods: tuple[str, ...]) -> Row:
@@ -149,6 +112,7 @@ def figures(rows: list[Row], methods: tuple[str, ...]) -> Row:
         {
             "id": r["id"],
             "robot": r["robot"],
+            "simulation": r["simulation"]["kind"],
             "level": r["level"],
             "strength": r["strength"],
             "ratio": r["ratio"],
@@ -172,12 +136,23 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument("--json", action="store_true", help="one line instead of a readable object")
     parser.add_argument("--markdown", action="store_true", help="the tables of the proof instead of an object")
     parser.add_argument("--cases", type=int, help="only the first so many of the draw")
-    parser.add_argument("--only", nargs="+", default=[], metavar="WORD", help="a level, effect, run set or case-NNN")
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="WORD", help="a level, effect, run set, kind of simulation or case-NNN"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="cases at once")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--no-baselines", action="store_true", help="the product alone")
+    parser.add_argument(
+        "--law-only", action="store_true", help="all simulations compute robot.yaml's law, as in the first three runs"
+    )
     parser.add_argument("--command", default=product.default_command(), help="how to call the product")
-    parser.add_argument("--work", type=Path, help="where cases and answers are kept (a temporary folder otherwise)")
-    parser.add_argument("--keep", action="store_true", help="use cases and answers that are already in --work")
+    parser.add_argument(
+        "--work", type=Path, help="where cases, answers and scores are kept to go on from (otherwise they are not)"
+    )
+    parser.add_argument("--make", action="store_true", help="only make the cases in --work, and stop")
+    parser.add_argument(
+        "--again", action="store_true", help="replace answers in --work by other code or of another seed"
+    )
     parser.add_argument(
         "--seed-file",
         type=Path,
@@ -189,22 +164,37 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
+def jobs_of(a: argparse.Namespace, seed: str, work: Path) -> list[Job]:
+    """What the command line asks for."""
+    all_specs = [replace(s, simulation="law") if a.law_only else s for s in specs(seed)]
+    methods = tuple(m for m in METHODS if m in a.methods and (m == "explain" or not a.no_baselines))
+    codes = Codes(kept.making(), kept.product(), kept.judging())
+    return [Job(seed, i, all_specs[i], work, a.command, methods, codes) for i in wanted(all_specs, a.only, a.cases)]
+
+
 def main() -> None:
     """Entry point of `python bench/concealed.py`."""
-    a = arguments().parse_args()
+    parser = arguments()
+    a = parser.parse_args()
     if a.commit:
         print(commit(a.commit))
         return
+    if a.make and not a.work:
+        parser.error("--make needs --work, where the cases are kept")
     seed, salt, sealed = reveal(a.seed_file) if a.seed_file else (OPEN, "", False)
     with tempfile.TemporaryDirectory(prefix="concealed-") as temporary:
-        work = a.work or Path(temporary)
-        all_specs = specs(seed)
-        methods = tuple(m for m in METHODS if m in a.methods)
-        jobs = [
-            Job(seed, i, all_specs[i], work, a.command, methods, a.keep) for i in wanted(all_specs, a.only, a.cases)
-        ]
+        jobs = jobs_of(a, seed, a.work or Path(temporary))
+        if a.make:
+            say(f"{sum(1 for _ in pooled(make, jobs, a.jobs))} of {len(jobs)} cases are in {a.work}")
+            return
+        if (old := others(jobs)) and not a.again:
+            parser.error(
+                f"{old} answers in {a.work} are of another seed or of other code than now: give another --work, "
+                "or --again to replace them"
+            )
         rows = run(jobs, a.jobs)
-    result = {"seed": seed, "salt": salt, "seed_was_committed": sealed, **figures(rows, methods)}
+    result = {"seed": seed, "salt": salt, "seed_was_committed": sealed, "code": jobs[0].codes.product if jobs else None}
+    result |= figures(rows, jobs[0].methods if jobs else METHODS)
     if a.rows:
         a.rows.write_text(json.dumps(rows, indent=1))
     if a.markdown:

@@ -113,6 +113,11 @@ def strength_of(key: Row) -> str | None:
     return "weak" if key["ratio"] < 3 else "medium" if key["ratio"] < 6 else "strong"
 
 
+def predictable(key: Row) -> bool:
+    """Whether the sealed runs follow from their motion."""
+    return not {e for e, _ in truth_of(key)} & NOT_PREDICTABLE
+
+
 def hold_out(key: Row, left: Residuals, plain: Residuals) -> list[Row]:
     """Per touched channel of the sealed runs: error of simulation, refit alone, model, and best possible model.
 
@@ -165,7 +170,6 @@ def score(key: Row, findings: list[Row], unexplained: list[Row], gaps: list[Row]
         (a["effect"], a["joint"]) for a in key["allowed"] if (a["effect"], a["joint"]) not in truth
     }
     listed = {(a["effect"], a["joint"]) for f in findings for a in f.get("alternatives", [])}
-    shown = {e for e, _ in truth} & NOT_PREDICTABLE
     show = lambda pairs: sorted(f"{e}@{j if j else '-'}" for e, j in pairs)  # noqa: E731
     where = {j for e, j in truth if j is not None}
     return {
@@ -180,5 +184,5 @@ def score(key: Row, findings: list[Row], unexplained: list[Row], gaps: list[Row]
         "joints_found": len(where & {j for _, j in said}),
         "unexplained": sorted({str(u.get("channel")) for u in unexplained}),
         "parameters": comparisons(key, findings),
-        "hold_out": [] if shown else gaps,
+        "hold_out": gaps if predictable(key) else [],
     }

@@ -9,7 +9,7 @@ from pathlib import Path
 
 COMMITMENT = Path(__file__).with_name("commitment.json")
 REVEALED = Path(__file__).with_name("seed.json")
-"""Where the seed file is put after the run that it was committed for."""
+"""Where the seed file is put after the run that it was committed for; those of earlier runs are `-run3` and so on."""
 
 
 def digest(seed: str, salt: str) -> str:
@@ -31,8 +31,8 @@ def commit(seed_file: Path, commitment: Path = COMMITMENT) -> str:
 
 
 def reveal(seed_file: Path, commitment: Path = COMMITMENT) -> tuple[str, str, bool]:
-    """Seed and salt of a file, and whether they are the ones that were committed."""
+    """Seed and salt of a file, and whether they are among those committed, for this run or an earlier one."""
     content = json.loads(seed_file.read_text())
     seed, salt = content["seed"], content["salt"]
-    promised = json.loads(commitment.read_text())["sha256"] if commitment.exists() else None
-    return seed, salt, digest(seed, salt) == promised
+    promises = commitment.parent.glob(f"{commitment.stem}*.json")
+    return seed, salt, digest(seed, salt) in {json.loads(p.read_text())["sha256"] for p in promises}

@@ -13,6 +13,7 @@ from concealed.mechanics import Friction, Joints, Load, playback
 from concealed.motion import STYLES, TICK, Plan
 from concealed.plant import Body, rigid_torque
 from concealed.sensing import Interface, draw_interface
+from concealed.simulation import Simulation
 from concealed.supply import Supply
 
 
@@ -59,8 +60,9 @@ RATIO = {"weak": (1.5, 3.0), "medium": (3.0, 6.0), "strong": (6.0, 12.0)}
 class Setting:
     """One case: the plant's truth and what differs from it in the simulation.
 
-    Effects change `body`, `interface`, `supply` or `believed`. `q`, `v`, `a`, `rigid` are the planned motion and the
-    links' torque on a coarse grid, (N, C, n), held after a run's end; `alive` (N, C) marks each run's length.
+    Effects change `body`, `interface`, `supply` or `believed`; `simulation` is what it has beyond its law.
+    `q`, `v`, `a`, `rigid` are the planned motion and the links' torque on a coarse grid, (N, C, n), held after a
+    run's end; `alive` (N, C) marks each run's length.
     """
 
     rng: np.random.Generator
@@ -81,6 +83,7 @@ class Setting:
     shows_temperature: bool = False
     level: str = "medium"
     focus: list[int] = field(default_factory=list)
+    simulation: Simulation = field(default_factory=Simulation)
 
     @property
     def joints(self) -> int:

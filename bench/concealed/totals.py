@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -44,13 +44,31 @@ def names(scores: list[Row]) -> Row:
 
 def totals(rows: list[Row], method: str) -> Row:
     """All figures of one method; `rows` have the case's fields and one score a method."""
+    return {
+        **summary(rows, method),
+        "by_simulation": {
+            which: summary([r for r in rows if (r["simulation"]["kind"] == "law") == (which == "law")], method)
+            for which in ("law", "own")
+        },
+        "by_kind": grouped(rows, method, lambda r: [r["simulation"]["kind"]], summary),
+        "by_level": grouped(rows, method, lambda r: [r["level"]]),
+        "by_strength": grouped([r for r in rows if r["strength"]], method, lambda r: [r["strength"]]),
+        "by_robot": grouped(rows, method, lambda r: [r["robot"]]),
+        "by_effect": by_effect(rows, method),
+    }
+
+
+def summary(rows: list[Row], method: str) -> Row:
+    """The figures of one method over some cases."""
     scores = [r[method] for r in rows]
     nulls = [s for r, s in zip(rows, scores, strict=True) if r["level"] == "null"]
     unknown = [s for r, s in zip(rows, scores, strict=True) if r["level"] == "unknown"]
     gaps = [g for s in scores for g in s["hold_out"]]
+    recorded = [g for s in scores for g in s.get("hold_out_recorded", [])]
     parameters = [p for s in scores for p in s["parameters"]]
     judged = [p["covered"] for p in parameters if p["covered"] is not None]
     return {
+        "cases": len(rows),
         **names(scores),
         "exact": share(sum(s["exact"] for s in scores), len(scores)),
         "null_false_rate": share(sum(s["false"] > 0 for s in nulls), len(nulls)),
@@ -59,30 +77,43 @@ def totals(rows: list[Row], method: str) -> Row:
         "parameter_error_median": median(p["error"] for p in parameters),
         "localisation": share(sum(s["joints_found"] for s in scores), sum(s["joints"] for s in scores)),
         "gap_closed_median": median(g["gap_closed"] for g in gaps),
+        "gap_closed_recorded_median": median(g["gap_closed"] for g in recorded),
         "gap_closed_by_refit_median": median(g["gap_closed_refit"] for g in gaps),
         "gap_beyond_refit_median": median(g["gap_beyond_refit"] for g in gaps),
         "channels": len(gaps),
-        "channels_made_worse": sum(g["gap_closed"] is not None and g["gap_closed"] < 0 for g in gaps),
+        "channels_made_worse": worse(gaps),
+        "channels_made_worse_recorded": worse(recorded),
+        "channels_without_prediction": sum(g["model"] is None for g in gaps),
+        "cases_predicted_without_simulation": sum(s.get("without_simulation", False) for s in scores),
         "channels_better_than_refit": share(
             sum(g["model"] is not None and g["model"] < g["refit"] for g in gaps), len(gaps)
         ),
         "errors": sum(bool(s.get("error")) for s in scores),
         "seconds_median": median(s.get("seconds") for s in scores),
         "seconds_max": max((s.get("seconds") or 0.0 for s in scores), default=0.0),
-        "by_level": grouped(rows, method, lambda r: [r["level"]]),
-        "by_strength": grouped([r for r in rows if r["strength"]], method, lambda r: [r["strength"]]),
-        "by_robot": grouped(rows, method, lambda r: [r["robot"]]),
-        "by_effect": by_effect(rows, method),
     }
 
 
-def grouped(rows: list[Row], method: str, of: Any) -> Row:
-    """Names and exact share within each group of cases."""
+def worse(gaps: list[Row]) -> int:
+    """Channels whose error the model raises above the simulation's."""
+    return sum(g["gap_closed"] is not None and g["gap_closed"] < 0 for g in gaps)
+
+
+def found(rows: list[Row], method: str) -> Row:
+    """Names and exact share alone."""
+    scores = [r[method] for r in rows]
+    return {**names(scores), "exact": share(sum(s["exact"] for s in scores), len(scores))}
+
+
+def grouped(
+    rows: list[Row], method: str, of: Callable[[Row], list[str]], figures: Callable[[list[Row], str], Row] = found
+) -> Row:
+    """Figures within each group of cases."""
     groups: dict[str, list[Row]] = defaultdict(list)
     for r in rows:
         for g in of(r):
-            groups[g].append(r[method])
-    return {g: {**names(s), "exact": share(sum(x["exact"] for x in s), len(s))} for g, s in sorted(groups.items())}
+            groups[g].append(r)
+    return {g: figures(some, method) for g, some in sorted(groups.items())}
 
 
 def by_effect(rows: list[Row], method: str) -> Row:

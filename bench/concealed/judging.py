@@ -1,0 +1,145 @@
+"""One case from draw to scores; each step is skipped where its result is kept."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from concealed import kept, network, product, sparse
+from concealed.cases import Spec, make_case
+from concealed.files import Run, load_robot, load_run, load_runs
+from concealed.product import Answer
+from concealed.refit import refit
+from concealed.scoring import Row, hold_out, predictable, residual_of, score, strength_of
+
+MOTIONS = ("planned", "recorded")
+"""What the prediction of a sealed run is asked for; the second is scored beside the first."""
+FIELDS = ("id", "robot", "level", "simulation", "run_set", "rate", "ratio", "effects")
+
+
+@dataclass(frozen=True)
+class Codes:
+    """Digests of the code that a result depends on."""
+
+    making: str
+    product: str
+    judging: str
+
+
+@dataclass(frozen=True)
+class Job:
+    """One case to make and to judge."""
+
+    seed: str
+    index: int
+    spec: Spec
+    work: Path
+    command: str
+    methods: tuple[str, ...]
+    codes: Codes
+
+    @property
+    def name(self) -> str:
+        """Folder of the case."""
+        return f"case-{self.index + 1:03d}"
+
+    @property
+    def made(self) -> tuple[Path, str]:
+        """File and stamp of the case once it is made."""
+        return self.work / "made" / f"{self.name}.json", kept.stamp(self.seed, self.index, self.spec, self.codes.making)
+
+    @property
+    def answered(self) -> tuple[Path, str]:
+        """File and stamp of the product's answer."""
+        stamp = kept.stamp(self.made[1], self.command, self.codes.product)
+        return self.work / "answers" / f"{self.name}.json", stamp
+
+    @property
+    def scored(self) -> tuple[Path, str]:
+        """File and stamp of the case's scores."""
+        stamp = kept.stamp(self.answered[1], self.methods, self.codes.judging)
+        return self.work / "rows" / f"{self.name}.json", stamp
+
+
+def make(job: Job) -> Row:
+    """The case's key; its files are made where they are not there."""
+    if (key := kept.read(*job.made)) is None:
+        start = time.monotonic()
+        for folder in ("dev", "keys", "results"):
+            shutil.rmtree(job.work / folder / job.name, ignore_errors=True)
+        key = make_case(job.seed, job.index, job.spec, job.work)
+        key["seconds_to_make"] = round(time.monotonic() - start, 1)
+        kept.keep(*job.made, key)
+    return dict(key)
+
+
+def answer(job: Job) -> Answer:
+    """The product's answer on one case."""
+    if (old := kept.read(*job.answered)) is not None:
+        return Answer(**old)
+    out = job.work / "results" / job.name
+    shutil.rmtree(out, ignore_errors=True)
+    got = product.explain(job.command, job.work / "dev" / job.name, out)
+    kept.keep(*job.answered, asdict(got))
+    return got
+
+
+def judge(job: Job) -> Row:
+    """Make one case, let every method explain it, and score the answers."""
+    if (old := kept.read(*job.scored)) is not None:
+        return dict(old)
+    key = make(job)
+    case, sealed = job.work / "dev" / job.name, job.work / "keys" / job.name
+    robot, runs = load_robot(case), load_runs(case, sealed)
+    nominal = refit(robot, runs)
+    tests = {
+        r["run"]: load_run(sealed / f"{r['run']}.recording.parquet", sealed)
+        for r in key["runs"]
+        if r["split"] == "sealed"
+    }
+    plain = {name: nominal.left(run) for name, run in tests.items()}
+    row: Row = {k: key[k] for k in FIELDS} | {"strength": strength_of(key), "seconds_to_make": key["seconds_to_make"]}
+    for method in job.methods:
+        start = time.monotonic()
+        if method == "explain":
+            row[method] = by_product(job, key, tests, plain)
+            continue
+        model = sparse.explain(robot, runs) if method == "sparse" else network.explain(robot, runs, nominal)
+        seconds = time.monotonic() - start
+        left = {name: model.left(run) for name, run in tests.items()}
+        gaps = hold_out(key, left.get, plain.__getitem__)
+        row[method] = {**score(key, model.findings, [], gaps), "seconds": round(seconds, 1), "error": None}
+    kept.keep(*job.scored, row)
+    return row
+
+
+def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
+    """Scores of the product on one case: its findings, and its model on the sealed runs."""
+    got = answer(job)
+    out, sealed = job.work / "results" / job.name, job.work / "keys" / job.name
+    without: set[str] = set()
+
+    def left_of(source: str) -> Any:
+        def left(name: str) -> Any:
+            predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet", source)
+            if predicted is None:
+                return None
+            if not predicted.uses_simulation:
+                without.add(name)
+            return residual_of(tests[name], (predicted.torque, predicted.power))
+
+        return left
+
+    sources = MOTIONS if predictable(key) else ()
+    gaps = {source: hold_out(key, left_of(source), plain.__getitem__) for source in sources}
+    return {
+        **score(key, got.findings, got.unexplained, gaps.get("planned", [])),
+        "hold_out_recorded": gaps.get("recorded", []),
+        "without_simulation": bool(without),
+        "verdict": got.verdict,
+        "seconds": round(got.seconds, 1),
+        "error": got.error,
+    }
