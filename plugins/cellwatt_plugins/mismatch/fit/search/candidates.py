@@ -47,7 +47,7 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
     if max(float(s.time[-1] - s.time[0]) for s in states) < effect.acceptance.longest_run:
         return []
     places: list[int | None] = list(state.moving) if effect.place == "joint" else [None]
-    if effect.form.scheduled and effect.place == "joint":
+    if effect.form.intermittent and effect.place == "joint":
         places = list(range(states[0].body.joints))
     return [joint for joint in places if effect.possible(state.robot, joint)]
 
