@@ -20,6 +20,8 @@ from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict, save_model
 from cellwatt_plugins.mismatch.report import write_report
 from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
+from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
+from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 from cellwatt_plugins.mismatch.verdict.findings import Findings
 from cellwatt_plugins.robot import RigidBody, load_robot
 
@@ -50,6 +52,7 @@ class _Explain(click.Command):
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+@click.option("--mend", "simulator", type=FILE, help="MJCF or URDF to write anew into OUT, with what was found in it.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @click.option(
     "--suggest",
@@ -63,6 +66,7 @@ def explain(
     robot: Path,
     out: Path,
     as_json: bool,
+    simulator: Path | None,
     no_report: bool,
     experiment: Path | None,
 ) -> None:
@@ -74,18 +78,27 @@ def explain(
     """
     description = load_robot(robot)
     body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    user = None if simulator is None else to_mend(simulator, body)
     runs = read_runs(recordings, simulations, description, body)
     notes = examine(runs, description, body)
     with threadpool_limits(1):
         found = explain_runs(runs, description, body, notes=notes)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "findings.json").write_text(json.dumps(found.findings.as_json(), indent=1))
+    content = found.findings.as_json()
+    (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
     if not no_report:
         write_report(
             out / "report.html", found.findings, traces_of(runs, found), description.robot, noise_floors(found)
         )
-    click.echo(json.dumps(found.findings.as_json()) if as_json else in_words(found, out))
+    with threadpool_limits(1):
+        mended = None if user is None else mend(found, runs, user, out)
+    if mended is not None:
+        content["mended"] = mended.as_json()
+        (out / "findings.json").write_text(json.dumps(content, indent=1))
+    click.echo(json.dumps(content) if as_json else in_words(found, out))
+    if mended is not None:
+        click.echo(mended_in_words(mended), err=as_json)
     if experiment is not None:
         with threadpool_limits(1):
             suggestion = suggest(found)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.simulators.inertia import about_origin
 from cellwatt_plugins.robot.law import SIGN_WIDTH
 
 Float = NDArray[np.float64]
@@ -60,6 +61,57 @@ class Simulator:
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
         return np.asarray(out + self.model.dof_frictionloss[dof] * np.tanh(velocity / SIGN_WIDTH))
+
+    @property
+    def bodies(self) -> NDArray[np.intp]:
+        """The body that each joint moves, (n,)."""
+        return np.array([self.model.joint(name).bodyid[0] for name in self.joints], np.intp)
+
+    def motor(self, joint: int) -> int | None:
+        """The actuator that turns control into a joint's (0-based) torque by its gear alone; None where none does."""
+        import mujoco
+
+        model, own = self.model, self.model.joint(self.joints[joint]).id
+        acting = [
+            i
+            for i in range(model.nu)
+            if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[i, 0] == own
+        ]
+        plain = [
+            i
+            for i in acting
+            if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        ]
+        return plain[0] if len(acting) == len(plain) == 1 else None
+
+    def poses(self, position: Float) -> tuple[Float, Float, Float]:
+        """Frames (N, n, 4, 4) of those bodies in the world, and the joints' anchors and axes there, (N, n, 3) each."""
+        import mujoco
+
+        data = mujoco.MjData(self.model)
+        number = [self.model.joint(name).id for name in self.joints]
+        frames = np.tile(np.eye(4), (*np.shape(position), 1, 1))
+        anchors, axes = np.empty((*np.shape(position), 3)), np.empty((*np.shape(position), 3))
+        for k, row in enumerate(position):
+            data.qpos[self.places[0]] = row
+            mujoco.mj_kinematics(self.model, data)
+            frames[k, :, :3, :3] = data.xmat[self.bodies].reshape(-1, 3, 3)
+            frames[k, :, :3, 3] = data.xpos[self.bodies]
+            anchors[k], axes[k] = data.xanchor[number], data.xaxis[number]
+        return frames, anchors, axes
+
+    def links(self) -> Float:
+        """Inertial parameters (n, 10) of those bodies in their own frames."""
+        import mujoco
+
+        turn, out = np.empty(9), []
+        for body in self.bodies:
+            mujoco.mju_quat2Mat(turn, self.model.body_iquat[body])
+            axes = turn.reshape(3, 3)
+            inertia = axes @ np.diag(self.model.body_inertia[body]) @ axes.T
+            out.append(about_origin(float(self.model.body_mass[body]), self.model.body_ipos[body], inertia))
+        return np.stack(out)
 
 
 def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
@@ -116,11 +168,15 @@ def _mujoco(path: Path) -> Any:
 
 
 def _without_shapes(text: str) -> str:
-    """A URDF without what is only seen or touched: meshes are seldom where the file says."""
+    """A URDF without what is only seen or touched: meshes are seldom where the file says. Each link is a body."""
     root = ET.fromstring(text)
     for link in root.iter("link"):
         for shape in [child for child in link if child.tag in ("visual", "collision")]:
             link.remove(shape)
+    own = root.find("mujoco")
+    own = ET.SubElement(root, "mujoco") if own is None else own
+    compiler = own.find("compiler")
+    (ET.SubElement(own, "compiler") if compiler is None else compiler).set("fusestatic", "false")
     return ET.tostring(root, encoding="unicode")
 
 

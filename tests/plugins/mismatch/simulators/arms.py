@@ -94,9 +94,9 @@ class TwoLinks:
         )
         joints = "".join(
             f"""
-  <joint name="{names[i]}" type="continuous">
+  <joint name="{names[i]}" type="revolute">
     <parent link="{parent}"/><child link="{child}"/>
-    <origin xyz="0 0 {z}"/><axis xyz="0 -1 0"/>
+    <origin xyz="0 0 {z}"/><axis xyz="0 -1 0"/><limit lower="-9" upper="9" effort="99" velocity="9"/>
     <dynamics damping="{self.damping[i]}" friction="{self.friction[i]}"/>
   </joint>"""
             for i, (parent, child, z) in enumerate((("base", "upper", 1.0), ("upper", "lower", -self.length)))
