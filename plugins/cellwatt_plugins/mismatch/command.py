@@ -22,6 +22,8 @@ from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states, save_model
 from cellwatt_plugins.mismatch.report import write_report
 from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
+from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
+from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 from cellwatt_plugins.mismatch.verdict.findings import Findings
 from cellwatt_plugins.robot import RigidBody, load_robot
 
@@ -60,6 +62,7 @@ class _Explain(click.Command):
     show_default=True,
     help="Seconds of computing after which nothing more is looked for.",
 )
+@click.option("--mend", "simulator", type=FILE, help="MJCF or URDF to write anew into OUT, with what was found in it.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @click.option(
     "--suggest",
@@ -74,6 +77,7 @@ def explain(
     out: Path,
     as_json: bool,
     seconds: float,
+    simulator: Path | None,
     no_report: bool,
     experiment: Path | None,
 ) -> None:
@@ -85,18 +89,27 @@ def explain(
     """
     description = load_robot(robot)
     body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    user = None if simulator is None else to_mend(simulator, body)
     with threadpool_limits(1), Console(stderr=True).status("reading") as status:
-        runs = read_runs(recordings, simulations, description)
+        runs = read_runs(recordings, simulations or ((simulator,) if simulator else ()), description)
         base, notes = examine(runs, description, body)
         found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=status.update)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "findings.json").write_text(json.dumps(found.findings.as_json(), indent=1))
+    content = found.findings.as_json()
+    (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
     if not no_report:
         write_report(
             out / "report.html", found.findings, traces_of(runs, found), description.robot, noise_floors(found)
         )
-    click.echo(json.dumps(found.findings.as_json()) if as_json else in_words(found, out))
+    with threadpool_limits(1):
+        mended = None if user is None else mend(found, runs, user, out)
+    if mended is not None:
+        content["mended"] = mended.as_json()
+        (out / "findings.json").write_text(json.dumps(content, indent=1))
+    click.echo(json.dumps(content) if as_json else in_words(found, out))
+    if mended is not None:
+        click.echo(mended_in_words(mended), err=as_json)
     if experiment is not None:
         with threadpool_limits(1):
             suggestion = suggest(found)

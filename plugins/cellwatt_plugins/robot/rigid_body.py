@@ -95,7 +95,23 @@ class RigidBody:
 
     def tilt_torque(self, q: Float, gravity: Float) -> Float:
         """Torques (N, n) Nm that ``gravity`` (3,) m/s² in the base frame, instead of the vertical one, would need."""
-        tilted = self.model.copy()
-        tilted.gravity = pin.Motion(np.asarray(gravity, np.float64), np.zeros(3))
-        data = tilted.createData()
-        return np.stack([pin.computeGeneralizedGravity(tilted, data, row) for row in q])
+        return self.under(gravity).gravity_torque(q)
+
+    def under(self, gravity: Float) -> RigidBody:
+        """The same arm under another ``gravity`` (3,) m/s² in the base frame."""
+        other = copy(self)
+        other.model = self.model.copy()
+        other.model.gravity = pin.Motion(np.asarray(gravity, np.float64), np.zeros(3))
+        other._data = other.model.createData()
+        return other
+
+    def poses(self, q: Float) -> tuple[Float, Float]:
+        """Frames (N, n, 4, 4) of the joints in the base's, and their axes (N, n, 3) there, at ``q`` (N, n) rad."""
+        model, data = self.model, self._data
+        frames, axes = np.empty((len(q), self.joints, 4, 4)), np.empty((len(q), self.joints, 3))
+        for k, row in enumerate(q):
+            columns = pin.computeJointJacobians(model, data, row)
+            turns = np.linalg.norm(columns[3:], axis=0) > 0.5
+            axes[k] = np.where(turns, columns[3:], columns[:3]).T
+            frames[k] = [data.oMi[i + 1].homogeneous for i in range(self.joints)]
+        return frames, axes

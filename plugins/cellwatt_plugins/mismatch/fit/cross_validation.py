@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,12 +34,17 @@ class CrossValidation:
 
     def residual(self, terms: Sequence[Term]) -> Float:
         """Residual (N, C) of each row in the fit that did not see it."""
-        blocks: list[Block] = [self.problem.block(term) for term in terms]
         out = np.empty_like(self.problem.design.target)
-        for k, design in enumerate(self._designs):
+        for k, fit in enumerate(self.fits(terms)):
             left = self.fold == k
-            out[left] = Regression(design, blocks, self.factor).residual[left]
+            out[left] = fit.residual[left]
         return out
+
+    def fits(self, terms: Sequence[Term]) -> Iterator[Regression]:
+        """The fit without the rows of each fold in turn."""
+        blocks: list[Block] = [self.problem.block(term) for term in terms]
+        for design in self._designs:
+            yield Regression(design, blocks, self.factor)
 
     def by_block(self, course: Float) -> Float:
         """Sums (B, C) over each block of what is given for each row, (N, C)."""

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
-from cellwatt_plugins.mismatch.input.motion import Moved, exact
+from cellwatt_plugins.mismatch.input.motion import Moved, exact, moved
 from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
+from cellwatt_plugins.mismatch.simulators import Simulator, is_simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
@@ -33,15 +34,15 @@ def read_runs(recordings: Sequence[Path], simulations: Sequence[Path], robot: Ro
     """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
 
     Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
-    in the same place of the list.
-    Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    in the same place of the list; a simulator's own file (MJCF, URDF) is run on each. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
     runs = []
     every = [read_signals(path, robot) for path in recordings]
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
-    pairs = zip(
-        _names(recordings), (each.slower(rate) for each in every), _matched(recordings, simulations), strict=True
-    )
+    slowed = [each.slower(rate) for each in every]
+    simulator = _simulator(simulations, robot)
+    tables = _matched(recordings, () if simulator is not None else simulations)
+    pairs = zip(_names(recordings), slowed, tables, strict=True)
     for name, signals, simulation in pairs:
         run = Run(
             name=name,
@@ -60,8 +61,30 @@ def read_runs(recordings: Sequence[Path], simulations: Sequence[Path], robot: Ro
             run = _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
         elif "target_position" in signals.joints:
             run = _with_targets(run, signals)
-        runs.append(run)
+        runs.append(run if simulator is None else _run_through(simulator, run))
     return runs
+
+
+def _simulator(simulations: Sequence[Path], robot: RobotDescription) -> Simulator | None:
+    """The simulator that a file of one describes; None where tables are given."""
+    files = [path for path in simulations if is_simulator(path)]
+    if not files:
+        return None
+    if len(simulations) > 1:
+        raise RecordingError(f"{files[0]}: a simulator runs on every recording: give it without other simulations")
+    return load_simulator(files[0], [joint.name for joint in robot.joints])
+
+
+def _run_through(simulator: Simulator, run: Run) -> Run:
+    """The run with what a simulator says of the motion that was commanded, or made where no command was recorded."""
+    if run.plan is None:
+        motion = moved(run)
+        plan = Plan(motion.position, motion.velocity, motion.acceleration)
+    else:
+        plan = run.plan
+    torque = simulator.torque(plan.position, plan.velocity, plan.acceleration)
+    notes = [note for note in simulator.notes if note not in run.notes]
+    return replace(run, simulated=Simulated(run.time, plan, torque), notes=(*run.notes, *notes))
 
 
 def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) -> tuple[Run, Moved | None]:

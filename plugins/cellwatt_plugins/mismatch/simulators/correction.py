@@ -1,0 +1,129 @@
+"""What a model found, in terms that simulators of arms have; and what they have no term for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
+from cellwatt_plugins.robot.rigid_body import PER_LINK
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What is to be added to a simulator of n joints."""
+
+    friction: Float
+    """(n,) Nm, against the motion."""
+    damping: Float
+    """(n, 3) Nm for w, w·abs(w) and w³, w in rad/s."""
+    armature: Float
+    """(n,) kg m²."""
+    links: Float
+    """(n, 10), inertial parameters in the URDF's joint frames."""
+    payload: Float | None
+    """(10,) in the last joint's frame."""
+    spring: Float
+    """(n, 2): stiffness Nm/rad, and the torque Nm at 0 rad."""
+    gain: Float
+    """(n,): measured torque over true torque, less 1."""
+    gravity: Float
+    """(3,) m/s² in the base's frame."""
+
+
+def correction(retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[States]) -> Correction:
+    """What a model adds to the simulation that it was compared with."""
+    n = len(retuned.coulomb_friction)
+    friction, armature = retuned.coulomb_friction.copy(), retuned.rotor_inertia.copy()
+    damping = np.column_stack([retuned.viscous_friction, np.zeros((n, 2))])
+    links = retuned.inertial.reshape(n, PER_LINK).copy()
+    spring, gain, gravity, payload = np.zeros((n, 2)), np.zeros(n), np.zeros(3), None
+    for fitted in terms:
+        joint, own = fitted.term.joint or 0, fitted.coefficients
+        match fitted.term.effect.name:
+            case "coulomb_friction":
+                friction[joint] += own[0]
+            case "asymmetric_friction" if fitted.term.shape[0] != 0:
+                friction[joint] += 0.5 * own[0]
+            case "viscous_friction":
+                damping[joint, 0] += own[0]
+            case "nonlinear_viscous_friction" if fitted.term.shape[0] > 1:
+                damping[joint] += own[0] * _polynomial(fitted.term.shape[0], _fastest(states, joint))
+            case "rotor_inertia":
+                armature[joint] += own[0]
+            case "link_inertial_error":
+                links[joint] += own
+            case "payload":
+                payload = own.copy()
+            case "spring_load":
+                spring[joint] += own
+            case "torque_gain":
+                gain[joint] += own[0]
+            case "gravity_tilt":
+                down = -float(states[0].body.model.gravity.linear[2])
+                gravity += down * np.array([own[1], -own[0], 0.0])
+    return Correction(friction, damping, armature, links, payload, spring, gain, gravity)
+
+
+EXPRESSED = frozenset(
+    {
+        "coulomb_friction",
+        "viscous_friction",
+        "rotor_inertia",
+        "link_inertial_error",
+        "payload",
+        "spring_load",
+        "torque_gain",
+        "gravity_tilt",
+    }
+)
+"""Effects that ``Correction`` has in full."""
+
+
+def remainder(fitted: FittedTerm, states: States, every: Sequence[States]) -> Float:
+    """Torque (N, n) Nm of a term along one of ``every`` run that ``Correction`` does not have; W (N, 1) of a supply."""
+    effect, joint, shape = fitted.term.effect, fitted.term.joint, fitted.term.shape
+    course = effect.columns(states, joint, shape) @ fitted.coefficients
+    if effect.place == "supply":
+        return np.asarray(course[:, None])
+    if course.ndim == 2:
+        return np.asarray(course)
+    at = joint or 0
+    if effect.name == "asymmetric_friction" and shape[0] != 0:
+        course = course - 0.5 * fitted.coefficients[0] * states.sign[:, at]
+    if effect.name == "nonlinear_viscous_friction" and shape[0] > 1:
+        speed = states.qd[:, at]
+        powers = np.column_stack([speed, speed * np.abs(speed), speed**3])
+        course = course - fitted.coefficients[0] * (powers @ _polynomial(shape[0], _fastest(every, at)))
+    out = np.zeros_like(states.q)
+    out[:, at] = course
+    return out
+
+
+def why_left(fitted: FittedTerm) -> str:
+    """Why a simulator of an arm has no term for an effect."""
+    effect = fitted.term.effect
+    if effect.place == "supply":
+        return "it is in the supply, which the simulator does not have"
+    if effect.acts_on == "reading":
+        return "it is in the measurement, not in the arm"
+    if effect.form.intermittent:
+        return "it is there at some times only"
+    return "the simulator has no such term"
+
+
+def _polynomial(exponent: float, fastest: float) -> Float:
+    """Coefficients (3,), none negative, of w, w² and w³ that follow w to an ``exponent`` up to ``fastest`` rad/s."""
+    speed = np.linspace(0.0, fastest, 200)
+    return np.asarray(nnls(np.column_stack([speed, speed**2, speed**3]), speed**exponent)[0])
+
+
+def _fastest(states: Sequence[States], joint: int) -> float:
+    return max(float(np.max(np.abs(s.qd[:, joint]))) for s in states)

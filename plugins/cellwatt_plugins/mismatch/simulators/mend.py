@@ -1,0 +1,210 @@
+"""The found physics given back to the user's simulator, and what that is worth on motion it was not fitted to."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.problem import Problem
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.model import FittedTerm
+from cellwatt_plugins.mismatch.simulators.correction import EXPRESSED, correction, remainder, why_left
+from cellwatt_plugins.mismatch.simulators.mjcf import write_mjcf
+from cellwatt_plugins.mismatch.simulators.mujoco import Simulator, load_simulator
+from cellwatt_plugins.mismatch.simulators.placing import Placing, placing
+from cellwatt_plugins.mismatch.simulators.target import Target, expected, target
+from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urdf
+from cellwatt_plugins.mismatch.simulators.written import Applied, Written
+from cellwatt_plugins.mismatch.verdict.estimates import retuned
+from cellwatt_plugins.robot import RigidBody
+
+Float = NDArray[np.float64]
+
+POSES = 60
+SAME = 1e-3
+"""Share of a joint's torque by which the written file may differ from what was to be written."""
+WORTH = 0.02
+"""Share of the noise floor from which torque that is left counts."""
+
+
+@dataclass(frozen=True)
+class ToMend:
+    """A simulator and the frames of the robot's URDF in it."""
+
+    simulator: Simulator
+    frames: Placing
+
+
+@dataclass(frozen=True)
+class Left:
+    """What was found and is not in the mended file."""
+
+    effect: str
+    joint: int | None
+    """1-based: the joint whose torque it is; None for the supply."""
+    why: str
+    rms: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Error of the simulator on blocks that the numbers written were not fitted to."""
+
+    channel: str
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A mended simulator."""
+
+    path: Path
+    applied: tuple[Applied, ...]
+    left: tuple[Left, ...]
+    error: tuple[ChannelError, ...]
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """For ``findings.json``."""
+        return {**asdict(self), "path": str(self.path)}
+
+
+def to_mend(path: Path, body: RigidBody) -> ToMend:
+    """A user's file, and where the URDF's frames are in it. Raises ``ConfigError`` where it cannot be used."""
+    simulator = load_simulator(path, tuple(body.model.names)[1:])
+    return ToMend(simulator, placing(simulator, body))
+
+
+def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mended:
+    """Writes ``out/NAME.mended.xml`` (or ``.urdf``) with what was found, and compares it with the recordings.
+
+    Raises ``ConfigError`` where the file cannot be changed.
+    """
+    solution, simulator, frames = found.torque, user.simulator, user.frames
+    terms = [term for term in found.model.terms if term.term.effect.place != "supply"]
+    goal = _target(simulator, frames, solution, terms)
+    written = _write(simulator, goal, out)
+    _verify(simulator, frames, goal, solution.problem, written)
+    refused = [*goal.refused, *written.refused]
+    error = _held_out(simulator, frames, solution, runs)
+    notes = (*simulator.notes, *frames.notes, *goal.notes)
+    return Mended(written.path, tuple(written.applied), tuple(_left(found, refused)), error, notes)
+
+
+def _target(simulator: Simulator, frames: Placing, solution: Solution, terms: Sequence[FittedTerm]) -> Target:
+    """What is to be written, as far as the kind of file can say it."""
+    states = solution.problem.states
+    found = correction(retuned(solution, None), terms, states)
+    goal = target(simulator, frames, found, states, solution.problem.floor)
+    return what_urdf_holds(simulator, goal) if simulator.path.suffix.lower() == ".urdf" else goal
+
+
+def _write(simulator: Simulator, goal: Target, folder: Path) -> Written:
+    if simulator.path.suffix.lower() == ".urdf":
+        return write_urdf(simulator, goal, folder)
+    return write_mjcf(simulator, goal, folder)
+
+
+def _verify(simulator: Simulator, frames: Placing, goal: Target, problem: Problem, written: Written) -> None:
+    """Raises ``ConfigError`` where the written file does not say what it should of random poses."""
+    rng, shape = np.random.default_rng(1), (POSES, len(simulator.joints))
+    motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
+    wanted = expected(simulator, frames, goal, problem.states[0], *motion)
+    off = rms(_mended(simulator, written)[0].torque(*motion) - wanted)
+    share = off / np.maximum(rms(wanted), problem.floor)
+    if np.max(share) > SAME:
+        worst = int(np.argmax(share))
+        raise ConfigError(
+            f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "
+            "(something in the file overrules what its joints and bodies say, e.g. inertiafromgeom, settotalmass, "
+            "fusestatic)"
+        )
+
+
+def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
+    """The written simulator, and the factor (n,) of its gears on the user's: that of true to measured torque."""
+    new = load_simulator(written.path, simulator.joints)
+    factor = np.ones(len(simulator.joints))
+    for at in range(len(factor)):
+        one, other = simulator.motor(at), new.motor(at)
+        if one is not None and other is not None:
+            factor[at] = new.model.actuator_gear[other, 0] / simulator.model.actuator_gear[one, 0]
+    return new, factor
+
+
+def _held_out(
+    simulator: Simulator, frames: Placing, solution: Solution, runs: Sequence[Run]
+) -> tuple[ChannelError, ...]:
+    """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
+    problem, held = solution.problem, CrossValidation(solution.problem, solution.factor)
+    measured = problem.stack([run.torque for run in runs])
+    motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
+    before = measured - simulator.torque(*motion)
+    after = np.empty_like(before)
+    for k, fit in enumerate(held.fits(solution.terms)):
+        part = Solution(problem, solution.terms, fit, solution.factor)
+        terms = [FittedTerm(term, fit.coefficients[part.block(term)[1]]) for term in part.terms]
+        rows = held.fold == k
+        with tempfile.TemporaryDirectory() as folder:
+            written = _write(simulator, _target(simulator, frames, part, terms), Path(folder))
+            new, factor = _mended(simulator, written)
+        after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
+    return tuple(
+        ChannelError(f"tau_{c + 1}", "N*m", float(b), float(a), float(f))
+        for c, (b, a, f) in enumerate(zip(rms(before), rms(after), problem.floor, strict=True))
+    )
+
+
+def _left(found: Explained, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
+    """What the file does not say, with the torque or power that is left by it."""
+    problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
+    out = []
+    for fitted in found.model.terms:
+        effect, joint = fitted.term.effect, fitted.term.joint
+        if (effect.name, joint) in why:
+            course = [_whole(fitted, s) for s in problem.states]
+            out += _entries(effect.name, why.pop((effect.name, joint)), course, problem)
+        elif effect.place == "supply":
+            states = (problem if found.supply is None else found.supply.problem).states
+            course = [remainder(fitted, s, states) for s in states]
+            out.append(Left(effect.name, None, why_left(fitted), float(rms(np.concatenate(course))[0]), "W"))
+        elif effect.name not in EXPRESSED:
+            course = [remainder(fitted, s, problem.states) for s in problem.states]
+            out += _entries(effect.name, why_left(fitted), course, problem)
+    rotor = found.model.retuned.rotor_inertia
+    if any(effect == "rotor_inertia" for effect, _ in why):
+        reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")
+        out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)
+    return out
+
+
+def _whole(fitted: FittedTerm, states: States) -> Float:
+    """Torque (N, n) Nm of a term."""
+    course = fitted.term.effect.columns(states, fitted.term.joint, fitted.term.shape) @ fitted.coefficients
+    if course.ndim == 2:
+        return np.asarray(course)
+    out = np.zeros_like(states.q)
+    out[:, fitted.term.joint or 0] = course
+    return out
+
+
+def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Left]:
+    """One entry for each joint where a course (N, n) Nm of each run counts."""
+    size = rms(np.concatenate(course))
+    there = np.flatnonzero(size > WORTH * problem.floor)
+    return [Left(effect, int(joint) + 1, why, float(size[joint]), "N*m") for joint in there]

@@ -1,0 +1,165 @@
+"""Writes what was found into an MJCF: explicit attributes on joints and bodies, all else as the user wrote it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.simulators.files import Files, One
+from cellwatt_plugins.mismatch.simulators.inertia import at_centre
+from cellwatt_plugins.mismatch.simulators.markup import Element, number
+from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
+from cellwatt_plugins.mismatch.simulators.target import Target, damping_of
+from cellwatt_plugins.mismatch.simulators.written import Applied, Written, differ, differs, say_inertial
+
+Float = NDArray[np.float64]
+
+_KINEMATIC = ("body", "frame", "worldbody", "mujocoinclude")
+_PAYLOAD = "payload"
+
+
+def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
+    """Writes the mended file into ``folder``. Raises ``ConfigError`` where a joint is not written in the text."""
+    files = Files(simulator.path)
+    done = Written(folder)
+    found = [_joint(files, name) for name in simulator.joints]
+    for at, (one, element) in enumerate(found):
+        _write_joint(simulator, goal, at, one, element, done, _turns(files, simulator, at))
+    for at, (one, element) in enumerate(found):
+        _write_link(simulator, goal, at, one, _body(one, element, simulator.path), done)
+    if goal.payload is not None:
+        one, element = found[-1]
+        _add_payload(simulator, goal.payload, one, _body(one, element, simulator.path), done)
+    _write_gravity(files, simulator, goal, done)
+    _write_gears(files, simulator, goal, done)
+    done.path = files.write(folder)[0]
+    return done
+
+
+def _joint(files: Files, name: str) -> tuple[One, Element]:
+    there = [
+        (one, e)
+        for one, e in files.all("joint")
+        if e.attributes.get("name") == name and e.parent is not None and e.parent.tag in _KINEMATIC
+    ]
+    if len(there) != 1:
+        raise ConfigError(
+            f"{files.path}: joint {name} is not written in it once (attached or replicated?): cannot mend"
+        )
+    return there[0]
+
+
+def _body(one: One, element: Element, path: Path) -> Element:
+    above = element.parent
+    while above is not None and above.tag == "frame":
+        above = above.parent
+    if above is None or above.tag != "body":
+        raise ConfigError(f"{path}: {one.path.name} has a joint outside of a body: cannot mend")
+    return above
+
+
+def _turns(files: Files, simulator: Simulator, at: int) -> float:
+    """The file's unit of a joint's angle, rad; 1 for a slide."""
+    import mujoco
+
+    if simulator.model.joint(simulator.joints[at]).type[0] == int(mujoco.mjtJoint.mjJNT_SLIDE):
+        return 1.0
+    angle = "degree"
+    for _, compiler in files.all("compiler"):
+        angle = compiler.attributes.get("angle", angle)
+    return float(np.pi / 180) if angle == "degree" else 1.0
+
+
+def _write_joint(
+    simulator: Simulator, goal: Target, at: int, one: One, element: Element, done: Written, unit: float
+) -> None:
+    model, name = simulator.model, simulator.joints[at]
+    dof, place, own = simulator.places[1][at], simulator.places[0][at], model.joint(name).id
+    plain = (
+        ("frictionloss", goal.friction[at], model.dof_frictionloss[dof], "N*m"),
+        ("armature", goal.armature[at], model.dof_armature[dof], "kg*m^2"),
+        ("stiffness", goal.stiffness[at], model.jnt_stiffness[own], "N*m/rad"),
+    )
+    for what, value, was, of in plain:
+        if differs(value, was):
+            one.markup.set(element, **{what: number(value)})
+            done.applied.append(Applied(what, f"joint {name}", float(value), float(was), of))
+    if differs(goal.rest[at], model.qpos_spring[place]):
+        one.markup.set(element, springref=number(goal.rest[at] / unit))
+        done.applied.append(
+            Applied("springref", f"joint {name}", float(goal.rest[at]), float(model.qpos_spring[place]), "rad")
+        )
+    _write_damping(goal.damping[at], damping_of(simulator)[at], name, one, element, done)
+
+
+def _write_damping(wanted: Float, was: Float, name: str, one: One, element: Element, done: Written) -> None:
+    """One number, or three where powers of the speed are there."""
+    if not differ(wanted, was):
+        return
+    count = 3 if np.any(wanted[1:] != 0) or np.any(was[1:] != 0) else 1
+    one.markup.set(element, damping=" ".join(map(number, wanted[:count])))
+    new, before = (tuple(values[:count].tolist()) if count > 1 else float(values[0]) for values in (wanted, was))
+    done.applied.append(Applied("damping", f"joint {name}", new, before, "N*m*s/rad"))
+
+
+def _inertial(parameters: Float) -> str:
+    mass, centre, inertia = at_centre(parameters)
+    entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return (
+        f'<inertial pos="{" ".join(map(number, centre))}" mass="{number(mass)}" '
+        f'fullinertia="{" ".join(map(number, entries))}"/>'
+    )
+
+
+def _write_link(simulator: Simulator, goal: Target, at: int, one: One, body: Element, done: Written) -> None:
+    own, new = simulator.links()[at], goal.links[at]
+    if not differ(new, own):
+        return
+    there = body.child("inertial")
+    if there is None:
+        one.markup.add(body, _inertial(new))
+    else:
+        one.markup.replace(there, _inertial(new))
+    where = f"body {body.attributes.get('name', f'of joint {simulator.joints[at]}')}"
+    say_inertial(new, own, where, done)
+
+
+def _add_payload(simulator: Simulator, parameters: Float, one: One, body: Element, done: Written) -> None:
+    names = {simulator.model.body(i).name for i in range(simulator.model.nbody)}
+    name = next(n for i in range(100) if (n := _PAYLOAD if i == 0 else f"{_PAYLOAD}_{i + 1}") not in names)
+    one.markup.add(body, f'<body name="{name}">{_inertial(parameters)}</body>')
+    say_inertial(parameters, None, f"body {name}", done)
+
+
+def _write_gravity(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
+    was = np.array(simulator.model.opt.gravity)
+    if not differ(goal.gravity, was):
+        return
+    written = " ".join(map(number, goal.gravity))
+    options = [(one, e) for one, e in files.all("option") if e.parent is not None and e.parent.tag != "default"]
+    stated = [(one, e) for one, e in options if "gravity" in e.attributes] or options[-1:]
+    for one, element in stated:
+        one.markup.set(element, gravity=written)
+    if not stated:
+        main = files.every[0].markup
+        main.add(main.root, f'<option gravity="{written}"/>')
+    done.applied.append(Applied("gravity", "option", tuple(goal.gravity.tolist()), tuple(was.tolist()), "m/s^2"))
+
+
+def _write_gears(files: Files, simulator: Simulator, goal: Target, done: Written) -> None:
+    for at in np.flatnonzero(np.abs(goal.gear - 1) > 1e-9):
+        name = simulator.joints[at]
+        motors = [(one, e) for one, e in files.all("motor") if e.attributes.get("joint") == name]
+        number_of = simulator.motor(int(at))
+        if len(motors) != 1 or number_of is None:
+            done.refused.append(("torque_gain", int(at), "the joint has no motor of its own whose gear could carry it"))
+            continue
+        gear = simulator.model.actuator_gear[number_of].copy()
+        was = float(gear[0])
+        gear[0] *= goal.gear[at]
+        last = int(np.flatnonzero(gear)[-1]) + 1
+        motors[0][0].markup.set(motors[0][1], gear=" ".join(map(number, gear[:last])))
+        done.applied.append(Applied("gear", f"motor of joint {name}", float(gear[0]), was, ""))

@@ -1,0 +1,218 @@
+"""A user's arm in MuJoCo: the torque that its file says a motion needs."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.simulators.inertia import about_origin
+from cellwatt_plugins.robot.law import SIGN_WIDTH
+
+Float = NDArray[np.float64]
+
+SUFFIXES = (".xml", ".mjcf", ".urdf")
+LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS")
+"""What no motor's torque on a planned motion is made of, and dry friction, which is taken as the file states it."""
+
+
+def is_simulator(path: Path) -> bool:
+    """Whether a file is a simulator's model by its name, and not a table of its results."""
+    return path.suffix.lower() in SUFFIXES
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """An arm of n joints as MuJoCo has it."""
+
+    path: Path
+    model: Any
+    """``mujoco.MjModel``."""
+    joints: tuple[str, ...]
+    """Their names in the file, from the base."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Places of the joints in ``qpos`` and in ``qvel``, (n,) each."""
+        found = [self.model.joint(name) for name in self.joints]
+        return np.array([j.qposadr[0] for j in found], np.intp), np.array([j.dofadr[0] for j in found], np.intp)
+
+    def torque(self, position: Float, velocity: Float, acceleration: Float) -> Float:
+        """Torque (N, n) Nm at the joint side that moves the arm so, (N, n) each; other joints rest at their reference.
+
+        Inverse dynamics without contacts, limits and equality constraints. MuJoCo softens dry friction to be able to
+        step it in time; here it turns over with the sign of the velocity.
+        """
+        import mujoco
+
+        data = mujoco.MjData(self.model)
+        at, dof = self.places
+        out = np.empty_like(np.asarray(position, np.float64))
+        for i, (q, qd, qdd) in enumerate(zip(position, velocity, acceleration, strict=True)):
+            data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
+            mujoco.mj_inverse(self.model, data)
+            out[i] = data.qfrc_inverse[dof]
+        return np.asarray(out + self.model.dof_frictionloss[dof] * np.tanh(velocity / SIGN_WIDTH))
+
+    @property
+    def bodies(self) -> NDArray[np.intp]:
+        """The body that each joint moves, (n,)."""
+        return np.array([self.model.joint(name).bodyid[0] for name in self.joints], np.intp)
+
+    def motor(self, joint: int) -> int | None:
+        """The actuator that turns control into a joint's (0-based) torque by its gear alone; None where none does."""
+        import mujoco
+
+        model, own = self.model, self.model.joint(self.joints[joint]).id
+        acting = [
+            i
+            for i in range(model.nu)
+            if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_trnid[i, 0] == own
+        ]
+        plain = [
+            i
+            for i in acting
+            if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+            and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+        ]
+        return plain[0] if len(acting) == len(plain) == 1 else None
+
+    def poses(self, position: Float) -> tuple[Float, Float, Float]:
+        """Frames (N, n, 4, 4) of those bodies in the world, and the joints' anchors and axes there, (N, n, 3) each."""
+        import mujoco
+
+        data = mujoco.MjData(self.model)
+        number = [self.model.joint(name).id for name in self.joints]
+        frames = np.tile(np.eye(4), (*np.shape(position), 1, 1))
+        anchors, axes = np.empty((*np.shape(position), 3)), np.empty((*np.shape(position), 3))
+        for k, row in enumerate(position):
+            data.qpos[self.places[0]] = row
+            mujoco.mj_kinematics(self.model, data)
+            frames[k, :, :3, :3] = data.xmat[self.bodies].reshape(-1, 3, 3)
+            frames[k, :, :3, 3] = data.xpos[self.bodies]
+            anchors[k], axes[k] = data.xanchor[number], data.xaxis[number]
+        return frames, anchors, axes
+
+    def links(self) -> Float:
+        """Inertial parameters (n, 10) of those bodies in their own frames."""
+        import mujoco
+
+        turn, out = np.empty(9), []
+        for body in self.bodies:
+            mujoco.mju_quat2Mat(turn, self.model.body_iquat[body])
+            axes = turn.reshape(3, 3)
+            inertia = axes @ np.diag(self.model.body_inertia[body]) @ axes.T
+            out.append(about_origin(float(self.model.body_mass[body]), self.model.body_ipos[body], inertia))
+        return np.stack(out)
+
+
+def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
+    """The arm of an MJCF or URDF with ``joints``, by name or else by their order.
+
+    Raises ``ConfigError`` where the extra is not installed, the file cannot be used, or it has no such arm.
+    """
+    model = compiled(path)
+    names, notes = _matched(path, model, joints)
+    _check_base(path, model, names)
+    others = [j.name or f"number {j.id}" for j in map(model.joint, range(model.njnt)) if j.name not in names]
+    if others:
+        notes.append(f"{path.name}: held at their reference: {', '.join(others)}")
+    if model.neq:
+        notes.append(f"{path.name}: its equality constraints are left out")
+    if np.any(model.body_gravcomp > 0) and not np.any(model.jnt_actgravcomp):
+        notes.append(f"{path.name}: gravity is compensated (gravcomp): its torques are without that weight")
+    return Simulator(path, model, tuple(names), tuple(notes))
+
+
+def compiled(path: Path, text: str | None = None) -> Any:
+    """``mujoco.MjModel`` of a file, or of ``text`` in its place. Raises ``ConfigError``."""
+    mujoco = _mujoco(path)
+    try:
+        if path.suffix.lower() == ".urdf":
+            model = mujoco.MjModel.from_xml_string(_without_shapes(path.read_text() if text is None else text))
+        elif text is None:
+            model = mujoco.MjModel.from_xml_path(str(path))
+        else:
+            model = _from_text(mujoco, path, text)
+    except (OSError, UnicodeDecodeError, ET.ParseError, ValueError) as error:
+        raise ConfigError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error
+    for flag in LEFT_OUT:
+        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, flag))
+    return model
+
+
+def _from_text(mujoco: Any, path: Path, text: str) -> Any:
+    """Includes and meshes are named from the file's own folder: the text must lie there while it is read."""
+    beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        beside.write_text(text)
+        return mujoco.MjModel.from_xml_path(str(beside))
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _mujoco(path: Path) -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ConfigError(f'{path}: needs MuJoCo: pip install "cellwatt[simulators]"') from error
+    return mujoco
+
+
+def _without_shapes(text: str) -> str:
+    """A URDF without what is only seen or touched: meshes are seldom where the file says. Each link is a body."""
+    root = ET.fromstring(text)
+    for link in root.iter("link"):
+        for shape in [child for child in link if child.tag in ("visual", "collision")]:
+            link.remove(shape)
+    own = root.find("mujoco")
+    own = ET.SubElement(root, "mujoco") if own is None else own
+    compiler = own.find("compiler")
+    (ET.SubElement(own, "compiler") if compiler is None else compiler).set("fusestatic", "false")
+    return ET.tostring(root, encoding="unicode")
+
+
+def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of the joints in the file, and what is to be said of them."""
+    scalar = [j.name for j in map(model.joint, range(model.njnt)) if j.type[0] in _scalar_types(path)]
+    missing = [name for name in joints if name not in scalar]
+    if not missing:
+        return list(joints), []
+    if len(missing) < len(joints) or len(scalar) < len(joints) or "" in scalar[: len(joints)]:
+        there = ", ".join(name or "one without name" for name in scalar) or "none"
+        raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {there}")
+    taken = scalar[: len(joints)]
+    return taken, [f"{path.name}: has none of the joints of robot.yaml; taken in its order: {', '.join(taken)}"]
+
+
+def _scalar_types(path: Path) -> tuple[int, int]:
+    types = _mujoco(path).mjtJoint
+    return int(types.mjJNT_HINGE), int(types.mjJNT_SLIDE)
+
+
+def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:
+    """Raises ``ConfigError`` where the arm floats, or its joints do not follow one another from the base."""
+    above: list[int] = []
+    body = int(model.joint(names[-1]).bodyid[0])
+    while body > 0:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        above = [*range(first, first + count), *above]
+        body = int(model.body_parentid[body])
+    chain = [model.joint(i) for i in above]
+    loose = [j.name or "(without name)" for j in chain if j.type[0] not in _scalar_types(path)]
+    if loose:
+        raise ConfigError(f"{path}: joint {', '.join(loose)} leaves the base free: give a model whose base is fixed")
+    if [j.name for j in chain if j.name in names] != list(names):
+        raise ConfigError(f"{path}: its joints do not follow one another from the base in the order of robot.yaml")
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

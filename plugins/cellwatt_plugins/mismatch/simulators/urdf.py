@@ -1,0 +1,118 @@
+"""Writes what was found into a URDF: friction, damping, inertias and a payload; it has no more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.simulators.files import Files, One
+from cellwatt_plugins.mismatch.simulators.inertia import at_centre
+from cellwatt_plugins.mismatch.simulators.markup import Element, number
+from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
+from cellwatt_plugins.mismatch.simulators.target import Target
+from cellwatt_plugins.mismatch.simulators.written import Applied, Written, differ, differs, say_inertial
+
+Float = NDArray[np.float64]
+
+NO_TERM = "a URDF has no such term"
+
+
+def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
+    """Writes the mended file into ``folder``. Raises ``ConfigError``."""
+    files = Files(simulator.path)
+    main, done = files.every[0], Written(folder)
+    links = {e.attributes.get("name", ""): e for e in main.markup.root.children if e.tag == "link"}
+    joints = {e.attributes.get("name", ""): e for e in main.markup.root.children if e.tag == "joint"}
+    for at, name in enumerate(simulator.joints):
+        _write_dynamics(simulator, goal, at, main, joints[name], done)
+        child = joints[name].child("child")
+        link = links.get("" if child is None else child.attributes.get("link", ""))
+        if link is None:
+            raise ConfigError(f"{simulator.path}: joint {name} has no child link")
+        _write_link(simulator, goal, at, main, link, done)
+        if at == len(simulator.joints) - 1 and goal.payload is not None:
+            _add_payload(goal.payload, main, link, set(links), done)
+    done.path = files.write(folder)[0]
+    return done
+
+
+def _write_dynamics(simulator: Simulator, goal: Target, at: int, one: One, joint: Element, done: Written) -> None:
+    model, dof, name = simulator.model, simulator.places[1][at], simulator.joints[at]
+    there = joint.child("dynamics")
+    wanted = {
+        "damping": (goal.damping[at, 0], model.dof_damping[dof], "N*m*s/rad"),
+        "friction": (goal.friction[at], model.dof_frictionloss[dof], "N*m"),
+    }
+    new = {what: number(value) for what, (value, was, _) in wanted.items() if differs(value, was)}
+    for what in new:
+        value, was, unit = wanted[what]
+        done.applied.append(Applied(what, f"joint {name}", float(value), float(was), unit))
+    if there is not None:
+        one.markup.set(there, **new)
+    elif new:
+        one.markup.add(joint, "<dynamics " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
+
+
+def _inertial(parameters: Float) -> str:
+    mass, centre, inertia = at_centre(parameters)
+    names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    entries = " ".join(f'{name}="{number(inertia[place])}"' for name, place in names.items())
+    return (
+        f'<inertial><origin xyz="{" ".join(map(number, centre))}"/><mass value="{number(mass)}"/>'
+        f"<inertia {entries}/></inertial>"
+    )
+
+
+def _write_link(simulator: Simulator, goal: Target, at: int, one: One, link: Element, done: Written) -> None:
+    own, new = simulator.links()[at], goal.links[at]
+    if not differ(new, own):
+        return
+    there = link.child("inertial")
+    if there is None:
+        one.markup.add(link, _inertial(new))
+    else:
+        one.markup.replace(there, _inertial(new))
+    say_inertial(new, own, f"link {link.attributes.get('name', '')}", done)
+
+
+def _add_payload(parameters: Float, one: One, link: Element, taken: set[str], done: Written) -> None:
+    name = next(n for i in range(100) if (n := "payload" if i == 0 else f"payload_{i + 1}") not in taken)
+    one.markup.add(
+        one.markup.root,
+        f'<link name="{name}">{_inertial(parameters)}</link>',
+        f'<joint name="{name}_fixed" type="fixed">'
+        f'<parent link="{link.attributes["name"]}"/><child link="{name}"/></joint>',
+    )
+    say_inertial(parameters, None, f"link {name}", done)
+
+
+def what_urdf_holds(simulator: Simulator, goal: Target) -> Target:
+    """The part of a target that a URDF can say; the rest stays the user's, and why."""
+    model, (_, dof) = simulator.model, simulator.places
+    numbers = [model.joint(name).id for name in simulator.joints]
+    armature, stiffness = model.dof_armature[dof].copy(), model.jnt_stiffness[numbers].copy()
+    lacking = (
+        ("rotor_inertia", goal.armature - armature),
+        ("nonlinear_viscous_friction", np.abs(goal.damping[:, 1:]).sum(axis=1)),
+        ("spring_load", goal.stiffness - stiffness),
+        ("torque_gain", goal.gear - 1),
+    )
+    refused: list[tuple[str, int | None, str]] = [
+        (effect, int(at), NO_TERM) for effect, more in lacking for at in np.flatnonzero(np.abs(more) > 1e-9)
+    ]
+    if np.any(np.abs(goal.gravity - model.opt.gravity) > 1e-9):
+        refused.append(("gravity_tilt", None, "a URDF does not say where gravity points"))
+    return replace(
+        goal,
+        armature=armature,
+        damping=goal.damping * np.array([1.0, 0.0, 0.0]),
+        stiffness=stiffness,
+        rest=model.qpos_spring[simulator.places[0]].copy(),
+        gear=np.ones_like(goal.gear),
+        gravity=np.array(model.opt.gravity),
+        refused=(*goal.refused, *refused),
+    )

@@ -1,0 +1,55 @@
+from xml.parsers import expat
+
+import pytest
+
+from cellwatt_plugins.mismatch.simulators.markup import Markup, number
+
+TEXT = """<?xml version="1.0"?>
+<!-- my arm -->
+<mujoco>
+  <default><joint damping='3'/></default>
+  <body name="a>b">
+      <joint name="j"   damping = "1 > 0"
+             armature='2'/>   <!-- näher -->
+  </body>
+  <body name="c"/>
+</mujoco>
+"""
+
+
+def test_what_is_not_named_stays_to_the_byte():
+    assert Markup(TEXT).text() == TEXT
+
+
+def test_attributes_change_where_they_stand_and_new_ones_come_last():
+    markup = Markup(TEXT)
+    (joint,) = [e for e in markup.root.iter("joint") if e.attributes.get("name") == "j"]
+    markup.set(joint, damping="5", frictionloss="7")
+    changed = TEXT.replace('"1 > 0"', '"5"').replace("armature='2'/>", "armature='2' frictionloss=\"7\"/>")
+    assert markup.text() == changed
+
+
+def test_children_are_added_to_open_and_to_empty_elements():
+    markup = Markup(TEXT)
+    first, second = markup.root.iter("body")
+    for body in (first, second):
+        markup.add(body, "<geom/>")
+    text = markup.text()
+    assert '<body name="a>b">\n    <geom/>\n      <joint' in text
+    assert '  <body name="c">\n    <geom/>\n  </body>\n</mujoco>' in text
+
+
+def test_an_element_is_replaced_with_all_that_is_in_it():
+    markup = Markup(TEXT)
+    markup.replace(next(markup.root.iter("default")), "<option/>")
+    assert markup.text() == TEXT.replace("<default><joint damping='3'/></default>", "<option/>")
+
+
+def test_broken_xml_is_refused():
+    with pytest.raises(expat.ExpatError):
+        Markup("<mujoco><body></mujoco>")
+
+
+@pytest.mark.parametrize(("value", "text"), [(0.1 + 0.2, "0.3"), (-1e-17, "0"), (-2.5e-8, "-2.5e-08"), (50, "50")])
+def test_numbers_are_written_as_people_write_them(value, text):
+    assert number(value) == text

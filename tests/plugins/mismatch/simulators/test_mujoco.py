@@ -1,0 +1,89 @@
+import sys
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.simulators import is_simulator, load_simulator
+from tests.plugins.mismatch.simulators.arms import FULL, TwoLinks, moves
+
+pytest.importorskip("mujoco")
+
+JOINTS = ("shoulder", "elbow")
+FINGER = """
+          <body name="finger" pos="0 0 -0.3">
+            <joint name="grip" type="slide" axis="1 0 0" frictionloss="3"/>
+            <inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/>
+          </body>"""
+
+
+def written(folder, text, name="arm.xml"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_torque_is_that_of_the_equations_of_motion(tmp_path):
+    """Friction loss, damping, armature, a spring and two links, all in one file."""
+    arm = load_simulator(written(tmp_path, FULL.mjcf()), JOINTS)
+    np.testing.assert_allclose(arm.torque(*moves()), FULL.torque(*moves()), atol=1e-9)
+    assert arm.notes == ()
+
+
+def test_a_urdf_needs_no_meshes(tmp_path):
+    described = TwoLinks(friction=(2.0, 1.0), damping=(1.5, 0.4))
+    mesh = '<visual><geometry><mesh filename="package://nowhere/upper.dae"/></geometry></visual>'
+    arm = load_simulator(written(tmp_path, described.urdf(shape=mesh), "arm.urdf"), JOINTS)
+    np.testing.assert_allclose(arm.torque(*moves()), described.torque(*moves()), atol=1e-9)
+
+
+def test_fingers_rest_and_contacts_do_not_push(tmp_path):
+    """The elbow folds the lower link into the upper one, and a gripper has a joint of its own."""
+    arm = load_simulator(written(tmp_path, FULL.mjcf(hand=FINGER)), JOINTS)
+    np.testing.assert_allclose(arm.torque(*moves()), FULL.torque(*moves()), atol=1e-6)
+    assert arm.notes == ("arm.xml: held at their reference: grip",)
+
+
+def test_joints_of_other_names_are_taken_in_their_order(tmp_path):
+    arm = load_simulator(written(tmp_path, FULL.mjcf(names=("a1", "a2"))), JOINTS)
+    np.testing.assert_allclose(arm.torque(*moves()), FULL.torque(*moves()), atol=1e-9)
+    assert "taken in its order: a1, a2" in arm.notes[0]
+
+
+def test_a_compensated_weight_is_said(tmp_path):
+    text = FULL.mjcf().replace('<body name="lower"', '<body name="lower" gravcomp="1"')
+    assert "gravcomp" in load_simulator(written(tmp_path, text), JOINTS).notes[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "said"),
+    [
+        ("<mujoco><worldbody>", JOINTS, "MuJoCo cannot read it"),
+        (FULL.mjcf(), ("shoulder", "wrist"), "no joint wrist; its hinges and slides are shoulder, elbow"),
+        (FULL.mjcf(), ("shoulder", "elbow", "wrist"), "no joint wrist"),
+        (FULL.mjcf(names=("a", "b")), ("i", "ii", "iii"), "no joint i, ii, iii"),
+        (FULL.mjcf().replace(' name="shoulder"', "").replace("shoulder", "elbow"), ("i", "ii"), "one without name"),
+        (FULL.mjcf(), ("elbow", "shoulder"), "in the order of robot.yaml"),
+        (FULL.mjcf(base='<freejoint name="root"/><geom size=".1"/>'), JOINTS, "joint root leaves the base free"),
+    ],
+)  # fmt: skip
+def test_what_is_no_such_arm_is_refused_in_one_line(tmp_path, text, names, said):
+    with pytest.raises(ConfigError, match=said) as refused:
+        load_simulator(written(tmp_path, text), names)
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith(str(tmp_path / "arm.xml"))
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match=r"arm\.urdf: MuJoCo cannot read it"):
+        load_simulator(tmp_path / "arm.urdf", JOINTS)
+
+
+def test_a_missing_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ConfigError, match=r'pip install "cellwatt\[simulators\]"'):
+        load_simulator(written(tmp_path, FULL.mjcf()), JOINTS)
+
+
+def test_simulators_are_known_by_their_suffix(tmp_path):
+    assert [is_simulator(tmp_path / name) for name in ("a.xml", "a.URDF", "a.mjcf", "a.simulation.parquet", "a.csv")] \
+        == [True, True, True, False, False]  # fmt: skip
