@@ -52,8 +52,9 @@ def judge(job: Job) -> dict[str, Any]:
     body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
     recordings = tuple(sorted(job.case.glob("run_*.recording.parquet")))
     simulations = tuple(r.with_name(r.name.replace(".recording.", ".simulation.")) for r in recordings)
-    runs = read_runs(recordings, simulations, robot, body)
-    found = explain(runs, robot, body, thresholds, examine(runs, robot, body)).findings.as_json()
+    runs = read_runs(recordings, simulations, robot)
+    base, notes = examine(runs, robot, body)
+    found = explain(runs, base, thresholds, notes).findings.as_json()
     judged = score(json.loads(job.key.read_text()), found["findings"], [], [])
     return {
         "threshold": job.threshold,

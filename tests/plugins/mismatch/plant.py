@@ -16,7 +16,7 @@ import yaml
 
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.input.motion import exact
-from cellwatt_plugins.mismatch.input.run import Plan, Run
+from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 
 JOINTS = 3
@@ -216,15 +216,16 @@ def record(
         velocity=qd + 2e-3 * random.standard_normal(q.shape),
         torque=torque + TORQUE_NOISE * random.standard_normal(torque.shape),
         power=supply + POWER_NOISE * random.standard_normal(len(time)) if power else None,
-        plan=planned(course, time) if plan else None,
+        plan=Plan(*course(time)) if plan else None,
+        simulated=simulated(course, time) if plan else None,
     )
 
 
-def planned(course: Course, time: np.ndarray) -> Plan:
+def simulated(course: Course, time: np.ndarray) -> Simulated:
     """What the simulation of the nominal arm says of the commanded motion."""
     q, qd, qdd = course(time)
     torque = motors(NOMINAL, q, qd, qdd)
-    return Plan(q, qd, qdd, torque, draw(NOMINAL, torque, qd))
+    return Simulated(time, Plan(q, qd, qdd), torque, draw(NOMINAL, torque, qd))
 
 
 def write_robot(folder: Path, **changes: object) -> Path:
@@ -308,8 +309,8 @@ def tables(run: Run) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         recorded |= numbered("qd", run.velocity)
     if run.power is not None:
         recorded |= {"power": run.power}
-    plan = run.plan
-    assert plan is not None and plan.torque is not None
-    simulated = {"t": run.time, **numbered("q", plan.position), **numbered("qd", plan.velocity)}
-    simulated |= {**numbered("qdd", plan.acceleration), **numbered("tau", plan.torque), "power": plan.power}
-    return recorded, simulated
+    said = run.simulated
+    assert said is not None
+    table = {"t": said.time, **numbered("q", said.plan.position), **numbered("qd", said.plan.velocity)}
+    table |= {**numbered("qdd", said.plan.acceleration), **numbered("tau", said.torque), "power": said.power}
+    return recorded, table

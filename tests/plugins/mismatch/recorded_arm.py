@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from cellwatt_plugins.mismatch.input.run import Plan, Run
+from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
@@ -146,6 +146,7 @@ def recorded(path: Path, moves: Moves, name: str = "run_01", effect: Effect | No
     torque = simulated if effect is None else effect(moves, simulated, path)
     torque = torque + NOISE * random.standard_normal(torque.shape)
     power = supply(torque, moves.qd) + 2 * random.standard_normal(len(torque))
+    plan = Plan(moves.q, moves.qd, moves.qdd)
     return Run(
         name=name,
         time=moves.time,
@@ -153,13 +154,14 @@ def recorded(path: Path, moves: Moves, name: str = "run_01", effect: Effect | No
         velocity=moves.qd + 2e-3 * random.standard_normal(moves.q.shape),
         torque=torque,
         power=power,
-        plan=Plan(moves.q, moves.qd, moves.qdd, simulated, supply(simulated, moves.qd)),
+        plan=plan,
+        simulated=Simulated(moves.time, plan, simulated, supply(simulated, moves.qd)),
     )
 
 
 def without_plan(run: Run) -> Run:
     """The recording alone."""
-    return replace(run, plan=None)
+    return replace(run, plan=None, simulated=None)
 
 
 def _later(values: np.ndarray, moves: Moves, seconds: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cellwatt_plugins.mismatch.input.run import Motion, Plan, Run
+from cellwatt_plugins.mismatch.input.run import Motion, Plan, Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 from tests.plugins.robot import planar_arm
 
@@ -67,4 +67,5 @@ def recorded(motion: Motion, effect: str | None, name: str = "run_01", seed: int
     if effect == "stribeck_friction":
         torque[:, 0] += 2.0 * np.exp(-np.square(qd[:, 0] / 0.4)) * sign[:, 0]
     seen = q + 1e-4 * random.standard_normal(q.shape)
-    return Run(name, motion.time, seen, None, torque, plan=Plan(q, qd, qdd, simulated, None))
+    plan = Plan(q, qd, qdd)
+    return Run(name, motion.time, seen, None, torque, plan=plan, simulated=Simulated(motion.time, plan, simulated))

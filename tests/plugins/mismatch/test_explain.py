@@ -8,6 +8,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.mismatch.explain import explain
+from cellwatt_plugins.mismatch.input.baseline import baseline
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import predict
 from tests.plugins.mismatch import plant
@@ -70,7 +71,7 @@ def explained(arm):
     def of(missing, seed=1):
         runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
         with threadpool_limits(1):
-            return explain(runs, *arm)
+            return explain(runs, baseline(runs, *arm))
 
     return of
 
@@ -175,7 +176,7 @@ def test_the_model_predicts_a_run_that_it_has_not_seen(explained, name):
 def test_runs_without_power_leave_the_supply_out_and_say_so(arm):
     runs = [plant.record("run_01", 1, power=False)]
     with threadpool_limits(1):
-        found = explain(runs, *arm)
+        found = explain(runs, baseline(runs, *arm))
     assert found.supply is None
     assert found.findings.verdict == "no_mismatch"
     assert [fit.channel for fit in found.findings.fit] == ["tau_1", "tau_2", "tau_3"]
@@ -186,7 +187,7 @@ def test_power_in_some_runs_is_used(arm):
     missing = SINGLE["supply"].missing
     runs = [plant.record("run_01", 1, missing, power=False), plant.record("run_02", 2, missing)]
     with threadpool_limits(1):
-        found = explain(runs, *arm).findings
+        found = explain(runs, baseline(runs, *arm)).findings
     assert ("converter_efficiency", None) in {(f.effect, f.joint) for f in found.findings}
 
 
@@ -194,7 +195,7 @@ def test_recordings_without_a_plan_are_explained_from_the_encoders(arm):
     missing = SINGLE["offset"].missing
     runs = [plant.record("run_01", 1, missing, plan=False), plant.record("run_02", 2, missing, plan=False)]
     with threadpool_limits(1):
-        found = explain(runs, *arm).findings
+        found = explain(runs, baseline(runs, *arm)).findings
     assert ("torque_offset", 3) in {(f.effect, f.joint) for f in found.findings}
 
 

@@ -34,7 +34,8 @@ def read_runs(recordings: Sequence[Path], simulations: Sequence[Path], robot: Ro
     """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
 
     Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
-    in the same place of the list; a simulator's own file (MJCF, URDF) is run on each. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    in the same place of the list; a simulator's own file (MJCF, URDF) is run on each. Raises ``RecordingError`` where
+    a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
     runs = []
     every = [read_signals(path, robot) for path in recordings]

@@ -23,6 +23,7 @@ from cellwatt_plugins.mismatch.experiments.suggest import Suggestion, suggest, s
 from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory, harmonics, move, replay
 from cellwatt_plugins.mismatch.explain import Explained, explain
 from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.input.baseline import baseline
 from cellwatt_plugins.mismatch.input.reading import read_motion
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import predict
@@ -39,7 +40,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def explained(folder) -> Explained:
-    return explain([recorded(program(), LOAD)], *arm(folder))
+    return explain(runs := [recorded(program(), LOAD)], baseline(runs, *arm(folder)))
 
 
 @pytest.fixture(scope="module")
@@ -216,7 +217,9 @@ class TestSuggestion:
         again = program(round(length / program().time[-1]))
         assert again.time[-1] > 0.9 * length
         motions = (suggested.motion, program(), again)
-        told, once, repeated = (explain([recorded(m, true, seed=5)], *arm(folder)) for m in motions)
+        told, once, repeated = (
+            explain(runs := [recorded(m, true, seed=5)], baseline(runs, *arm(folder))) for m in motions
+        )
         assert [(f.effect, f.joint) for f in told.findings.findings] == [(true, 1)]
         assert not told.findings.findings[0].alternatives
         assert margin(told, true, other) > factor * margin(once, true, other)
@@ -224,7 +227,7 @@ class TestSuggestion:
 
     def test_expected_evidence_comes_true_with_both_recordings(self, folder, explained, suggested):
         first = recorded(program(), LOAD)
-        both = explain([first, recorded(suggested.motion, LOAD, "run_02", 5)], *arm(folder))
+        both = explain(runs := [first, recorded(suggested.motion, LOAD, "run_02", 5)], baseline(runs, *arm(folder)))
         expected = suggested.chosen[0].gains[0].nats
         gained = margin(both, LOAD, STRIBECK) - margin(explained, LOAD, STRIBECK)
         assert gained > 0.5 * expected
@@ -257,7 +260,7 @@ class TestSuggestion:
         assert "rad/s" in words
 
     def test_joint_that_hardly_moved_is_to_be_moved(self, folder):
-        found = explain([recorded(program(), None)], *arm(folder))
+        found = explain(runs := [recorded(program(), None)], baseline(runs, *arm(folder)))
         suggestion = suggest(found)
         asked = {(a.objective.term.effect.name, a.objective.term.joint) for c in suggestion.chosen for a in c.gains}
         assert all(isinstance(a.objective, Detection) for c in suggestion.chosen for a in c.gains)
@@ -266,7 +269,7 @@ class TestSuggestion:
         assert np.ptp(suggestion.motion.position[:, 1]) > 0.5
 
     def test_warming_takes_its_time(self, folder):
-        suggestion = suggest(explain([recorded(program(), None)], *arm(folder)))
+        suggestion = suggest(explain(runs := [recorded(program(), None)], baseline(runs, *arm(folder))))
         warm = [c for c in suggestion.chosen for a in c.gains if "temperature" in a.objective.aim]
         assert warm
         assert all(c.experiment.trajectory.seconds > 100 and c.seconds >= 100 for c in warm)

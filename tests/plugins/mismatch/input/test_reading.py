@@ -65,13 +65,13 @@ def csv(path, columns, separator=",", decimal="."):
 
 
 def one(path, arm):
-    (run,) = read_runs([path], [], *arm)
+    (run,) = read_runs([path], [], arm[0])
     return run
 
 
 def refused(path, arm, simulations=()):
     with pytest.raises((RecordingError, ConfigError)) as caught:
-        read_runs([path], simulations, *arm)
+        read_runs([path], simulations, arm[0])
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -81,7 +81,7 @@ def test_a_table_and_its_simulation_become_a_run(tmp_path, arm):
     t = times()
     seen = parquet(tmp_path / "run_01.recording.parquet", recording(t, **numbered("temperature", 30 + motion(t)[0])))
     said = parquet(tmp_path / "run_01.simulation.parquet", simulation(t))
-    (run,) = read_runs([seen], [said], *arm)
+    (run,) = read_runs([seen], [said], arm[0])
     q, qd, qdd, tau = motion(t)
     assert run.name == "run_01"
     assert run.step == pytest.approx(1 / RATE)
@@ -243,7 +243,7 @@ def test_a_simulation_of_another_rate_is_interpolated(tmp_path, arm):
     t = times()
     seen = parquet(tmp_path / "seen.parquet", recording(t))
     said = parquet(tmp_path / "said.parquet", simulation(times(rate=1000.0)))
-    (run,) = read_runs([seen], [said], *arm)
+    (run,) = read_runs([seen], [said], arm[0])
     q, qd, qdd, tau = motion(t)
     for got, true in (
         (run.plan.position, q),
@@ -259,7 +259,7 @@ def test_a_simulation_on_another_clock_is_lined_up_by_the_motion(tmp_path, arm):
     t = times(20.0)
     seen = parquet(tmp_path / "seen.parquet", {**recording(t), "t": t + 1e6})
     said = parquet(tmp_path / "said.parquet", {**simulation(t + 2.0), "t": t})
-    (run,) = read_runs([seen], [said], *arm)
+    (run,) = read_runs([seen], [said], arm[0])
     assert run.time[0] == pytest.approx(1e6 + 2.0, abs=0.0081)
     np.testing.assert_allclose(run.plan.position, run.position, atol=1e-3)
     assert any("different clocks" in note for note in run.notes)
@@ -277,7 +277,7 @@ def test_what_a_simulation_lacks_is_derived(tmp_path, arm):
     q = motion(t)[0]
     seen = parquet(tmp_path / "seen.parquet", recording(t))
     said = parquet(tmp_path / "said.parquet", {"t": t, **numbered("q", q)})
-    (run,) = read_runs([seen], [said], *arm)
+    (run,) = read_runs([seen], [said], arm[0])
     inside = slice(50, -50)
     np.testing.assert_allclose(run.plan.velocity[inside], motion(t)[1][inside], atol=2e-3)
     np.testing.assert_allclose(run.plan.acceleration[inside], motion(t)[2][inside], atol=5e-3)
@@ -452,13 +452,13 @@ def test_simulations_are_matched_by_name_or_by_place(tmp_path, arm):
         columns = {n: v + shift * n.startswith("q_") for n, v in simulation(t).items()}
         sims[name] = parquet(tmp_path / f"{name}.parquet", columns)
     for simulations in ([sims["b.simulation"], sims["a.simulation"]], [sims["x"], sims["y"]]):
-        for run in read_runs([a, b], simulations, *arm):
+        for run in read_runs([a, b], simulations, arm[0]):
             np.testing.assert_allclose(run.plan.position, run.position)
-    first, second = read_runs([a, b], [sims["b.simulation"]], *arm)
+    first, second = read_runs([a, b], [sims["b.simulation"]], arm[0])
     assert first.plan is None
     assert second.plan is not None
     with pytest.raises(RecordingError, match="2 recordings but 1 simulations"):
-        read_runs([a, b], [sims["x"]], *arm)
+        read_runs([a, b], [sims["x"]], arm[0])
 
 
 def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
@@ -466,7 +466,7 @@ def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
     for folder in ("cold", "warm"):
         (tmp_path / folder).mkdir()
         paths.append(parquet(tmp_path / folder / "run.parquet", recording(times())))
-    assert [run.name for run in read_runs(paths, [], *arm)] == ["cold/run", "warm/run"]
+    assert [run.name for run in read_runs(paths, [], arm[0])] == ["cold/run", "warm/run"]
     with pytest.raises(RecordingError, match="two recordings are called cold/run"):
         read_runs([paths[0], paths[0]], [], *arm)
 
