@@ -19,6 +19,8 @@ from cellwatt_plugins.robot import RigidBody, RobotDescription
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 200
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
+SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
+"""In as long a time fewer samples do: at a few Hz each of them is an independent one."""
 
 
 def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tuple[Baseline, list[str]]:
@@ -28,8 +30,7 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
     """
     if not runs:
         raise RecordingError("no recording given")
-    for run in runs:
-        check_length(run)
+    check_length(runs)
     check_moving(runs)
     notes = [note for run in runs for note in run.notes]
     for run in runs:
@@ -45,11 +46,22 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
     return base, [*notes, *remarks(runs), *told_otherwise(runs, robot, body, base)]
 
 
-def check_length(run: Run) -> None:
-    """Raises ``RecordingError`` where there is too little to tell friction from noise."""
-    used = len(usable(run))
-    if used < LEAST_SAMPLES or used * run.step < LEAST_SECONDS:
-        raise RecordingError(
-            f"{run.name}: {used} usable samples in {used * run.step:.2f} s are too few: "
-            f"at least {LEAST_SECONDS:.0f} s and {LEAST_SAMPLES} samples of motion are needed"
-        )
+def check_length(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where a run, or all of them together, is too little to tell friction from noise."""
+    used = [len(usable(run)) for run in runs]
+    seconds = [count * run.step for count, run in zip(used, runs, strict=True)]
+    for run, count, length in zip(runs, used, seconds, strict=True):
+        if length < LEAST_SECONDS:
+            raise RecordingError(_too_few(run.name, count, length))
+    many = sum(used) >= LEAST_SAMPLES
+    long = sum(seconds) >= SLOW_SECONDS and sum(used) >= SLOW_SAMPLES
+    if not (many or long):
+        place = runs[0].name if len(runs) == 1 else "the recordings"
+        raise RecordingError(_too_few(place, sum(used), sum(seconds)))
+
+
+def _too_few(place: str, count: int, seconds: float) -> str:
+    return (
+        f"{place}: {count} usable samples in {seconds:.2f} s are too few: at least {LEAST_SECONDS:.0f} s and "
+        f"{LEAST_SAMPLES} samples of motion are needed, or {SLOW_SAMPLES} samples in {SLOW_SECONDS:.0f} s"
+    )
