@@ -93,6 +93,16 @@ def test_short_runs_count_together(tmp_path, described, arm):
         admitted(paths[0], arm)
 
 
+def test_a_run_of_two_seconds_counts_beside_others(tmp_path, described, arm):
+    paths = [
+        logged(tmp_path, without_plan(recorded(described, excitation(seed, seconds=seconds))), f"run_{seed}.parquet")
+        for seed, seconds in ((1, 8.0), (2, 2.3), (3, 0.8))
+    ]
+    assert examine(read_runs(paths[:2], [], *arm), *arm)
+    with pytest.raises(RecordingError, match=r"run_3: 80 usable samples in 0\.80 s are too few: leave it out"):
+        examine(read_runs(paths, [], *arm), *arm)
+
+
 def test_a_missing_row_of_a_slow_log_is_filled_in(tmp_path, described, arm):
     run = slowly(described, 2.0, seconds=60.0)
     torque = run.torque[:, 2].copy()

@@ -19,6 +19,8 @@ from cellwatt_plugins.robot import RigidBody, RobotDescription
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 200
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
+SHORTEST = 1.0
+"""s of a run that says something beside others."""
 SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
 """In as long a time fewer samples do: at a few Hz each of them is an independent one."""
 
@@ -51,17 +53,13 @@ def check_length(runs: Sequence[Run]) -> None:
     used = [len(usable(run)) for run in runs]
     seconds = [count * run.step for count, run in zip(used, runs, strict=True)]
     for run, count, length in zip(runs, used, seconds, strict=True):
-        if length < LEAST_SECONDS:
-            raise RecordingError(_too_few(run.name, count, length))
-    many = sum(used) >= LEAST_SAMPLES
+        if length < SHORTEST:
+            raise RecordingError(f"{run.name}: {count} usable samples in {length:.2f} s are too few: leave it out")
+    many = sum(seconds) >= LEAST_SECONDS and sum(used) >= LEAST_SAMPLES
     long = sum(seconds) >= SLOW_SECONDS and sum(used) >= SLOW_SAMPLES
     if not (many or long):
         place = runs[0].name if len(runs) == 1 else "the recordings"
-        raise RecordingError(_too_few(place, sum(used), sum(seconds)))
-
-
-def _too_few(place: str, count: int, seconds: float) -> str:
-    return (
-        f"{place}: {count} usable samples in {seconds:.2f} s are too few: at least {LEAST_SECONDS:.0f} s and "
-        f"{LEAST_SAMPLES} samples of motion are needed, or {SLOW_SAMPLES} samples in {SLOW_SECONDS:.0f} s"
-    )
+        raise RecordingError(
+            f"{place}: {sum(used)} usable samples in {sum(seconds):.2f} s are too few: at least {LEAST_SECONDS:.0f} s "
+            f"and {LEAST_SAMPLES} samples of motion are needed, or {SLOW_SAMPLES} samples in {SLOW_SECONDS:.0f} s"
+        )
