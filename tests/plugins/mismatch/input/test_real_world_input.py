@@ -14,8 +14,9 @@ from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.motion import exact
 from cellwatt_plugins.mismatch.input.reading import read_runs
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody
-from tests.plugins.mismatch.recorded_arm import JOINTS, excitation, load, recorded, without_plan, write_robot
+from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +27,18 @@ def described(tmp_path_factory):
 @pytest.fixture(scope="module")
 def arm(described):
     return load(described)
+
+
+def recorded(path, moves):
+    """A recording without a plan."""
+    random = np.random.default_rng(0)
+    return Run(
+        name="run",
+        time=moves.time,
+        position=moves.q + 1e-4 * random.standard_normal(moves.q.shape),
+        velocity=moves.qd + 2e-3 * random.standard_normal(moves.q.shape),
+        torque=needed(model(path), moves) + NOISE * random.standard_normal(moves.q.shape),
+    )
 
 
 def logged(folder, run, name="log.parquet", **changes):
@@ -41,26 +54,27 @@ def slowly(described, rate, seconds, seed=1):
     """A recording at ``rate`` Hz whose logger is up to a twentieth of a step late."""
     run = recorded(described, excitation(seed, seconds=seconds, rate=rate))
     late = np.random.default_rng(seed).uniform(0, 0.05, len(run.time)) / rate
-    return without_plan(replace(run, time=run.time + late))
+    return replace(run, time=run.time + late)
 
 
-def admitted(path, arm):
-    return examine(read_runs([path], [], *arm), *arm)
+def admitted(*paths, arm):
+    """What is said of recordings that are admitted."""
+    return examine(read_runs(paths, [], arm[0]), *arm)[1]
 
 
 @pytest.mark.parametrize("rate", [1.0, 2.0, 4.0, 10.0])
 def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
     path = logged(tmp_path, slowly(described, rate, seconds=max(40.0, 80 / rate)))
-    run = read_runs([path], [], *arm)[0]
+    run = read_runs([path], [], arm[0])[0]
     assert 1 / run.step == pytest.approx(rate, rel=0.05)
-    notes = "\n".join(examine([run], *arm))
+    notes = "\n".join(examine([run], *arm)[1])
     assert f"recorded at {1 / run.step:.2g} Hz" in notes
     assert "elasticity, backlash, delays, contacts" in notes
 
 
 def test_a_usual_rate_has_no_such_note(tmp_path, described, arm):
     path = logged(tmp_path, recorded(described, excitation(1)))
-    assert not any("recorded at" in note for note in admitted(path, arm))
+    assert not any("recorded at" in note for note in admitted(path, arm=arm))
 
 
 @pytest.mark.parametrize(
@@ -75,39 +89,39 @@ def test_milliseconds_and_row_numbers_are_still_refused(factor, message, tmp_pat
     run = recorded(described, excitation(1))
     times = np.round(run.time * factor) if factor == int(factor) else run.time * factor
     with pytest.raises(RecordingError, match=message):
-        admitted(logged(tmp_path, replace(run, time=times)), arm)
+        admitted(logged(tmp_path, replace(run, time=times)), arm=arm)
 
 
 def test_few_samples_do_where_they_are_far_apart(tmp_path, described, arm):
     enough = logged(tmp_path, slowly(described, 4.0, seconds=32.0))
-    assert admitted(enough, arm)
+    assert admitted(enough, arm=arm)
     short = logged(tmp_path, slowly(described, 4.0, seconds=20.0), "short.parquet")
     with pytest.raises(RecordingError, match=r"samples in .* s are too few: .* or 60 samples in 30 s"):
-        admitted(short, arm)
+        admitted(short, arm=arm)
 
 
 def test_short_runs_count_together(tmp_path, described, arm):
     paths = [logged(tmp_path, slowly(described, 10.0, 10.0, seed), f"run_{seed}.parquet") for seed in (1, 2, 3)]
-    assert examine(read_runs(paths, [], *arm), *arm)
+    assert admitted(*paths, arm=arm)
     with pytest.raises(RecordingError, match=r"run_1: .* are too few"):
-        admitted(paths[0], arm)
+        admitted(paths[0], arm=arm)
 
 
 def test_a_run_of_two_seconds_counts_beside_others(tmp_path, described, arm):
     paths = [
-        logged(tmp_path, without_plan(recorded(described, excitation(seed, seconds=seconds))), f"run_{seed}.parquet")
+        logged(tmp_path, recorded(described, excitation(seed, seconds=seconds)), f"run_{seed}.parquet")
         for seed, seconds in ((1, 8.0), (2, 2.3), (3, 0.8))
     ]
-    assert examine(read_runs(paths[:2], [], *arm), *arm)
+    assert admitted(*paths[:2], arm=arm)
     with pytest.raises(RecordingError, match=r"run_3: 80 usable samples in 0\.80 s are too few: leave it out"):
-        examine(read_runs(paths, [], *arm), *arm)
+        admitted(*paths, arm=arm)
 
 
 def test_a_missing_row_of_a_slow_log_is_filled_in(tmp_path, described, arm):
     run = slowly(described, 2.0, seconds=60.0)
     torque = run.torque[:, 2].copy()
     torque[40] = np.nan
-    notes = "\n".join(admitted(logged(tmp_path, run, tau_3=torque), arm))
+    notes = "\n".join(admitted(logged(tmp_path, run, tau_3=torque), arm=arm))
     assert "1 unusable values of tau_3 filled in" in notes
 
 
@@ -119,7 +133,7 @@ def jittering(size, share=0.05):
 
 def test_an_encoder_that_jitters_at_rest_is_no_damage(tmp_path, described, arm):
     run = recorded(described, excitation(1))
-    notes = "\n".join(admitted(logged(tmp_path, run, q_6=jittering(2e-4), qd_6=np.zeros(2000)), arm))
+    notes = "\n".join(admitted(logged(tmp_path, run, q_6=jittering(2e-4), qd_6=np.zeros(2000)), arm=arm))
     assert "unusable" not in notes
     assert "joint 6 never moved" in notes
 
@@ -128,7 +142,7 @@ def test_a_jump_of_a_joint_at_rest_is_filled_in(tmp_path, described, arm):
     run = recorded(described, excitation(1))
     position = np.full(2000, 0.4)
     position[700] = 3.0
-    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.zeros(2000)), arm))
+    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.zeros(2000)), arm=arm))
     assert "1 unusable values of q_6 filled in, first at t = 7.000 s" in notes
 
 
@@ -137,7 +151,7 @@ def test_short_moves_in_a_slow_log_are_no_damage(tmp_path, described, arm):
     run = slowly(described, 4.0, seconds=60.0)
     position = 1e-5 * np.random.default_rng(3).standard_normal(240)
     position[20::30] += 0.2
-    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.gradient(position, 0.25)), arm))
+    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.gradient(position, 0.25)), arm=arm))
     assert "unusable" not in notes
 
 
@@ -147,7 +161,7 @@ def test_a_torque_that_often_stays_is_one_note(tmp_path, described, arm):
     torque = run.torque[:, 4].copy()
     for start, end in ((200, 400), (900, 1250), (1500, 1700)):
         torque[start:end] = 0.25
-    notes = [note for note in admitted(logged(tmp_path, run, tau_5=torque), arm) if "joint 5" in note]
+    notes = [note for note in admitted(logged(tmp_path, run, tau_5=torque), arm=arm) if "joint 5" in note]
     assert len(notes) == 1
     assert "stays at 0.25 Nm from 9.00 to 12.49 s" in notes[0]
     assert notes[0].endswith("not to have been read there, nor at 2 other times")
@@ -179,7 +193,7 @@ def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tm
     moves = excitation(2, seconds=2.0)
     torque = body.inverse_dynamics(moves.q, moves.qd, moves.qdd)
     np.testing.assert_allclose(torque, arm[1].inverse_dynamics(moves.q, moves.qd, moves.qdd), atol=1e-9)
-    assert admitted(logged(tmp_path, recorded(described, excitation(1))), (robot, body))
+    assert admitted(logged(tmp_path, recorded(described, excitation(1))), arm=(robot, body))
     assert body.model.upperPositionLimit[0] == pytest.approx(2 * np.pi)
     assert body.model.upperPositionLimit[1] == 3.5
 
