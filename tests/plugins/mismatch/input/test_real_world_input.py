@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import yaml
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.effects.backlash import Backlash
@@ -153,6 +154,38 @@ def test_short_moves_in_a_slow_log_are_no_damage(tmp_path, described, arm):
     position[20::30] += 0.2
     notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.gradient(position, 0.25)), arm=arm))
     assert "unusable" not in notes
+
+
+def upright(folder):
+    """A column of two links that turns about its own axis, of which no friction is described."""
+    link = (
+        '<link name="link_{0}"><inertial><origin xyz="0 0 0.25"/><mass value="3"/>'
+        '<inertia ixx="0.06" iyy="0.06" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="axis_{0}" type="continuous"><parent link="{1}"/><child link="link_{0}"/>'
+        '<origin xyz="0 0 0.5"/><axis xyz="{2}"/></joint>'
+    )
+    links = link.format(1, "base", "0 0 1") + link.format(2, "link_1", "0 1 0")
+    (folder / "column.urdf").write_text(f'<robot name="column"><link name="base"/>{links}</robot>')
+    joints = [{"name": "axis_1"}, {"name": "axis_2"}]
+    (folder / "robot.yaml").write_text(yaml.safe_dump({"robot": "column", "urdf": "column.urdf", "joints": joints}))
+    return load(folder / "robot.yaml")
+
+
+@pytest.mark.parametrize("factor", [1.0, 1000.0])
+def test_friction_of_an_upright_arm_is_in_no_wrong_unit(factor, tmp_path):
+    """Its links need some 1 mNm, its friction is 1.5 Nm."""
+    arm, time = upright(tmp_path), np.arange(1000) / 100
+    position = 0.6 * np.sin(0.5 * time)
+    speed = 0.3 * np.cos(0.5 * time)
+    noise = 0.02 * np.random.default_rng(2).standard_normal((1000, 2))
+    columns = {"t": time, "q_1": position, "qd_1": speed, "q_2": noise[:, 0] * 1e-4, "qd_2": noise[:, 1] * 1e-3}
+    torque = {"tau_1": 1.5 * np.tanh(speed / 0.004) + noise[:, 0], "tau_2": 0.1 + noise[:, 1]}
+    pq.write_table(pa.table(columns | {name: factor * t for name, t in torque.items()}), tmp_path / "run.parquet")
+    if factor == 1:
+        assert admitted(tmp_path / "run.parquet", arm=arm)
+        return
+    with pytest.raises(RecordingError, match=r"torque is .* times what motion and description ask for"):
+        admitted(tmp_path / "run.parquet", arm=arm)
 
 
 def test_a_torque_that_often_stays_is_one_note(tmp_path, described, arm):
