@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from copy import copy
 from pathlib import Path
 
@@ -19,6 +20,9 @@ PER_LINK = 10
 LEAST_MASS = 1e-6
 """kg: without a mass, a link's first moment has no centre."""
 
+TURNS = 2 * np.pi
+"""rad each way that a joint without limits is taken to turn."""
+
 
 class RigidBody:
     """The serial arm of a URDF with ``joints`` moving, in that order; all else is fixed."""
@@ -26,8 +30,8 @@ class RigidBody:
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
         """Raises ``ConfigError`` where the URDF cannot be read or lacks a joint."""
         try:
-            model = pin.buildModelFromUrdf(str(urdf))
-        except (ValueError, RuntimeError) as error:
+            model = pin.buildModelFromXML(_with_one_angle_each(urdf))
+        except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
             raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
         names = list(model.names)[1:]
         if missing := [name for name in joints if name not in names]:
@@ -115,3 +119,20 @@ class RigidBody:
             axes[k] = np.where(turns, columns[3:], columns[:3]).T
             frames[k] = [data.oMi[i + 1].homogeneous for i in range(self.joints)]
         return frames, axes
+
+
+def _with_one_angle_each(urdf: Path) -> str:
+    """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
+    root = ET.fromstring(urdf.read_bytes())
+    for joint in root.iter("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):
+            joint.set("type", "revolute")
+            limit = ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
+            limit.set("lower", str(-TURNS))
+            limit.set("upper", str(TURNS))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _has_room(limit: ET.Element | None) -> bool:
+    return limit is not None and float(limit.get("lower", 0)) < float(limit.get("upper", 0))

@@ -80,6 +80,13 @@ def test_tilt_turns_gravity(body):
     np.testing.assert_allclose(body.gravity_torque(q), truth.gravity(q), atol=1e-10)
 
 
+def test_a_joint_that_turns_without_end_is_one_with_wide_limits(tmp_path):
+    q, qd, qdd = truth.motion(seed=6)
+    endless = body_of(tmp_path, kind="continuous")
+    np.testing.assert_allclose(endless.inverse_dynamics(q, qd, qdd), truth.torque(q, qd, qdd), atol=1e-10)
+    assert endless.model.lowerPositionLimit[1] == pytest.approx(-2 * np.pi)
+
+
 def test_joints_not_named_are_fixed(tmp_path):
     q, qd, qdd = truth.motion(seed=5)
     with_gripper = body_of(tmp_path, gripper=True)
@@ -96,7 +103,7 @@ def test_joints_not_named_are_fixed(tmp_path):
             {},
             "its joints come in the order shoulder, elbow, the description has elbow, shoulder",
         ),
-        (("shoulder", "elbow"), {"kind": "continuous"}, "each with one angle"),
+        (("shoulder", "elbow"), {"kind": "floating"}, "each with one angle"),
     ],
 )
 def test_what_does_not_fit_is_said(tmp_path, joints, arm, message):

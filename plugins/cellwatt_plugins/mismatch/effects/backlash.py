@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.effects.two_mass import coupled, hanging, with_gap, with_others
+from cellwatt_plugins.mismatch.effects.two_mass import coupled, hanging, swinging, with_gap, with_others
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
 
@@ -38,9 +38,9 @@ class Backlash(Effect):
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         loads = np.concatenate([run.rigid[:, joint] for run in runs])
-        if np.all(loads > 0) or np.all(loads < 0):
+        inertia = swinging(runs, joint or 0)
+        if not inertia or np.all(loads > 0) or np.all(loads < 0):
             return []
-        inertia = float(np.mean(np.concatenate([run.own_inertia[:, joint] for run in runs])))
         return [
             (gap, float(inertia * (2 * np.pi * f) ** 2), float(4 * np.pi * share * inertia * f))
             for gap, f, share in product(GAPS, FREQUENCIES, DAMPINGS)

@@ -9,7 +9,7 @@ import numpy as np
 from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form, Relations, Uncertainty
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, hanging, with_others
+from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, hanging, swinging, with_others
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
 
@@ -34,7 +34,9 @@ class JointElasticity(Effect):
     )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        inertia = float(np.mean(np.concatenate([run.own_inertia[:, joint] for run in runs])))
+        inertia = swinging(runs, joint or 0)
+        if not inertia:
+            return []
         turns = 2 * np.pi * FREQUENCIES[0.45 / runs[0].step > FREQUENCIES]
         moves = any(abs(run.qd[0, joint]) > 0.02 for run in runs)
         starts = (MOVES_ALONG, AT_REST) if moves else (MOVES_ALONG,)

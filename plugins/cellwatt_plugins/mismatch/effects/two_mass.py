@@ -7,6 +7,8 @@ u. Spong, Modeling and Control of Elastic Joint Robots (1987), with the motor's 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,8 +23,16 @@ CHUNK = 2000
 """Samples whose transition matrices are made at a time."""
 OTHERS = (0.5, 0.5)
 """Share of a link's swinging that the other joints feel, and its standard deviation."""
+LEAST_INERTIA = 1e-6
+"""kg m² of a link that can swing; a description may leave the last link's out."""
 BEFORE, WINDOW = 0.1, 1.5
 """s: a gap is followed from before the load turns over until the link has settled on its other flank."""
+
+
+def swinging(runs: Sequence[States], joint: int) -> float:
+    """Mean inertia kg m² of the link that hangs on ``joint`` (0-based); 0 where it has too little to swing anywhere."""
+    inertia = np.concatenate([run.own_inertia[:, joint] for run in runs])
+    return float(np.mean(inertia)) if np.min(inertia) > LEAST_INERTIA else 0.0
 
 
 def elastic(run: States, joint: int, stiffness: Float, damping: Float, at_rest: Float) -> Float:

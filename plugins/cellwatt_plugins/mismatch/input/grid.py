@@ -16,12 +16,14 @@ Bool = NDArray[np.bool_]
 
 LEAST_ROWS = 16
 """Fewer rows are no recording."""
-SLOWEST = 0.5
-"""s from row to row: beyond it no arm is recorded, the time is in another unit."""
+SLOWEST = 1.2
+"""s from row to row: beyond it no motion of an arm is recorded, or the time is in another unit."""
+COUNTED = 0.9
+"""From this step on, times in whole numbers are counted rows or ms; a clock of s that slow has fractions."""
 FEW = 0.01
 """Share of rows that may be mended in a column."""
 LONGEST = 1.0
-"""s without a number that may be mended."""
+"""s without a number that may be mended; in slow recordings one row."""
 ABSURD = 1e9
 """No quantity of a robot is that large in any unit: the bytes were damaged."""
 EVEN = 0.02
@@ -30,6 +32,10 @@ HOLE = 2.5
 """Steps between two rows from which on samples are missing."""
 GLITCH = 10.0
 """A position that leaves its neighbours by this many of the largest steps ever made, and comes back, is no motion."""
+JITTER = 0.01
+"""rad that a position may leave its neighbours by: the encoder of a joint at rest does, and so does its brake."""
+JERKED = 1.0
+"""rad/s at which it may do so: in slow recordings a short move is a single row."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ def even(
     for name, values in columns.items():
         wrong = ~(np.abs(values) < ABSURD)
         if name in positions and not wrong.all():
-            wrong |= _glitches(np.where(wrong, np.nan, values))
+            wrong |= _glitches(time, np.where(wrong, np.nan, values))
         if name not in slow:
             _few_enough(place, name, time, wrong)
             bad |= wrong
@@ -96,27 +102,35 @@ def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:
 
 
 def _in_seconds(place: str, time: Float) -> None:
-    step = float(np.median(np.diff(time)))
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if step > COUNTED and np.all(time == np.round(time)):
+        raise RecordingError(
+            f"{place}: the time rises by {step:.6g} from row to row, in whole numbers: is it in milliseconds, or a row "
+            "number? It must be in seconds"
+        )
     if step > SLOWEST:
         raise RecordingError(
-            f"{place}: the time rises by {step:.6g} from row to row: is it in milliseconds, or a row number? "
-            "It must be in seconds"
+            f"{place}: the time rises by {step:.6g} from row to row: in seconds that is too slow to see an arm move, "
+            "record twice a second or more; if it is in milliseconds, divide it by 1000"
         )
 
 
-def _glitches(values: Float) -> Bool:
+def _glitches(time: Float, values: Float) -> Bool:
     """Single or paired values that no motion reaches, judged by the largest step of the median of five neighbours."""
     clean = np.interp(np.arange(len(values)), np.flatnonzero(~np.isnan(values)), values[~np.isnan(values)])
     middle = median_filter(clean, 5, mode="nearest")
     largest = float(np.max(np.abs(np.diff(middle))))
-    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > GLITCH * largest) & (largest > 0)
+    least = max(GLITCH * largest, JITTER, JERKED * float(np.median(np.diff(time))))
+    wild: Bool = np.isnan(values) | (np.abs(clean - middle) > least)
     return wild
 
 
 def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
     share = float(np.mean(wrong))
     longest = _longest(time, wrong)
-    if share > FEW or longest > LONGEST:
+    one_row = HOLE * float(np.median(np.diff(time)))
+    if wrong.sum() > max(1, FEW * len(wrong)) or longest > max(LONGEST, one_row):
         raise RecordingError(
             f"{place}: column {name} has no usable number in {100 * share:.1f} % of its rows, first at "
             f"t = {time[wrong][0]:.3f} s, the longest stretch {longest:.2f} s: record it again or cut the file there"

@@ -376,7 +376,7 @@ TEXT = np.array(["12.0", "ERR"] * 500)
         (changed(q_7=lambda c: c["q_1"]), "7 joints in the columns q_1 … q_7, but the robot's description has 6"),
         (changed(t=lambda c: np.minimum(c["t"], 5.0)), "374 of 1000 rows have no new time"),
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
-        (changed(t=lambda c: 1000 * c["t"]), "the time rises by 8 from row to row: is it in milliseconds"),
+        (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
         (changed(t=lambda c: np.arange(1000.0)), "the time rises by 1 from row to row"),
         (changed(tau_2=lambda c: TEXT), "column tau_2 holds text, first 'ERR', not numbers"),
     ],

@@ -19,6 +19,10 @@ from cellwatt_plugins.robot import RigidBody, RobotDescription
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 200
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
+SHORTEST = 1.0
+"""s of a run that says something beside others."""
+SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
+"""In as long a time fewer samples do: at a few Hz each of them is an independent one."""
 
 
 def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tuple[Baseline, list[str]]:
@@ -28,8 +32,7 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
     """
     if not runs:
         raise RecordingError("no recording given")
-    for run in runs:
-        check_length(run)
+    check_length(runs)
     check_moving(runs)
     notes = [note for run in runs for note in run.notes]
     for run in runs:
@@ -45,11 +48,18 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
     return base, [*notes, *remarks(runs), *told_otherwise(runs, robot, body, base)]
 
 
-def check_length(run: Run) -> None:
-    """Raises ``RecordingError`` where there is too little to tell friction from noise."""
-    used = len(usable(run))
-    if used < LEAST_SAMPLES or used * run.step < LEAST_SECONDS:
+def check_length(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where a run, or all of them together, is too little to tell friction from noise."""
+    used = [len(usable(run)) for run in runs]
+    seconds = [count * run.step for count, run in zip(used, runs, strict=True)]
+    for run, count, length in zip(runs, used, seconds, strict=True):
+        if length < SHORTEST:
+            raise RecordingError(f"{run.name}: {count} usable samples in {length:.2f} s are too few: leave it out")
+    many = sum(seconds) >= LEAST_SECONDS and sum(used) >= LEAST_SAMPLES
+    long = sum(seconds) >= SLOW_SECONDS and sum(used) >= SLOW_SAMPLES
+    if not (many or long):
+        place = runs[0].name if len(runs) == 1 else "the recordings"
         raise RecordingError(
-            f"{run.name}: {used} usable samples in {used * run.step:.2f} s are too few: "
-            f"at least {LEAST_SECONDS:.0f} s and {LEAST_SAMPLES} samples of motion are needed"
+            f"{place}: {sum(used)} usable samples in {sum(seconds):.2f} s are too few: at least {LEAST_SECONDS:.0f} s "
+            f"and {LEAST_SAMPLES} samples of motion are needed, or {SLOW_SAMPLES} samples in {SLOW_SECONDS:.0f} s"
         )

@@ -21,6 +21,10 @@ LEVELS = 50
 """Fewer different values of a torque are steps that can be seen."""
 FROZEN = 1.0
 """s at exactly one value that noise does not leave."""
+SLOW = 25.0
+"""Samples a second below which what is quick in a drive falls between them."""
+PERIOD = 4
+"""Samples that a motion needs to be followed."""
 
 
 def remarks(runs: Sequence[Run]) -> list[str]:
@@ -31,6 +35,7 @@ def remarks(runs: Sequence[Run]) -> list[str]:
         notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
     if all(run.power is None for run in runs):
         notes.append("no power recorded: nothing can be said of the supply")
+    notes += _slow(runs)
     for run in runs:
         if run.gaps is not None:
             notes.append(
@@ -40,6 +45,15 @@ def remarks(runs: Sequence[Run]) -> list[str]:
         notes += _coarse(run)
         notes += _frozen(run)
     return notes
+
+
+def _slow(runs: Sequence[Run]) -> Iterator[str]:
+    rate = 1 / max(run.step for run in runs)
+    if rate < SLOW:
+        yield (
+            f"recorded at {rate:.2g} Hz, which follows motions of up to {rate / PERIOD:.2g} Hz: elasticity, backlash, "
+            "delays, contacts and friction that builds up after a reversal cannot be seen"
+        )
 
 
 def _cut_off(run: Run) -> Iterator[str]:
@@ -68,19 +82,26 @@ def _coarse(run: Run) -> Iterator[str]:
 
 
 def _frozen(run: Run) -> Iterator[str]:
-    """Stretches in which a torque stays at one value, not its extreme, while its joint moves."""
+    """The longest stretch in which a torque stays at one value, not its extreme, while its joint moves."""
     for i in np.flatnonzero(travel(run) > MOVES):
         torque, position = run.torque[:, i], run.position[:, i]
         if len(np.unique(torque)) < LEVELS:
             continue
-        for start, end in _stretches(np.diff(torque) == 0):
-            extreme = torque[start] in (torque.max(), torque.min())
-            if (end - start) * run.step > FROZEN and np.ptp(position[start:end]) > MOVES and not extreme:
-                yield (
-                    f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} Nm from "
-                    f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
-                    "it seems not to have been read there"
-                )
+        found = [
+            (end - start, start, end)
+            for start, end in _stretches(np.diff(torque) == 0)
+            if (end - start) * run.step > FROZEN
+            and np.ptp(position[start:end]) > MOVES
+            and torque[start] not in (torque.max(), torque.min())
+        ]
+        if found:
+            _, start, end = max(found)
+            others = f", nor at {len(found) - 1} other times" if len(found) > 1 else ""
+            yield (
+                f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} Nm from "
+                f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
+                f"it seems not to have been read there{others}"
+            )
 
 
 def _longest(at: NDArray[np.bool_]) -> int:

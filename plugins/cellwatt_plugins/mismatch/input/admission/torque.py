@@ -22,6 +22,10 @@ Order = tuple[int, ...]
 
 LARGE, SMALL = 100.0, 1 / 30
 """Recorded over nominal torque of the whole arm beyond which no friction, load or balancer can be the reason."""
+HELD = 0.1
+"""Share of what the arm's weight takes in any pose that friction may be: an upright arm carries next to nothing."""
+POSES = 100
+"""Poses in which that weight is looked at."""
 ALONE = 8.0
 """One joint's torque over that of every other one, recorded and nominal, beyond which it is in another unit."""
 HIDDEN = 200.0
@@ -54,9 +58,10 @@ def check_simulated(run: Run, robot: RobotDescription, body: RigidBody) -> None:
 
 def _check(place: str, current: bool, sample: Sample) -> None:
     expected = sample.expected()
-    _whole_unit(place, current, sample.robot, sample.torque, expected.torque)
+    friction = HELD * _rms(_weight(sample.body))
+    _whole_unit(place, current, sample, expected.torque, friction)
     strict = expected.strict()
-    _unit_of_one(place, sample.torque, strict, strict.misfits(sample.torque))
+    _unit_of_one(place, sample.torque, strict, strict.misfits(sample.torque), friction)
     misfit = expected.misfits(sample.torque)
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
@@ -64,9 +69,11 @@ def _check(place: str, current: bool, sample: Sample) -> None:
         _motion_read_otherwise(place, sample, misfit)
 
 
-def _whole_unit(place: str, current: bool, robot: RobotDescription, torque: Float, expected: Float) -> None:
-    nominal = float(np.sqrt(np.mean(expected**2)))
-    factor = float(np.sqrt(np.mean(torque**2))) / max(nominal, 1e-12)
+def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, friction: float) -> None:
+    robot, recorded, nominal = sample.robot, _rms(sample.torque), _rms(expected)
+    factor = recorded / max(nominal, 1e-12)
+    if factor >= LARGE:
+        factor = recorded / max(nominal, friction, 1e-12)
     if SMALL < factor < LARGE or nominal == 0:
         return
     thousand, thousandth = ("in mA", "in kA") if current else ("in mNm", "in kNm")
@@ -81,11 +88,20 @@ def _whole_unit(place: str, current: bool, robot: RobotDescription, torque: Floa
     )
 
 
-def _unit_of_one(place: str, torque: Float, expected: Expected, misfit: Float) -> None:
-    """Friction of any size would fit any unit, so here only the description's counts."""
+def _weight(body: RigidBody) -> Float:
+    """Torques (P, n) Nm that hold the arm still in poses of all kinds."""
+    return body.gravity_torque(np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, body.joints)))
+
+
+def _rms(values: Float) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _unit_of_one(place: str, torque: Float, expected: Expected, misfit: Float, friction: float) -> None:
+    """Friction of any size would fit any unit, so here only the description's counts, or ``friction`` Nm."""
     size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
     strongest = int(np.argmax(size))
-    others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0))
+    others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0), friction)
     alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
     large = _better(expected.misfits(torque / THOUSAND), misfit) | alone
     small = _better(expected.misfits(torque * THOUSAND), misfit) | (size * HIDDEN < nominal)

@@ -1,0 +1,252 @@
+"""Recordings as people have them: slow logs, joints at rest whose encoders jitter, arms that turn without end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.effects.backlash import Backlash
+from cellwatt_plugins.mismatch.effects.joint_elasticity import JointElasticity
+from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.motion import exact
+from cellwatt_plugins.mismatch.input.reading import read_runs
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot import RigidBody
+from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    return write_robot(tmp_path_factory.mktemp("described"))
+
+
+@pytest.fixture(scope="module")
+def arm(described):
+    return load(described)
+
+
+def recorded(path, moves):
+    """A recording without a plan."""
+    random = np.random.default_rng(0)
+    return Run(
+        name="run",
+        time=moves.time,
+        position=moves.q + 1e-4 * random.standard_normal(moves.q.shape),
+        velocity=moves.qd + 2e-3 * random.standard_normal(moves.q.shape),
+        torque=needed(model(path), moves) + NOISE * random.standard_normal(moves.q.shape),
+    )
+
+
+def logged(folder, run, name="log.parquet", **changes):
+    """A run as a file without a plan, its columns changed by name."""
+    columns = {"t": run.time}
+    for stem, values in (("q", run.position), ("qd", run.velocity), ("tau", run.torque)):
+        columns |= {f"{stem}_{j + 1}": values[:, j] for j in range(JOINTS)}
+    pq.write_table(pa.table(columns | changes), folder / name)
+    return folder / name
+
+
+def slowly(described, rate, seconds, seed=1):
+    """A recording at ``rate`` Hz whose logger is up to a twentieth of a step late."""
+    run = recorded(described, excitation(seed, seconds=seconds, rate=rate))
+    late = np.random.default_rng(seed).uniform(0, 0.05, len(run.time)) / rate
+    return replace(run, time=run.time + late)
+
+
+def admitted(*paths, arm):
+    """What is said of recordings that are admitted."""
+    return examine(read_runs(paths, [], arm[0]), *arm)[1]
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 4.0, 10.0])
+def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
+    path = logged(tmp_path, slowly(described, rate, seconds=max(40.0, 80 / rate)))
+    run = read_runs([path], [], arm[0])[0]
+    assert 1 / run.step == pytest.approx(rate, rel=0.05)
+    notes = "\n".join(examine([run], *arm)[1])
+    assert f"recorded at {1 / run.step:.2g} Hz" in notes
+    assert "elasticity, backlash, delays, contacts" in notes
+
+
+def test_a_usual_rate_has_no_such_note(tmp_path, described, arm):
+    path = logged(tmp_path, recorded(described, excitation(1)))
+    assert not any("recorded at" in note for note in admitted(path, arm=arm))
+
+
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (1000.0, "rises by 10 from row to row, in whole numbers: is it in milliseconds"),
+        (100.0, "rises by 1 from row to row, in whole numbers"),
+        (1000.5, "divide it by 1000"),
+    ],
+)
+def test_milliseconds_and_row_numbers_are_still_refused(factor, message, tmp_path, described, arm):
+    run = recorded(described, excitation(1))
+    times = np.round(run.time * factor) if factor == int(factor) else run.time * factor
+    with pytest.raises(RecordingError, match=message):
+        admitted(logged(tmp_path, replace(run, time=times)), arm=arm)
+
+
+def test_few_samples_do_where_they_are_far_apart(tmp_path, described, arm):
+    enough = logged(tmp_path, slowly(described, 4.0, seconds=32.0))
+    assert admitted(enough, arm=arm)
+    short = logged(tmp_path, slowly(described, 4.0, seconds=20.0), "short.parquet")
+    with pytest.raises(RecordingError, match=r"samples in .* s are too few: .* or 60 samples in 30 s"):
+        admitted(short, arm=arm)
+
+
+def test_short_runs_count_together(tmp_path, described, arm):
+    paths = [logged(tmp_path, slowly(described, 10.0, 10.0, seed), f"run_{seed}.parquet") for seed in (1, 2, 3)]
+    assert admitted(*paths, arm=arm)
+    with pytest.raises(RecordingError, match=r"run_1: .* are too few"):
+        admitted(paths[0], arm=arm)
+
+
+def test_a_run_of_two_seconds_counts_beside_others(tmp_path, described, arm):
+    paths = [
+        logged(tmp_path, recorded(described, excitation(seed, seconds=seconds)), f"run_{seed}.parquet")
+        for seed, seconds in ((1, 8.0), (2, 2.3), (3, 0.8))
+    ]
+    assert admitted(*paths[:2], arm=arm)
+    with pytest.raises(RecordingError, match=r"run_3: 80 usable samples in 0\.80 s are too few: leave it out"):
+        admitted(*paths, arm=arm)
+
+
+def test_a_missing_row_of_a_slow_log_is_filled_in(tmp_path, described, arm):
+    run = slowly(described, 2.0, seconds=60.0)
+    torque = run.torque[:, 2].copy()
+    torque[40] = np.nan
+    notes = "\n".join(admitted(logged(tmp_path, run, tau_3=torque), arm=arm))
+    assert "1 unusable values of tau_3 filled in" in notes
+
+
+def jittering(size, share=0.05):
+    """A joint at rest at 0.4 rad whose encoder now and then shows one step more."""
+    random = np.random.default_rng(5)
+    return 0.4 + 1e-7 * random.standard_normal(2000) + size * (random.random(2000) < share)
+
+
+def test_an_encoder_that_jitters_at_rest_is_no_damage(tmp_path, described, arm):
+    run = recorded(described, excitation(1))
+    notes = "\n".join(admitted(logged(tmp_path, run, q_6=jittering(2e-4), qd_6=np.zeros(2000)), arm=arm))
+    assert "unusable" not in notes
+    assert "joint 6 never moved" in notes
+
+
+def test_a_jump_of_a_joint_at_rest_is_filled_in(tmp_path, described, arm):
+    run = recorded(described, excitation(1))
+    position = np.full(2000, 0.4)
+    position[700] = 3.0
+    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.zeros(2000)), arm=arm))
+    assert "1 unusable values of q_6 filled in, first at t = 7.000 s" in notes
+
+
+def test_short_moves_in_a_slow_log_are_no_damage(tmp_path, described, arm):
+    """A joint that jogs by 0.2 rad within a row, there and back, and rests else."""
+    run = slowly(described, 4.0, seconds=60.0)
+    position = 1e-5 * np.random.default_rng(3).standard_normal(240)
+    position[20::30] += 0.2
+    notes = "\n".join(admitted(logged(tmp_path, run, q_6=position, qd_6=np.gradient(position, 0.25)), arm=arm))
+    assert "unusable" not in notes
+
+
+def upright(folder):
+    """A column of two links that turns about its own axis, of which no friction is described."""
+    link = (
+        '<link name="link_{0}"><inertial><origin xyz="0 0 0.25"/><mass value="3"/>'
+        '<inertia ixx="0.06" iyy="0.06" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="axis_{0}" type="continuous"><parent link="{1}"/><child link="link_{0}"/>'
+        '<origin xyz="0 0 0.5"/><axis xyz="{2}"/></joint>'
+    )
+    links = link.format(1, "base", "0 0 1") + link.format(2, "link_1", "0 1 0")
+    (folder / "column.urdf").write_text(f'<robot name="column"><link name="base"/>{links}</robot>')
+    joints = [{"name": "axis_1"}, {"name": "axis_2"}]
+    (folder / "robot.yaml").write_text(yaml.safe_dump({"robot": "column", "urdf": "column.urdf", "joints": joints}))
+    return load(folder / "robot.yaml")
+
+
+@pytest.mark.parametrize("factor", [1.0, 1000.0])
+def test_friction_of_an_upright_arm_is_in_no_wrong_unit(factor, tmp_path):
+    """Its links need some 1 mNm, its friction is 1.5 Nm."""
+    arm, time = upright(tmp_path), np.arange(1000) / 100
+    position = 0.6 * np.sin(0.5 * time)
+    speed = 0.3 * np.cos(0.5 * time)
+    noise = 0.02 * np.random.default_rng(2).standard_normal((1000, 2))
+    columns = {"t": time, "q_1": position, "qd_1": speed, "q_2": noise[:, 0] * 1e-4, "qd_2": noise[:, 1] * 1e-3}
+    torque = {"tau_1": 1.5 * np.tanh(speed / 0.004) + noise[:, 0], "tau_2": 0.1 + noise[:, 1]}
+    pq.write_table(pa.table(columns | {name: factor * t for name, t in torque.items()}), tmp_path / "run.parquet")
+    if factor == 1:
+        assert admitted(tmp_path / "run.parquet", arm=arm)
+        return
+    with pytest.raises(RecordingError, match=r"torque is .* times what motion and description ask for"):
+        admitted(tmp_path / "run.parquet", arm=arm)
+
+
+def test_a_torque_that_often_stays_is_one_note(tmp_path, described, arm):
+    """As currents that are rounded to 0 in small joints do."""
+    run = recorded(described, excitation(1))
+    torque = run.torque[:, 4].copy()
+    for start, end in ((200, 400), (900, 1250), (1500, 1700)):
+        torque[start:end] = 0.25
+    notes = [note for note in admitted(logged(tmp_path, run, tau_5=torque), arm=arm) if "joint 5" in note]
+    assert len(notes) == 1
+    assert "stays at 0.25 Nm from 9.00 to 12.49 s" in notes[0]
+    assert notes[0].endswith("not to have been read there, nor at 2 other times")
+
+
+def endless(described, folder, kind, limit):
+    """The arm with joints 1, 4 and 6 of another ``kind``, with another ``limit``."""
+    text = (described.parent / "bench.urdf").read_text().splitlines()
+    old = '<limit lower="-3.5" upper="3.5" effort="300" velocity="6"/>'
+    for i in (1, 4, 6):
+        row = next(k for k, line in enumerate(text) if f'"axis_{i}"' in line)
+        text[row] = text[row].replace('type="revolute"', f'type="{kind}"').replace(old, limit)
+    (folder / "bench.urdf").write_text("\n".join(text))
+    (folder / "robot.yaml").write_text(described.read_text())
+    return folder / "robot.yaml"
+
+
+@pytest.mark.parametrize(
+    ("kind", "limit"),
+    [
+        ("continuous", ""),
+        ("continuous", '<limit effort="39" velocity="1.4"/>'),
+        ("revolute", '<limit effort="39" velocity="1.4"/>'),
+        ("revolute", ""),
+    ],
+)
+def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tmp_path, described, arm):
+    robot, body = load(endless(described, tmp_path, kind, limit))
+    moves = excitation(2, seconds=2.0)
+    torque = body.inverse_dynamics(moves.q, moves.qd, moves.qdd)
+    np.testing.assert_allclose(torque, arm[1].inverse_dynamics(moves.q, moves.qd, moves.qdd), atol=1e-9)
+    assert admitted(logged(tmp_path, recorded(described, excitation(1))), arm=(robot, body))
+    assert body.model.upperPositionLimit[0] == pytest.approx(2 * np.pi)
+    assert body.model.upperPositionLimit[1] == 3.5
+
+
+def test_a_last_link_without_inertia_swings_on_no_gear(tmp_path, described):
+    """A load given as a point on the last axis: about that axis there is nothing to turn."""
+    text = (described.parent / "bench.urdf").read_text().splitlines()
+    row = next(k for k, line in enumerate(text) if '<link name="link_6"' in line)
+    text[row] = (
+        '<link name="link_6"><inertial><origin xyz="0.1 0 0"/><mass value="5"/>'
+        '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        + text[row][text[row].index("</link>") + len("</link>") :]
+    )
+    (tmp_path / "bench.urdf").write_text("\n".join(text))
+    (tmp_path / "robot.yaml").write_text(described.read_text())
+    robot, body = load(tmp_path / "robot.yaml")
+    assert isinstance(body, RigidBody)
+    moves = excitation(1, seconds=4.0)
+    states = [States("run", 0, moves.time, exact(moves.q, moves.qd, moves.qdd), robot, body)]
+    assert states[0].own_inertia[:, 5].max() < 1e-9
+    for effect in (JointElasticity(), Backlash()):
+        assert not effect.shapes(states, 5, [np.zeros((len(moves.time), JOINTS))])
+    assert JointElasticity().shapes(states, 4, [np.zeros((len(moves.time), JOINTS))])
