@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from concealed import kept, network, product, sparse
+from concealed import kept, product
 from concealed.cases import Spec, make_case
-from concealed.files import Run, load_robot, load_run, load_runs
+from concealed.files import Robot, Run, load_robot, load_run, load_runs
 from concealed.product import Answer
-from concealed.refit import refit
+from concealed.refit import Refit, refit
 from concealed.scoring import Row, hold_out, predictable, residual_of, score, strength_of
 
 MOTIONS = ("planned", "recorded")
@@ -107,13 +108,24 @@ def judge(job: Job) -> Row:
         if method == "explain":
             row[method] = by_product(job, key, tests, plain)
             continue
-        model = sparse.explain(robot, runs) if method == "sparse" else network.explain(robot, runs, nominal)
+        model = baseline(method, robot, runs, nominal)
         seconds = time.monotonic() - start
         left = {name: model.left(run) for name, run in tests.items()}
         gaps = hold_out(key, left.get, plain.__getitem__)
         row[method] = {**score(key, model.findings, [], gaps), "seconds": round(seconds, 1), "error": None}
     kept.keep(*job.scored, row)
     return row
+
+
+def baseline(method: str, robot: Robot, runs: Sequence[Run], nominal: Refit) -> Any:
+    """The model of a baseline; imported here, as the product alone does without them."""
+    if method == "sparse":
+        from concealed import sparse
+
+        return sparse.explain(robot, runs)
+    from concealed import network
+
+    return network.explain(robot, runs, nominal)
 
 
 def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:

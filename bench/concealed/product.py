@@ -97,12 +97,13 @@ def predict(command: str, out: Path, recording: Path, source: str = "planned") -
     """What the product's model gives for a sealed motion, "planned" or "recorded"; it never sees the answer.
 
     It is given the user's simulation of that motion, as that writes it; a product that knows no such option goes
-    without.
+    without. None where there is no prediction for every sample of the motion.
     """
     name = recording.name.split(".")[0]
     told, own = (recording.with_name(f"{name}.{what}.parquet") for what in ("simulation", "simulator"))
     motion, result = out / f"{name}.{source}.parquet", out / f"{name}.{source}.prediction.parquet"
-    pq.write_table(motion_of(recording, told, source), motion)
+    asked = motion_of(recording, told, source)
+    pq.write_table(asked, motion)
     result.unlink(missing_ok=True)
     words = [*shlex.split(command), "simulate", "--model", str(out / "model.yaml")]
     words += ["--motion", str(motion), "--out", str(result)]
@@ -111,6 +112,8 @@ def predict(command: str, out: Path, recording: Path, source: str = "planned") -
     if (call(words) if refused else error) is not None or not result.exists():
         return None
     table = pq.read_table(result)
+    if len(table) != len(asked):
+        return None
     n = sum(c.startswith("tau_") for c in table.column_names)
     torque = np.stack([table[f"tau_{j + 1}"].to_numpy() for j in range(n)], axis=1).astype(float)
     return Prediction(torque, table["power"].to_numpy().astype(float), not refused)
