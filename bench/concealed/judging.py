@@ -41,6 +41,7 @@ class Job:
     command: str
     methods: tuple[str, ...]
     codes: Codes
+    limit: float = product.LIMIT
 
     @property
     def name(self) -> str:
@@ -83,7 +84,7 @@ def answer(job: Job) -> Answer:
         return Answer(**old)
     out = job.work / "results" / job.name
     shutil.rmtree(out, ignore_errors=True)
-    got = product.explain(job.command, job.work / "dev" / job.name, out)
+    got = product.explain(job.command, job.work / "dev" / job.name, out, job.limit)
     kept.keep(*job.answered, asdict(got))
     return got
 
@@ -136,7 +137,7 @@ def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
 
     def left_of(source: str) -> Any:
         def left(name: str) -> Any:
-            predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet", source)
+            predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet", source, job.limit)
             if predicted is None:
                 return None
             if not predicted.uses_simulation:

@@ -147,6 +147,9 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--command", default=product.default_command(), help="how to call the product")
     parser.add_argument(
+        "--limit", type=float, default=product.LIMIT, help="seconds that a call of the product may take"
+    )
+    parser.add_argument(
         "--work", type=Path, help="where cases, answers and scores are kept to go on from (otherwise they are not)"
     )
     parser.add_argument("--make", action="store_true", help="only make the cases in --work, and stop")
@@ -169,7 +172,9 @@ def jobs_of(a: argparse.Namespace, seed: str, work: Path) -> list[Job]:
     all_specs = [replace(s, simulation="law") if a.law_only else s for s in specs(seed)]
     methods = tuple(m for m in METHODS if m in a.methods and (m == "explain" or not a.no_baselines))
     codes = Codes(kept.making(), kept.product(), kept.judging())
-    return [Job(seed, i, all_specs[i], work, a.command, methods, codes) for i in wanted(all_specs, a.only, a.cases)]
+    return [
+        Job(seed, i, all_specs[i], work, a.command, methods, codes, a.limit) for i in wanted(all_specs, a.only, a.cases)
+    ]
 
 
 def main() -> None:

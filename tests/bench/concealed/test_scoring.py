@@ -144,6 +144,12 @@ def test_pursuit_picks_what_is_there_and_stops():
     assert got.coefficients[-1] == pytest.approx(3.0, abs=4 * np.sqrt(got.covariance[-1, -1]))
 
 
+def test_a_product_that_is_stopped_from_outside_gave_no_answer(tmp_path):
+    stops = "import os, signal; os.kill(os.getpid(), signal.SIGTERM)"
+    with pytest.raises(product.StoppedError):
+        product.explain(f"{sys.executable} -c '{stops}'", tmp_path, tmp_path / "out")
+
+
 def test_a_failing_product_is_an_error_of_its_case(tmp_path):
     got = product.explain(f"{sys.executable} -c 'raise SystemExit(3)'", tmp_path, tmp_path / "out")
     assert got.error
