@@ -17,7 +17,7 @@ from concealed.refit import Refit, refit
 from concealed.scoring import Row, hold_out, predictable, residual_of, score, strength_of
 
 MOTIONS = ("planned", "recorded")
-"""What the prediction of a sealed run is asked for; the second is scored beside the first."""
+"""What the prediction of a sealed run may be asked for."""
 FIELDS = ("id", "robot", "level", "simulation", "run_set", "rate", "ratio", "effects")
 
 
@@ -32,7 +32,7 @@ class Codes:
 
 @dataclass(frozen=True)
 class Job:
-    """One case to make and to judge."""
+    """One case to make and to judge; `refits` is whether the usual remedy is scored beside the methods."""
 
     seed: str
     index: int
@@ -42,6 +42,8 @@ class Job:
     methods: tuple[str, ...]
     codes: Codes
     limit: float = product.LIMIT
+    motions: tuple[str, ...] = ("planned",)
+    refits: bool = True
 
     @property
     def name(self) -> str:
@@ -62,7 +64,7 @@ class Job:
     @property
     def scored(self) -> tuple[Path, str]:
         """File and stamp of the case's scores."""
-        stamp = kept.stamp(self.answered[1], self.methods, self.codes.judging)
+        stamp = kept.stamp(self.answered[1], self.methods, self.motions, self.refits, self.codes.judging)
         return self.work / "rows" / f"{self.name}.json", stamp
 
 
@@ -96,23 +98,24 @@ def judge(job: Job) -> Row:
     key = make(job)
     case, sealed = job.work / "dev" / job.name, job.work / "keys" / job.name
     robot, runs = load_robot(case), load_runs(case, sealed)
-    nominal = refit(robot, runs)
+    nominal = refit(robot, runs) if job.refits else None
     tests = {
         r["run"]: load_run(sealed / f"{r['run']}.recording.parquet", sealed)
         for r in key["runs"]
         if r["split"] == "sealed"
     }
-    plain = {name: nominal.left(run) for name, run in tests.items()}
+    plain = {name: nominal.left(run) for name, run in tests.items()} if nominal else {}
     row: Row = {k: key[k] for k in FIELDS} | {"strength": strength_of(key), "seconds_to_make": key["seconds_to_make"]}
     for method in job.methods:
         start = time.monotonic()
         if method == "explain":
             row[method] = by_product(job, key, tests, plain)
             continue
+        assert nominal is not None
         model = baseline(method, robot, runs, nominal)
         seconds = time.monotonic() - start
         left = {name: model.left(run) for name, run in tests.items()}
-        gaps = hold_out(key, left.get, plain.__getitem__)
+        gaps = hold_out(key, left.get, plain.get)
         row[method] = {**score(key, model.findings, [], gaps), "seconds": round(seconds, 1), "error": None}
     kept.keep(*job.scored, row)
     return row
@@ -146,8 +149,8 @@ def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
 
         return left
 
-    sources = MOTIONS if predictable(key) else ()
-    gaps = {source: hold_out(key, left_of(source), plain.__getitem__) for source in sources}
+    sources = job.motions if predictable(key) else ()
+    gaps = {source: hold_out(key, left_of(source), plain.get) for source in sources}
     return {
         **score(key, got.findings, got.unexplained, gaps.get("planned", [])),
         "hold_out_recorded": gaps.get("recorded", []),

@@ -58,7 +58,8 @@ def job(small_case, tmp_path: Path, findings: list, knows: bool, methods=("expla
     work, key = small_case
     command = product_in(tmp_path, findings, knows)
     codes = Codes("making", tmp_path.name, "judging")
-    one = Job("x", 4, Spec("single", (), "short"), work, command, methods, codes)
+    spec, motions = Spec("single", (), "short"), ("planned", "recorded")
+    one = Job("x", 4, spec, work, command, methods, codes, motions=motions, refits=len(methods) > 1)
     kept.keep(*one.made, key | {"seconds_to_make": 1.0})
     return one
 

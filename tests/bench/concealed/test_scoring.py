@@ -70,6 +70,8 @@ def test_gap_is_measured_from_simulation_to_best_possible():
     )
     assert row["gap_beyond_refit"] == pytest.approx(0.5)
     assert hold_out(key, lambda name: None, lambda name: flat(2.0))[0]["gap_closed"] is None
+    (alone,) = hold_out(key, lambda name: flat(1.5), lambda name: None)
+    assert (alone["gap_closed"], alone["gap_closed_refit"]) == (pytest.approx(0.75), None)
 
 
 @pytest.mark.parametrize(
