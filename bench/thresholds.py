@@ -1,6 +1,6 @@
 """How the explainer's answers change when each of its thresholds is halved and doubled.
 
-    python bench/concealed.py --cases 24 --methods explain --keep --work DIR     # makes the cases
+    python bench/concealed.py --cases 24 --make --work DIR     # makes the cases
     python bench/thresholds.py --work DIR [--json]
 
 Thresholds are no option of the command, so that this calls the explainer itself; cases and scores are the blind
@@ -96,7 +96,7 @@ def totals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--work", type=Path, required=True, help="folder with cases of bench/concealed.py --keep")
+    parser.add_argument("--work", type=Path, required=True, help="folder with cases of bench/concealed.py --make")
     parser.add_argument("--cases", type=int, default=24, help="the first so many")
     parser.add_argument("--jobs", type=int, default=2, help="at once")
     parser.add_argument("--json", action="store_true", help="one object instead of a table")

@@ -97,7 +97,7 @@ def specs(seed: str) -> list[Spec]:
 def with_own(rng: np.random.Generator, all_specs: list[Spec]) -> list[Spec]:
     """The same cases, half of each level with a simulation that is the user's own; its kinds come equally often.
 
-    A description that knows more than the simulation needs an effect that it can know: every second of those.
+    A description that knows more than the simulation needs an effect that it can know: three quarters of those.
     """
     out, anywhere = list(all_specs), [k for k in OWN if k != "known"]
     turn = 0
@@ -105,7 +105,7 @@ def with_own(rng: np.random.Generator, all_specs: list[Spec]) -> list[Spec]:
         cases = rng.permutation([i for i, s in enumerate(all_specs) if s.level == level])
         for i in map(int, cases[: (len(cases) + int(rng.integers(2))) // 2]):
             knowable = KNOWABLE.intersection(e for e, _ in all_specs[i].effects)
-            if knowable and rng.random() < 0.5:
+            if knowable and rng.random() < 0.75:
                 out[i] = replace(all_specs[i], simulation="known")
                 continue
             out[i] = replace(all_specs[i], simulation=anywhere[turn % len(anywhere)])

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from concealed import kept, network, product, sparse
+from concealed import kept, product
 from concealed.cases import Spec, make_case
-from concealed.files import Run, load_robot, load_run, load_runs
+from concealed.files import Robot, Run, load_robot, load_run, load_runs
 from concealed.product import Answer
-from concealed.refit import refit
+from concealed.refit import Refit, refit
 from concealed.scoring import Row, hold_out, predictable, residual_of, score, strength_of
 
 MOTIONS = ("planned", "recorded")
-"""What the prediction of a sealed run is asked for; the second is scored beside the first."""
+"""What the prediction of a sealed run may be asked for."""
 FIELDS = ("id", "robot", "level", "simulation", "run_set", "rate", "ratio", "effects")
 
 
@@ -31,7 +32,7 @@ class Codes:
 
 @dataclass(frozen=True)
 class Job:
-    """One case to make and to judge."""
+    """One case to make and to judge; `refits` is whether the usual remedy is scored beside the methods."""
 
     seed: str
     index: int
@@ -40,6 +41,9 @@ class Job:
     command: str
     methods: tuple[str, ...]
     codes: Codes
+    limit: float = product.LIMIT
+    motions: tuple[str, ...] = ("planned",)
+    refits: bool = True
 
     @property
     def name(self) -> str:
@@ -60,7 +64,7 @@ class Job:
     @property
     def scored(self) -> tuple[Path, str]:
         """File and stamp of the case's scores."""
-        stamp = kept.stamp(self.answered[1], self.methods, self.codes.judging)
+        stamp = kept.stamp(self.answered[1], self.methods, self.motions, self.refits, self.codes.judging)
         return self.work / "rows" / f"{self.name}.json", stamp
 
 
@@ -82,7 +86,7 @@ def answer(job: Job) -> Answer:
         return Answer(**old)
     out = job.work / "results" / job.name
     shutil.rmtree(out, ignore_errors=True)
-    got = product.explain(job.command, job.work / "dev" / job.name, out)
+    got = product.explain(job.command, job.work / "dev" / job.name, out, job.limit)
     kept.keep(*job.answered, asdict(got))
     return got
 
@@ -94,26 +98,38 @@ def judge(job: Job) -> Row:
     key = make(job)
     case, sealed = job.work / "dev" / job.name, job.work / "keys" / job.name
     robot, runs = load_robot(case), load_runs(case, sealed)
-    nominal = refit(robot, runs)
+    nominal = refit(robot, runs) if job.refits else None
     tests = {
         r["run"]: load_run(sealed / f"{r['run']}.recording.parquet", sealed)
         for r in key["runs"]
         if r["split"] == "sealed"
     }
-    plain = {name: nominal.left(run) for name, run in tests.items()}
+    plain = {name: nominal.left(run) for name, run in tests.items()} if nominal else {}
     row: Row = {k: key[k] for k in FIELDS} | {"strength": strength_of(key), "seconds_to_make": key["seconds_to_make"]}
     for method in job.methods:
         start = time.monotonic()
         if method == "explain":
             row[method] = by_product(job, key, tests, plain)
             continue
-        model = sparse.explain(robot, runs) if method == "sparse" else network.explain(robot, runs, nominal)
+        assert nominal is not None
+        model = baseline(method, robot, runs, nominal)
         seconds = time.monotonic() - start
         left = {name: model.left(run) for name, run in tests.items()}
-        gaps = hold_out(key, left.get, plain.__getitem__)
+        gaps = hold_out(key, left.get, plain.get)
         row[method] = {**score(key, model.findings, [], gaps), "seconds": round(seconds, 1), "error": None}
     kept.keep(*job.scored, row)
     return row
+
+
+def baseline(method: str, robot: Robot, runs: Sequence[Run], nominal: Refit) -> Any:
+    """The model of a baseline; imported here, as the product alone does without them."""
+    if method == "sparse":
+        from concealed import sparse
+
+        return sparse.explain(robot, runs)
+    from concealed import network
+
+    return network.explain(robot, runs, nominal)
 
 
 def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
@@ -124,7 +140,7 @@ def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
 
     def left_of(source: str) -> Any:
         def left(name: str) -> Any:
-            predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet", source)
+            predicted = product.predict(job.command, out, sealed / f"{name}.recording.parquet", source, job.limit)
             if predicted is None:
                 return None
             if not predicted.uses_simulation:
@@ -133,8 +149,8 @@ def by_product(job: Job, key: Row, tests: dict[str, Run], plain: Any) -> Row:
 
         return left
 
-    sources = MOTIONS if predictable(key) else ()
-    gaps = {source: hold_out(key, left_of(source), plain.__getitem__) for source in sources}
+    sources = job.motions if predictable(key) else ()
+    gaps = {source: hold_out(key, left_of(source), plain.get) for source in sources}
     return {
         **score(key, got.findings, got.unexplained, gaps.get("planned", [])),
         "hold_out_recorded": gaps.get("recorded", []),

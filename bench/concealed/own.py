@@ -16,7 +16,7 @@ from concealed.arms import Arm, Array, mistune
 from concealed.effects import KINDS
 from concealed.effects.masses import hand
 from concealed.plant import rigid_torque
-from concealed.setting import Setting
+from concealed.setting import Setting, require
 from concealed.simulation import Clock
 
 OWN = {
@@ -106,6 +106,7 @@ def add_terms(s: Setting, own: Own, effects: Collection[str]) -> None:
     torque, supply = ([t for t in terms if t not in effects] for terms in (TORQUE_TERMS, SUPPLY_TERMS))
     which = int(s.rng.integers(3))
     chosen = [str(s.rng.choice(terms)) for terms, use in ((torque, which != 1), (supply, which != 0)) if use and terms]
+    require(bool(chosen))
     s.level = "strong"
     terms = []
     for name in chosen:

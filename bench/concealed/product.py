@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -19,6 +20,14 @@ import pyarrow.parquet as pq
 from concealed.arms import Array
 
 LIMIT = 300.0
+"""Seconds that a call may take, on a machine that does nothing else."""
+
+
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
+
+class StoppedError(RuntimeError):
+    """A call was stopped from outside: that is no answer of the product."""
 
 
 def default_command() -> str:
@@ -26,15 +35,17 @@ def default_command() -> str:
     return str(Path(sys.executable).with_name("cellwatt"))
 
 
-def call(words: list[str]) -> str | None:
-    """Run one command on one thread; what went wrong, or None."""
+def call(words: list[str], limit: float) -> str | None:
+    """Run one command on one thread; what went wrong, or None. Raises StoppedError where somebody stopped it."""
     threads = {f"{lib}_NUM_THREADS": "1" for lib in ("OMP", "OPENBLAS", "MKL")}
     try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=LIMIT, env={**os.environ, **threads})
+        done = subprocess.run(words, capture_output=True, text=True, timeout=limit, env={**os.environ, **threads})
     except subprocess.TimeoutExpired:
-        return f"no answer in {LIMIT:.0f} s"
+        return f"no answer in {limit:.0f} s"
     except OSError as broken:
         return str(broken)
+    if -done.returncode in STOPS:
+        raise StoppedError(f"{words[-1]}: stopped by signal {-done.returncode}")
     return None if done.returncode == 0 else (done.stderr or done.stdout).strip()[-300:]
 
 
@@ -49,7 +60,7 @@ class Answer:
     error: str | None
 
 
-def explain(command: str, case: Path, out: Path) -> Answer:
+def explain(command: str, case: Path, out: Path, limit: float = LIMIT) -> Answer:
     """Run `explain` on all open runs of one case."""
     runs = sorted(case.glob("run_*.recording.parquet"))
     told = [r.with_name(r.name.replace(".recording.", ".simulation.")) for r in runs]
@@ -57,7 +68,7 @@ def explain(command: str, case: Path, out: Path) -> Answer:
     words += ["--robot", str(case / "robot.yaml"), "--out", str(out)]
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
-    error = call(words)
+    error = call(words, limit)
     return answer(out, time.monotonic() - start, error)
 
 
@@ -93,24 +104,29 @@ def motion_of(recording: Path, told: Path, source: str) -> pa.Table:
     return motion
 
 
-def predict(command: str, out: Path, recording: Path, source: str = "planned") -> Prediction | None:
+def predict(
+    command: str, out: Path, recording: Path, source: str = "planned", limit: float = LIMIT
+) -> Prediction | None:
     """What the product's model gives for a sealed motion, "planned" or "recorded"; it never sees the answer.
 
     It is given the user's simulation of that motion, as that writes it; a product that knows no such option goes
-    without.
+    without. None where there is no prediction for every sample of the motion.
     """
     name = recording.name.split(".")[0]
     told, own = (recording.with_name(f"{name}.{what}.parquet") for what in ("simulation", "simulator"))
     motion, result = out / f"{name}.{source}.parquet", out / f"{name}.{source}.prediction.parquet"
-    pq.write_table(motion_of(recording, told, source), motion)
+    asked = motion_of(recording, told, source)
+    pq.write_table(asked, motion)
     result.unlink(missing_ok=True)
     words = [*shlex.split(command), "simulate", "--model", str(out / "model.yaml")]
     words += ["--motion", str(motion), "--out", str(result)]
-    error = call([*words, "--simulation", str(own if own.exists() else told)])
+    error = call([*words, "--simulation", str(own if own.exists() else told)], limit)
     refused = error is not None and "No such option" in error
-    if (call(words) if refused else error) is not None or not result.exists():
+    if (call(words, limit) if refused else error) is not None or not result.exists():
         return None
     table = pq.read_table(result)
+    if len(table) != len(asked):
+        return None
     n = sum(c.startswith("tau_") for c in table.column_names)
     torque = np.stack([table[f"tau_{j + 1}"].to_numpy() for j in range(n)], axis=1).astype(float)
     return Prediction(torque, table["power"].to_numpy().astype(float), not refused)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from concealed import kept, product
 from concealed.cases import Spec, specs
-from concealed.judging import Codes, Job, judge, make
+from concealed.judging import MOTIONS, Codes, Job, judge, make
 from concealed.page import markdown
 from concealed.scoring import Row
 from concealed.seal import REVEALED, commit, reveal
@@ -141,11 +141,21 @@ def arguments() -> argparse.ArgumentParser:
     )
     parser.add_argument("--jobs", type=int, default=2, help="cases at once")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
-    parser.add_argument("--no-baselines", action="store_true", help="the product alone")
+    parser.add_argument("--no-baselines", action="store_true", help="the product alone, without the refit too")
     parser.add_argument(
         "--law-only", action="store_true", help="all simulations compute robot.yaml's law, as in the first three runs"
     )
+    parser.add_argument(
+        "--motions",
+        nargs="+",
+        default=["planned"],
+        choices=MOTIONS,
+        help="which motions of the sealed runs are predicted",
+    )
     parser.add_argument("--command", default=product.default_command(), help="how to call the product")
+    parser.add_argument(
+        "--limit", type=float, default=product.LIMIT, help="seconds that a call of the product may take"
+    )
     parser.add_argument(
         "--work", type=Path, help="where cases, answers and scores are kept to go on from (otherwise they are not)"
     )
@@ -169,7 +179,10 @@ def jobs_of(a: argparse.Namespace, seed: str, work: Path) -> list[Job]:
     all_specs = [replace(s, simulation="law") if a.law_only else s for s in specs(seed)]
     methods = tuple(m for m in METHODS if m in a.methods and (m == "explain" or not a.no_baselines))
     codes = Codes(kept.making(), kept.product(), kept.judging())
-    return [Job(seed, i, all_specs[i], work, a.command, methods, codes) for i in wanted(all_specs, a.only, a.cases)]
+    return [
+        Job(seed, i, all_specs[i], work, a.command, methods, codes, a.limit, tuple(a.motions), not a.no_baselines)
+        for i in wanted(all_specs, a.only, a.cases)
+    ]
 
 
 def main() -> None:

@@ -122,18 +122,19 @@ def hold_out(key: Row, left: Residuals, plain: Residuals) -> list[Row]:
     """Per touched channel of the sealed runs: error of simulation, refit alone, model, and best possible model.
 
     `left` and `plain` give residual torque (N, n) and power (N,) of a run by its name: the model's (None where it has
-    no prediction) and the refit's.
+    no prediction) and the refit's (None where there is none). A run without such a channel is not asked for.
     """
     rows = []
     for run in (r for r in key["runs"] if r["split"] == "sealed"):
-        got, refitted = left(run["run"]), plain(run["run"])
-        assert refitted is not None
         before = np.array([*run["rmse_simulation"], run["power_rmse_simulation"]])
         best = np.array([*run["rmse_oracle"], run["power_rmse_oracle"]])
-        for c in map(int, np.flatnonzero(before >= TOUCHED * best)):
+        if not (touched := np.flatnonzero(before >= TOUCHED * best)).size:
+            continue
+        got, refitted = left(run["run"]), plain(run["run"])
+        for c in map(int, touched):
             name = f"tau_{c + 1}" if c < len(best) - 1 else "power"
-            after = None if got is None else channel_rms(got, c)
-            errors = channel(float(before[c]), channel_rms(refitted, c), after, float(best[c]))
+            after, usual = (None if x is None else channel_rms(x, c) for x in (got, refitted))
+            errors = channel(float(before[c]), usual, after, float(best[c]))
             rows.append({"run": run["run"], "channel": name, **errors})
     return rows
 
@@ -144,17 +145,21 @@ def channel_rms(residual: tuple[Array, Array], c: int) -> float:
     return float(rms(torque[:, c] if c < torque.shape[1] else power))
 
 
-def channel(simulation: float, refit: float, model: float | None, best: float) -> Row:
+def channel(simulation: float, refit: float | None, model: float | None, best: float) -> Row:
     """Errors of one channel, and the shares of the gap that are closed: from the simulation, and beyond a refit."""
-    more = refit >= TOUCHED * best
+
+    def closed(before: float | None, after: float | None) -> float | None:
+        return None if before is None or after is None else (before - after) / (before - best)
+
+    more = refit is not None and refit >= TOUCHED * best
     return {
         "simulation": simulation,
         "refit": refit,
         "model": model,
         "oracle": best,
-        "gap_closed": None if model is None else (simulation - model) / (simulation - best),
-        "gap_closed_refit": (simulation - refit) / (simulation - best),
-        "gap_beyond_refit": None if model is None or not more else (refit - model) / (refit - best),
+        "gap_closed": closed(simulation, model),
+        "gap_closed_refit": closed(simulation, refit),
+        "gap_beyond_refit": closed(refit, model) if more else None,
     }
 
 

@@ -82,16 +82,20 @@ def summary(rows: list[Row], method: str) -> Row:
         "gap_beyond_refit_median": median(g["gap_beyond_refit"] for g in gaps),
         "channels": len(gaps),
         "channels_made_worse": worse(gaps),
-        "channels_made_worse_recorded": worse(recorded),
+        "channels_made_worse_recorded": worse(recorded) if recorded else None,
         "channels_without_prediction": sum(g["model"] is None for g in gaps),
         "cases_predicted_without_simulation": sum(s.get("without_simulation", False) for s in scores),
-        "channels_better_than_refit": share(
-            sum(g["model"] is not None and g["model"] < g["refit"] for g in gaps), len(gaps)
-        ),
+        "channels_better_than_refit": better(gaps),
         "errors": sum(bool(s.get("error")) for s in scores),
         "seconds_median": median(s.get("seconds") for s in scores),
         "seconds_max": max((s.get("seconds") or 0.0 for s in scores), default=0.0),
     }
+
+
+def better(gaps: list[Row]) -> Row:
+    """Channels whose error the model brings below that of a refit, of those that were refitted."""
+    refitted = [g for g in gaps if g["refit"] is not None]
+    return share(sum(g["model"] is not None and g["model"] < g["refit"] for g in refitted), len(refitted))
 
 
 def worse(gaps: list[Row]) -> int:

@@ -84,7 +84,7 @@ def test_the_effect_is_in_the_recording_and_the_rest_is_noise(small_case):
     case, entry = work / "dev" / "case-005", key["effects"][0]
     joint, noise = entry["joint"], np.array(key["runs"][0]["noise"])
     assert key["required"] == [{"effect": "torque_offset", "joint": joint + 1}]
-    robot, runs = load_robot(case), load_runs(case)
+    robot, runs = load_robot(case), load_runs(case, work / "keys" / "case-005")
     model = refit(robot, runs)
     left = np.concatenate([model.left(r)[0] for r in runs])
     assert key["runs"][0]["effect_rms"][joint] == pytest.approx(abs(entry["offset"]), rel=0.1)

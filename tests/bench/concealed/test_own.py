@@ -175,6 +175,19 @@ def test_what_the_description_knows_is_what_the_simulation_leaves_out(cases, eff
     assert share(measured - tau[:, j], shape) == pytest.approx(truth[key_name], rel=0.25)
 
 
+@pytest.mark.parametrize("effect", ["payload", "link_inertial_error"])
+def test_a_mass_that_the_description_knows_explains_the_recording(cases, effect):
+    case, _, key = cases("known", (effect, "strong"))
+    q, v, a, tau, _, law = told(case)
+    measured = columns(case / "run_01.recording.parquet", "tau")
+    noise = np.array(key["runs"][0]["noise"])
+    missing = rms(measured - tau) / noise
+    j = int(np.argmax(missing))
+    known = law.torque(q, v, a) - tau
+    assert missing[j] > 2.0
+    assert share((measured - tau)[:, j], known[:, j]) == pytest.approx(1.0, abs=0.3)
+
+
 def test_terms_of_the_simulation_are_those_of_the_key(cases):
     case, _, key = cases("term")
     q, v, a, tau, power, law = told(case)

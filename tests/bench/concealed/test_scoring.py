@@ -70,6 +70,8 @@ def test_gap_is_measured_from_simulation_to_best_possible():
     )
     assert row["gap_beyond_refit"] == pytest.approx(0.5)
     assert hold_out(key, lambda name: None, lambda name: flat(2.0))[0]["gap_closed"] is None
+    (alone,) = hold_out(key, lambda name: flat(1.5), lambda name: None)
+    assert (alone["gap_closed"], alone["gap_closed_refit"]) == (pytest.approx(0.75), None)
 
 
 @pytest.mark.parametrize(
@@ -79,32 +81,57 @@ def test_wilson_interval(hits, of, interval):
     assert wilson(hits, of) == pytest.approx(interval, abs=1e-3)
 
 
-def test_totals_and_page():
+def gap(channel, simulation, model, oracle):
+    closed = None if model is None else (simulation - model) / (simulation - oracle)
+    return {"channel": channel, "simulation": simulation, "refit": simulation, "model": model, "oracle": oracle,
+            "gap_closed": closed, "gap_closed_refit": 0.0, "gap_beyond_refit": closed}  # fmt: skip
+
+
+def rows_of_five():
+    """A null and an unknown by the law, a null with a false name and two singles of a user's own simulation."""
+    gain = {"effect": "torque_gain", "joint": 0, "gain": 0.1}
+    entries = [
+        ("law", "null", key_of(level="null"), [], []),
+        ("law", "unknown", key_of({"effect": "unknown", "joint": 0}), [finding("unknown", 1)], []),
+        ("bare", "null", key_of(level="null"), [finding("payload", None)], []),
+        ("tool", "single", key_of(gain), [finding("torque_gain", 1, gain=(0.11, 0.01))], [gap("tau_1", 3.0, 1.5, 1.0)]),
+        ("tool", "single", key_of(gain), [], [gap("tau_1", 3.0, 4.0, 1.0)]),
+    ]
     rows = []
-    for level, key, said in (
-        ("null", key_of(level="null"), [finding("payload", None)]),
-        ("null", key_of(level="null"), []),
-        ("unknown", key_of({"effect": "unknown", "joint": 0}), [finding("unknown", 1)]),
-        (
-            "single",
-            key_of({"effect": "torque_gain", "joint": 0, "gain": 0.1}),
-            [finding("torque_gain", 1, gain=(0.11, 0.01))],
-        ),
-    ):
-        s = score(key, said, [], []) | {"seconds": 2.0, "error": None}
-        rows.append(
-            {"id": "case", "level": level, "robot": "r", "ratio": 4.0, "strength": strength_of(key), "explain": s}
-        )
-    t = totals(rows, "explain")
-    assert t["f1"] == 0.8
+    for kind, level, key, said, gaps in entries:
+        s = score(key, said, [], gaps) | {"seconds": 2.0, "error": None, "hold_out_recorded": gaps}
+        row = {"id": "case", "level": level, "robot": "r", "ratio": 4.0, "strength": strength_of(key), "explain": s}
+        rows.append(row | {"simulation": {"kind": kind}})
+    return rows
+
+
+def test_totals_and_page():
+    t = totals(rows_of_five(), "explain")
+    assert t["f1"] == pytest.approx(2 * 2 / (2 * 2 + 1 + 1), abs=1e-3)
     assert t["null_false_rate"]["value"] == 0.5
     assert t["unknown_recall"]["value"] == 1.0
     assert t["interval_coverage"]["hits"] == 1
     assert t["by_effect"]["payload"]["named_wrongly"] == 1
-    text = markdown(
-        {"cases": 4, "nulls": 2, "methods": {"explain": t}, "failures": []}, {"explain": "cellwatt explain"}
+    result = {"cases": 5, "nulls": 2, "methods": {"explain": t}, "failures": []}
+    text = markdown(result, {"explain": "cellwatt explain"})
+    assert "| unknown called unknown | 1.000 (0.21–1.00; 1/1) | 1.000 (0.21–1.00; 1/1) | – |" in text
+
+
+def test_figures_are_split_by_whose_the_simulation_is():
+    t = totals(rows_of_five(), "explain")
+    law, own, tool = t["by_simulation"]["law"], t["by_simulation"]["own"], t["by_kind"]["tool"]
+    assert (law["cases"], law["f1"], law["null_false_rate"]["hits"], law["channels"]) == (2, 1.0, 0, 0)
+    assert (own["cases"], own["f1"], own["null_false_rate"]["hits"]) == (3, 0.5, 1)
+    assert own["unknown_recall"]["of"] == 0
+    assert (tool["cases"], tool["recall"]["value"], tool["channels"], tool["channels_made_worse"]) == (2, 0.5, 2, 1)
+    assert tool["gap_closed_median"] == tool["gap_closed_recorded_median"] == pytest.approx(0.125)
+    assert t["by_kind"]["bare"]["f1"] is None
+    result = {"cases": 5, "nulls": 2, "methods": {"explain": t}, "failures": []}
+    lines = markdown(result, {"explain": "cellwatt explain"}).splitlines()
+    assert "|  | all | robot.yaml's law | own simulation |" in lines
+    assert next(x for x in lines if x.startswith("| (b) ")).startswith(
+        "| (b) simulation and arm have a tool that the URDF lacks | 2 | 0.667 | 0.500 (0.10–0.91; 1/2) |"
     )
-    assert "| unknown called unknown | 1.000 (0.21–1.00; 1/1) |" in text
 
 
 def test_pursuit_picks_what_is_there_and_stops():
@@ -117,6 +144,12 @@ def test_pursuit_picks_what_is_there_and_stops():
     got = pursue(np.ones((2000, 2, 1)), np.array([0.01]), groups, residual, noise)
     assert got.picked == [2]
     assert got.coefficients[-1] == pytest.approx(3.0, abs=4 * np.sqrt(got.covariance[-1, -1]))
+
+
+def test_a_product_that_is_stopped_from_outside_gave_no_answer(tmp_path):
+    stops = "import os, signal; os.kill(os.getpid(), signal.SIGTERM)"
+    with pytest.raises(product.StoppedError):
+        product.explain(f"{sys.executable} -c '{stops}'", tmp_path, tmp_path / "out")
 
 
 def test_a_failing_product_is_an_error_of_its_case(tmp_path):
