@@ -23,6 +23,7 @@ from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import intake
 from cellwatt_plugins.mismatch.live.motions import Motions
 from cellwatt_plugins.mismatch.live.settings import MismatchSettings
+from cellwatt_plugins.mismatch.live.streamed import streamed
 from cellwatt_plugins.mismatch.live.watch import ChannelWatch
 from cellwatt_plugins.mismatch.live.window import Stretch, Window
 
@@ -53,10 +54,12 @@ class MismatchStage(Stage[MismatchSettings]):
 
     def __init__(self, name: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
-        self._simulation = _simulation(name, settings, layout, cell)
+        streams = any(channel.source == settings.simulation for channel in layout.channels)
+        self._simulation = _simulation(name, "robot" if streams else settings.simulation, settings, layout, cell)
         robot = self._simulation.model.robot
         constants = np.array([joint.torque_constant for joint in robot.joints])
         self._intake = intake(name, layout, settings.arm, settings.power, constants)
+        self._streamed = streamed(name, settings.simulation, layout, self._intake)
         places = self._intake.places
         motion = [c for q in ("position", "velocity") if q in places for c in range(places[q].start, places[q].stop)]
         self._window = Window(motion, layout.step, self._simulation.lead)
@@ -78,7 +81,10 @@ class MismatchStage(Stage[MismatchSettings]):
             return ()
         out: list[Result] = self._say_once(int(frames.time[0]))
         sequence = frames.sequence + np.arange(len(frames))
-        for stretches in self._window.feed(frames.time, sequence, self._intake.rows(frames)):
+        rows = self._intake.rows(frames)
+        if self._streamed is not None:
+            rows = np.column_stack([rows, self._streamed.rows(frames)])
+        for stretches in self._window.feed(frames.time, sequence, rows):
             out += map(self._compare, stretches)
             out += self._judge()
         out += self._judge()
@@ -108,14 +114,10 @@ class MismatchStage(Stage[MismatchSettings]):
     def _compare(self, stretch: Stretch) -> Prediction:
         """Simulate a stretch; what is new in it goes into the history beside what was measured."""
         places, new = self._intake.places, stretch.new
-        temperature = _whole(stretch.values[:, places["temperature"]]) if "temperature" in places else None
-        velocity = stretch.values[:, places["velocity"]] if "velocity" in places else None
-        time = (stretch.time - stretch.time[0]) * 1e-9
-        said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature)
-        parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
-        simulated = np.column_stack(parts)[new]
-        measured = stretch.values[new]
+        simulated = self._said(stretch)[new]
+        measured = stretch.values[new, : self._width]
         whole = np.isfinite(measured[:, places[self._intake.measured]]).all(axis=1) & ~stretch.bridged[new]
+        whole &= np.isfinite(simulated).all(axis=1)
         self._history.add(stretch.time[new][whole], np.column_stack([measured, simulated])[whole])
         self.counts["compared"] += int(whole.sum())
         self.counts["torque missing"] += int(np.sum(~whole & ~stretch.bridged[new]))
@@ -128,6 +130,18 @@ class MismatchStage(Stage[MismatchSettings]):
             outputs={c.name: tuple(simulated[:, i].tolist()) for i, c in enumerate(judged)},
             units={c.name: c.unit for c in judged},
         )
+
+    def _said(self, stretch: Stretch) -> Float:
+        """What the simulation says of all frames of a stretch, (N, C)."""
+        if self._streamed is not None:
+            return stretch.values[:, self._width :]
+        places = self._intake.places
+        temperature = _whole(stretch.values[:, places["temperature"]]) if "temperature" in places else None
+        velocity = stretch.values[:, places["velocity"]] if "velocity" in places else None
+        time = (stretch.time - stretch.time[0]) * 1e-9
+        said = self._simulation.run(time, stretch.values[:, places["position"]], velocity, temperature)
+        parts = [said.torque] if self._intake.power is None else [said.torque, said.power[:, None]]
+        return np.column_stack(parts)
 
     def _judge(self) -> list[Alarm]:
         """Alarms that change with the intervals whose frames have all been simulated."""
@@ -161,7 +175,7 @@ class MismatchStage(Stage[MismatchSettings]):
         return [*range(torque.start, torque.stop), *([places["power"].start] if "power" in places else [])]
 
 
-def _simulation(name: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> Simulation:
+def _simulation(name: str, simulation: str, settings: MismatchSettings, layout: Layout, cell: CellInfo) -> Simulation:
     try:
         from cellwatt_plugins.mismatch.live.simulation import Simulation, open_model
     except ImportError as error:
@@ -169,7 +183,7 @@ def _simulation(name: str, settings: MismatchSettings, layout: Layout, cell: Cel
     robot = settings.robot
     if robot is None and cell.robot is not None and (cell.folder / cell.robot / "robot.yaml").is_file():
         robot = cell.folder / cell.robot
-    model = open_model(settings.simulation, robot and cell.folder / robot, cell.folder)
+    model = open_model(simulation, robot and cell.folder / robot, cell.folder)
     source = layout.channels[layout.joints("position", settings.arm)[0]].source
     warm = f"{source}.joint_1.temperature" in layout.names
     return Simulation(model, layout.step * 1e-9, warm)
@@ -184,7 +198,8 @@ def _explainer(stage: MismatchStage) -> Explainer | None:
     if settings.folder is not None:
         settings = settings.model_copy(update={"folder": Path(stage.cell.folder / settings.folder)})
     simulation = stage._simulation
-    return Explainer(stage.name, stage.cell.cell, settings, stage._intake, simulation.model.robot, simulation.known)
+    parts = (stage._intake, simulation.model.robot, simulation.known, stage._streamed is not None)
+    return Explainer(stage.name, stage.cell.cell, settings, *parts)
 
 
 def _whole(temperature: Float) -> Float | None:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt.results import Alarm
 from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found, over
-from cellwatt_plugins.mismatch.live.explanation import RECORDING, Explanation, Outcome, make_folder
+from cellwatt_plugins.mismatch.live.explanation import RECORDING, SIMULATION, Explanation, Outcome, make_folder
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Intake
-from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot
+from cellwatt_plugins.mismatch.live.recording import write_recording, write_robot, write_simulation
 from cellwatt_plugins.mismatch.live.settings import ExplainSettings
 from cellwatt_plugins.mismatch.live.watch import ChannelWatch
 from cellwatt_plugins.robot import RobotDescription
@@ -28,6 +28,8 @@ Integers = NDArray[np.int64]
 class Explainer:
     """Explains one arm, one explanation at a time. ``known`` are the effects that the running model has.
 
+    ``streamed``: the simulation is a source of the cell, and its torques are explained against.
+
     Whether one is due depends on the frames alone. When it is done depends on the PC: that part of the results is not
     repeated by a replay.
     """
@@ -38,6 +40,7 @@ class Explainer:
     intake: Intake
     robot: RobotDescription
     known: Collection[Place]
+    streamed: bool = False
     _running: Explanation | None = None
     _told: Told | None = None
     _started: int | None = None
@@ -76,6 +79,8 @@ class Explainer:
             folder = make_folder(self._folder(), self._name(now), self.settings.keep)
             write_recording(folder / RECORDING, self.intake, time, rows)
             write_robot(folder / "robot.yaml", self.robot)
+            if self.streamed:
+                write_simulation(folder / SIMULATION, self.intake, time, rows)
             self._running = Explanation(folder, folder / "robot.yaml", self.settings.limit, self.settings.memory)
             self._told = replace(self._told, gives_way=self._running.gives_way)
         except RecordingError as error:

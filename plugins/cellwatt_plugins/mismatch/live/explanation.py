@@ -18,7 +18,7 @@ from cellwatt.errors import RecordingError
 
 NICENESS = 19
 """It gives way to everything else on the PC."""
-RECORDING = "recording.parquet"
+RECORDING, SIMULATION = "recording.parquet", "simulation.parquet"
 LOG = "explain.log"
 
 
@@ -44,6 +44,8 @@ class Explanation:
         self.folder = folder
         self._limit, self._memory = limit, memory
         command = [sys.executable, "-m", "cellwatt.commands", "explain", str(folder / RECORDING)]
+        if (folder / SIMULATION).exists():
+            command += ["--simulation", str(folder / SIMULATION)]
         command += ["--robot", str(robot), "--out", str(folder)]
         try:
             with (folder / LOG).open("wb") as log:

@@ -41,6 +41,26 @@ def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: F
                 columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
     if "power" in intake.places and _whole(power := rows[:, intake.places["power"]]):
         columns["power"] = power[:, 0]
+    _write(path, columns)
+
+
+def write_simulation(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
+    """Write what a streamed simulation said beside rows (N, width + C), of the commanded motion where that is known.
+
+    Raises ``RecordingError``.
+    """
+    places = intake.places
+    columns: dict[str, Float] = {"t": (time - time[0]) * 1e-9}
+    for key, name in (("position", "q"), ("velocity", "qd")):
+        source = f"target_{key}" if f"target_{key}" in places else key
+        if source in places and _whole(table := rows[:, places[source]]):
+            columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
+    said = rows[:, max(place.stop for place in places.values()) :]
+    names = ["power" if judged.joint is None else f"tau_{judged.joint}" for judged in intake.judged]
+    _write(path, columns | dict(zip(names, said.T, strict=True)))
+
+
+def _write(path: Path, columns: dict[str, Float]) -> None:
     try:
         pq.write_table(pa.table(columns), path)
     except OSError as error:
