@@ -1,0 +1,81 @@
+"""A simulation that another program streams: it is what the arm is held to, whatever robot.yaml says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.results import Alarm, Prediction
+from cellwatt_plugins.mismatch.live.recording import write_recording, write_simulation
+from tests.plugins.mismatch.emulated_arm import JOINTS, START, frames, layout, recorded
+from tests.plugins.mismatch.recorded_arm import write_robot
+from tests.plugins.mismatch.test_stage import made, run
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    return write_robot(tmp_path_factory.mktemp("robot"), viscous_friction=0.0).parent
+
+
+def beside(arm, twin, without=()):
+    """Frames of an arm and of the program that simulates it."""
+    lay = layout()
+    channels = [FrameChannel(f"twin.joint_{j}.torque", "Nm", "continuous", "linear") for j in range(1, JOINTS + 1)]
+    channels.append(FrameChannel("twin.supply.power", "W", "continuous", "average"))
+    kept = [i for i, channel in enumerate(channels) if channel.name not in without]
+    whole = Layout((*lay.channels, *(channels[i] for i in kept)), lay.rate)
+    values = np.column_stack([frames(arm, lay).values, np.column_stack([twin.torque, twin.power])[:, kept]])
+    time = START + whole.step * np.arange(len(values))
+    return Frames(whole, 0, time, values, np.zeros(values.shape, np.uint8), np.zeros(values.shape, np.int64))
+
+
+def told(robot, block, **settings):
+    return run(made(robot, block.layout, simulation="twin", arm="arm", power="meter.supply.power", **settings), block)
+
+
+def test_an_arm_that_does_what_the_twin_says_is_left_alone(robot):
+    """Robot.yaml knows nothing of 30 Nm s/rad of friction, the twin does."""
+    arm = recorded(24, 50, viscous=30.0)
+    results = told(robot, beside(arm, recorded(24, 50, viscous=30.0, seed=5)))
+    assert [r for r in results if isinstance(r, Alarm)] == []
+    assert any(isinstance(r, Prediction) for r in results)
+
+
+def test_what_the_twin_leaves_out_raises_the_alarm(robot):
+    arm = recorded(30, 50, viscous=30.0)
+    alarms = [r for r in told(robot, beside(arm, recorded(30, 50, seed=5))) if isinstance(r, Alarm)]
+    assert [(a.joint, a.active) for a in alarms if a.joint is not None] == [(2, True)]
+
+
+def test_predictions_are_what_was_streamed(robot):
+    arm = recorded(10, 50)
+    block = beside(arm, recorded(10, 50, seed=5))
+    predictions = [r for r in told(robot, block) if isinstance(r, Prediction)]
+    sequence = np.concatenate([p.sequence + np.arange(len(p.time)) for p in predictions])
+    said = np.concatenate([p.outputs["arm.joint_2.torque"] for p in predictions])
+    column = block.layout.names.index("twin.joint_2.torque")
+    assert np.array_equal(said, block.values[sequence, column])
+
+
+def test_a_twin_without_a_torque_is_refused(robot):
+    block = beside(recorded(4, 50), recorded(4, 50), without=("twin.joint_3.torque",))
+    with pytest.raises(ConfigError, match=r"twin is to stream the simulation and gives no twin\.joint_3\.torque"):
+        told(robot, block)
+
+
+def test_an_explanation_is_given_what_was_streamed(robot, tmp_path):
+    block = beside(recorded(10, 50), recorded(10, 50, seed=5))
+    stage = made(robot, block.layout, simulation="twin", arm="arm", power="meter.supply.power")
+    run(stage, block)
+    time, rows = stage._history.between(0, 2**62)
+    write_recording(tmp_path / "recording.parquet", stage._intake, time, rows)
+    write_simulation(tmp_path / "simulation.parquet", stage._intake, time, rows)
+    seen, said = (pq.read_table(tmp_path / f"{name}.parquet") for name in ("recording", "simulation"))
+    assert np.array_equal(seen["t"], said["t"])
+    first = np.searchsorted(block.time, time[0])
+    column = block.layout.names.index("twin.joint_2.torque")
+    assert np.array_equal(said["tau_2"], block.values[first : first + len(time), column])
+    assert np.array_equal(said["power"], block.values[first : first + len(time), -1])
