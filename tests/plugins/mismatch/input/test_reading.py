@@ -92,8 +92,8 @@ def test_a_table_and_its_simulation_become_a_run(tmp_path, arm):
     assert run.notes == ()
     for got, true in ((run.plan.position, q), (run.plan.velocity, qd), (run.plan.acceleration, qdd)):
         np.testing.assert_allclose(got, true, atol=1e-12)
-    np.testing.assert_allclose(run.plan.torque, tau)
-    np.testing.assert_allclose(run.plan.power, 90 + t)
+    np.testing.assert_allclose(run.simulated.torque, tau)
+    np.testing.assert_allclose(run.simulated.power, 90 + t)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_rtde_names_count_from_0_and_hold_the_plan(tmp_path, arm):
     np.testing.assert_allclose(run.temperature, 30 + q, atol=1e-7)
     np.testing.assert_allclose(run.plan.position, q, atol=1e-8)
     np.testing.assert_allclose(run.plan.acceleration, qdd, atol=1e-8)
-    assert run.plan.torque.shape == tau.shape
+    assert run.simulated is None
 
 
 def test_targets_logged_ahead_of_the_motion_are_moved_back(tmp_path, arm):
@@ -244,15 +244,20 @@ def test_a_simulation_of_another_rate_is_interpolated(tmp_path, arm):
     seen = parquet(tmp_path / "seen.parquet", recording(t))
     said = parquet(tmp_path / "said.parquet", simulation(times(rate=1000.0)))
     (run,) = read_runs([seen], [said], arm[0])
-    q, qd, qdd, tau = motion(t)
-    for got, true in (
-        (run.plan.position, q),
-        (run.plan.velocity, qd),
-        (run.plan.acceleration, qdd),
-        (run.plan.torque, tau),
-    ):
+    q, qd, qdd, _ = motion(t)
+    for got, true in ((run.plan.position, q), (run.plan.velocity, qd), (run.plan.acceleration, qdd)):
         np.testing.assert_allclose(got, true, atol=1e-5)
+    np.testing.assert_allclose(run.simulated.torque, motion(times(rate=1000.0))[3])
     assert run.notes == ()
+
+
+def test_a_simulation_with_a_start_of_its_own_is_lined_up_by_the_motion(tmp_path, arm):
+    t = times(20.0)
+    seen = parquet(tmp_path / "seen.parquet", recording(t))
+    said = parquet(tmp_path / "said.parquet", {**simulation(t), "t": t + 1.7})
+    (run,) = read_runs([seen], [said], arm[0])
+    np.testing.assert_allclose(run.plan.position, run.position, atol=1e-3)
+    assert any("different clocks (-1.7" in note for note in run.notes)
 
 
 def test_a_simulation_on_another_clock_is_lined_up_by_the_motion(tmp_path, arm):
@@ -272,7 +277,7 @@ def test_a_simulation_that_covers_little_is_refused(tmp_path, arm):
     assert "spans 0.00 to 2.99 s, the recording 0.00 to 7.99 s" in refused(seen, arm, [said])
 
 
-def test_what_a_simulation_lacks_is_derived(tmp_path, arm):
+def test_what_a_simulation_lacks_of_the_motion_is_derived(tmp_path, arm):
     t = times()
     q = motion(t)[0]
     seen = parquet(tmp_path / "seen.parquet", recording(t))
@@ -281,8 +286,7 @@ def test_what_a_simulation_lacks_is_derived(tmp_path, arm):
     inside = slice(50, -50)
     np.testing.assert_allclose(run.plan.velocity[inside], motion(t)[1][inside], atol=2e-3)
     np.testing.assert_allclose(run.plan.acceleration[inside], motion(t)[2][inside], atol=5e-3)
-    assert run.plan.torque.shape == q.shape
-    assert run.plan.power.shape == t.shape
+    assert run.simulated is None, "it says nothing of torque: robot.yaml does"
 
 
 def test_missing_velocity_power_and_temperature_are_none(tmp_path, arm):
@@ -468,7 +472,7 @@ def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
         paths.append(parquet(tmp_path / folder / "run.parquet", recording(times())))
     assert [run.name for run in read_runs(paths, [], arm[0])] == ["cold/run", "warm/run"]
     with pytest.raises(RecordingError, match="two recordings are called cold/run"):
-        read_runs([paths[0], paths[0]], [], *arm)
+        read_runs([paths[0], paths[0]], [], arm[0])
 
 
 @pytest.mark.parametrize(("rate", "count"), [(1000.0, 4), (500.0, 2), (400.0, 2), (250.0, 1), (125.0, 1)])
@@ -479,7 +483,7 @@ def test_a_fast_recording_is_looked_at_in_means(tmp_path, arm, rate, count):
     hole = slice(2000 * int(rate) // 1000, 2000 * int(rate) // 1000 + 8 * count)
     columns = {name: np.delete(values, hole) for name, values in columns.items()}
     (run,) = read_runs(
-        [parquet(tmp_path / "a.parquet", columns)], [parquet(tmp_path / "s.parquet", simulation(times(9.0)))], *arm
+        [parquet(tmp_path / "a.parquet", columns)], [parquet(tmp_path / "s.parquet", simulation(times(9.0)))], arm[0]
     )
     q, qd, qdd, tau = motion(run.time)
     assert run.step == pytest.approx(count / rate)
@@ -494,23 +498,37 @@ def test_a_fast_recording_is_looked_at_in_means(tmp_path, arm, rate, count):
 def test_a_motion_is_simulated_at_its_own_rate(tmp_path, arm):
     t = times(rate=1000.0)
     q, qd, qdd, _ = motion(t)
-    got = read_motion(
-        parquet(tmp_path / "a.parquet", {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}),
-        arm[0],
-    )
+    whole = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
+    got, _ = read_motion(parquet(tmp_path / "a.parquet", whole), None, arm[0])
     np.testing.assert_allclose(got.time, t)
 
 
-def test_a_motion_to_simulate(tmp_path, arm):
+def test_a_motion_with_accelerations_was_planned(tmp_path, arm):
     t = times()
     q, qd, qdd, _ = motion(t)
     whole = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
-    got = read_motion(parquet(tmp_path / "a.parquet", {**whole, **numbered("temperature", 30 + q)}), arm[0])
+    got, known = read_motion(
+        parquet(tmp_path / "a.parquet", {**whole, **numbered("temperature", 30 + q)}), None, arm[0]
+    )
     np.testing.assert_allclose(got.time, t)
-    for have, true in ((got.position, q), (got.velocity, qd), (got.acceleration, qdd), (got.temperature, 30 + q)):
+    for have, true in ((known.position, q), (known.velocity, qd), (known.acceleration, qdd), (got.temperature, 30 + q)):
         np.testing.assert_array_equal(have, true)
-    got = read_motion(csv(tmp_path / "a.csv", {"t": t, **numbered("q", q)}), arm[0])
-    inside = slice(50, -50)
-    np.testing.assert_allclose(got.velocity[inside], qd[inside], atol=2e-3)
-    np.testing.assert_allclose(got.acceleration[inside], qdd[inside], atol=1e-2)
+
+
+def test_a_motion_without_them_was_measured(tmp_path, arm):
+    t = times()
+    got, known = read_motion(csv(tmp_path / "a.csv", {"t": t, **numbered("q", motion(t)[0])}), None, arm[0])
+    assert known is None
+    assert got.velocity is None
     assert got.temperature is None
+
+
+def test_a_measured_motion_is_taken_beside_its_simulation_whole(tmp_path, arm):
+    """What the simulation does not cover is predicted, too: nothing is cut off."""
+    t = times()
+    measured = parquet(tmp_path / "a.parquet", {"t": t, **numbered("q", motion(t)[0] + 1e-4)})
+    said = parquet(tmp_path / "s.parquet", simulation(times(7.5)))
+    got, _ = read_motion(measured, said, arm[0])
+    assert len(got.time) == len(t)
+    np.testing.assert_allclose(got.plan.position[:740], motion(t)[0][:740], atol=1e-6)
+    np.testing.assert_allclose(got.simulated.torque, motion(times(7.5))[3])
