@@ -4,15 +4,18 @@
     python bench/real_recordings.py --story payload --work out
     python bench/real_recordings.py --pictures docs/pictures
 
-The recordings are looked for in ../shared/data beside the checkout, or where --data says; a story whose recordings
-are absent is skipped, with the reason. ``docs/proof-real.md`` tells what comes out.
+The recordings are looked for in ../shared/data beside the checkout, or where --data says, and then in the folder that
+--more or the environment variable CELLWATT_RECORDINGS names, each under the name that its story gives it; a story whose
+recordings are absent is skipped, with the reason. ``docs/proof-real.md`` tells what comes out.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +26,21 @@ from real.product import ExplainError
 from real.stories import STORIES
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+MORE = "CELLWATT_RECORDINGS"
 
 
-def tell(names: list[str], data: Path, work: Path) -> dict[str, Any]:
+def holding(needed: str, folders: Sequence[Path]) -> Path | None:
+    """The first of the folders that has the recordings."""
+    return next((folder for folder in folders if (folder / needed).exists()), None)
+
+
+def tell(names: list[str], folders: Sequence[Path], work: Path) -> dict[str, Any]:
     """Figures of each story, or why there are none."""
     out: dict[str, Any] = {}
     for name in names:
         needed, story = STORIES[name]
-        if not (data / needed).exists():
-            out[name] = {"skipped": f"no recordings in {needed} of the data folder"}
+        if (data := holding(needed, folders)) is None:
+            out[name] = {"skipped": f"no recordings in {needed} of {' or '.join(map(str, folders))}"}
             continue
         try:
             out[name] = story(data, work)
@@ -40,10 +49,11 @@ def tell(names: list[str], data: Path, work: Path) -> dict[str, Any]:
     return out
 
 
-def draw(result: dict[str, Any], data: Path, work: Path, folder: Path) -> None:
+def draw(result: dict[str, Any], folders: Sequence[Path], work: Path, folder: Path) -> None:
     """Write the pictures of all stories that were told."""
     told = {name: figures for name, figures in result.items() if not {"skipped", "failed"} & figures.keys()}
-    figures = {name: figure for story in told for name, figure in PICTURES[story](data, work, told[story]).items()}
+    where = {story: holding(STORIES[story][0], folders) for story in told}
+    figures = {name: f for story in told for name, f in PICTURES[story](where[story], work, told[story]).items()}
     folder.mkdir(parents=True, exist_ok=True)
     for name, svg in drawn(figures).items():
         (folder / f"{name}.svg").write_text(svg)
@@ -72,15 +82,17 @@ def main() -> None:
     parser.add_argument("--markdown", action="store_true", help="the tables of docs/proof-real.md instead of text")
     parser.add_argument("--story", action="append", choices=list(STORIES), help="only these")
     parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--more", type=Path, default=os.environ.get(MORE), help="another folder with recordings")
     parser.add_argument("--work", type=Path, help="keep robots, recordings and reports here")
     parser.add_argument("--pictures", type=Path, help="draw pictures into this folder, which takes a browser")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         work = options.work or Path(temporary)
         work.mkdir(parents=True, exist_ok=True)
-        result = tell(options.story or list(STORIES), options.data, work)
+        folders = [options.data] if options.more is None else [options.data, options.more]
+        result = tell(options.story or list(STORIES), folders, work)
         if options.pictures:
-            draw(result, options.data, work, options.pictures)
+            draw(result, folders, work, options.pictures)
     if options.json:
         print(json.dumps(result, indent=2))
         return

@@ -2,7 +2,8 @@
 
 The recordings stay where they are (``../shared/data`` beside the checkout); only derived figures leave here.
 
-    recording, ur10e, panda, kuka    a source's files as tables that the product reads
+    recording, ur10e, panda, kuka,
+    kr300                            a source's files as tables that the product reads
     describe                         robot.yaml and URDF in a work folder
     identify, calibrate              the owner's preparation: link parameters, friction and drive gains by least squares
     product                          the commands, run as processes

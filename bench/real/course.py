@@ -22,6 +22,8 @@ class Course:
 
     time: Float
     """(N,) s."""
+    position: Float
+    """rad."""
     velocity: Float
     """rad/s."""
     measured: Float
@@ -43,7 +45,7 @@ def course(recording: Recording, robot: Path, explained: Path) -> Course:
     qdd = np.gradient(qd, 1 / RATE, axis=0)
     simulated = nominal_torque(description, body, q, qd, qdd)
     measured = even(recording.effort(column(description, "torque_constant")))
-    return Course(time, qd, measured, simulated, _model(explained, time, q, qd, qdd))
+    return Course(time, q, qd, measured, simulated, _model(explained, time, q, qd, qdd))
 
 
 def _model(explained: Path, time: Float, q: Float, qd: Float, qdd: Float) -> Float:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from real import ur10e
+from real import kr300, ur10e
 from real.course import Course, course
 from real.recording import Float, Recording
 
@@ -94,6 +94,20 @@ def contact(loaded: Recording, empty: Recording, joints: Sequence[int]) -> Figur
     return _stacked(traces, [f"joint {joint + 1}, A" for joint in joints], "s", 170)
 
 
+def balanced(told: Sequence[Course], joint: int) -> Figure:
+    """What is left of a joint's torque by its angle, for the simulation and for the model, and the true balancer."""
+    angle = np.concatenate([one.position[:, joint] for one in told])
+    measured = np.concatenate([one.measured[:, joint] for one in told])
+    curves = (("simulation", [one.simulation for one in told], SIMULATION), ("model", [o.model for o in told], MODEL))
+    traces = [
+        _medians(angle, measured - np.concatenate(said)[:, joint], name, colour, 1, first=True)
+        for name, said, colour in curves
+    ]
+    places = np.linspace(angle.min(), angle.max(), 100)
+    traces.append(_line(places, kr300.balancer(places), "published balancer", TRUE, 1, first=True))
+    return _stacked(traces, [f"joint {joint + 1}: left, Nm"], "rad", 320)
+
+
 def over_floor(told: Mapping[str, Figures]) -> Figure:
     """Held-out error over the noise floor of every joint of some explanations: simulation, retuned, with the model."""
     traces, highest = [], 1.0
@@ -158,12 +172,20 @@ def of_franka(data: Path, work: Path, figures: Figures) -> dict[str, Figure]:
     return {"proof-real-panda": over_floor({n: told for n, told in figures.items() if "fit" in told})}
 
 
+def of_balancer(data: Path, work: Path, figures: Figures) -> dict[str, Figure]:
+    """KR 300: what the described arm leaves of joint 2's torque by its angle, and the published balancer."""
+    folder = work / "balancer" / "friction_told"
+    told = [course(kr300.read(data, run), folder / "robot.yaml", folder / "out") for run in kr300.RUNS]
+    return {"proof-real-balancer": balanced(told, kr300.BALANCED)}
+
+
 PICTURES: Mapping[str, Callable[[Path, Path, Figures], dict[str, Figure]]] = {
     "payload": of_payload,
     "friction": of_friction,
     "warm": of_warm,
     "lwr": of_lwr,
     "franka": of_franka,
+    "balancer": of_balancer,
 }
 """The pictures of each story: from the data folder, the work folder and the story's figures."""
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from cellwatt_plugins.robot import RigidBody
-from real import kuka, panda, ur10e
+from real import kr300, kuka, panda, ur10e
 from real.calibrate import calibrated_gains
 from real.describe import Drives, nothing, with_links, write_robot
-from real.identify import Identified, carried_mass, identify
+from real.identify import Identified, Prepared, carried_mass, identify
 from real.product import Explained, explain
 from real.recording import Float, Recording
 
@@ -121,14 +121,54 @@ def warm(data: Path, work: Path) -> Figures:
     }
 
 
+def balancer(data: Path, work: Path) -> Figures:
+    """KR 300: its published friction is told, the hydraulic balancer on joint 2 is not; then neither is told."""
+    recordings = [kr300.read(data, run) for run in kr300.RUNS]
+    angle = np.concatenate([recording.position[:, kr300.BALANCED] for recording in recordings])
+    stiffness, constant = np.polyfit(angle, kr300.balancer(angle), 1)
+    body = RigidBody(_kr300(work / "balancer", "friction_told", kr300.drives()).parent / "robot.urdf", kr300.JOINTS)
+    out: Figures = {
+        "published": {"stiffness": round(stiffness, 1), "at_rest": round(-constant / stiffness, 4)},
+        "published_coulomb": _rounded(kr300.COULOMB),
+        "published_viscous": _rounded(kr300.VISCOUS),
+        "plain_friction": {r.name: _plain_friction(r, body) for r in recordings},
+    }
+    known = kr300.drives()
+    zero = np.zeros(len(kr300.JOINTS))
+    for name, told in {"friction_told": known, "nothing_told": replace(known, coulomb=zero, viscous=zero)}.items():
+        robot = _kr300(work / "balancer", name, told)
+        folder = robot.parent
+        said = explain([recording.save(folder) for recording in recordings], robot, folder / "out")
+        spring = next((f for f in said.findings if f["effect"] == "spring_load" and f["joint"] == 2), None)
+        out[name] = {"spring": None if spring is None else spring["parameters"], **said.summary()}
+    return out
+
+
 STORIES: Mapping[str, tuple[str, Callable[[Path, Path], Figures]]] = {
     "payload": (ur10e.FOLDER, payload),
     "friction": (ur10e.FOLDER, friction),
     "warm": (ur10e.FOLDER, warm),
     "lwr": (kuka.FOLDER, lwr),
     "franka": (panda.FOLDER, franka),
+    "balancer": (kr300.FOLDER, balancer),
 }
 """The folder that a story needs, and the story."""
+
+
+def _kr300(folder: Path, name: str, told: Drives) -> Path:
+    return write_robot(folder / name, "kr300", kr300.JOINTS, kr300.urdf(), told, kr300.RATE)
+
+
+def _plain_friction(recording: Recording, body: RigidBody) -> Figures:
+    """Coulomb Nm and viscous Nm s/rad of each joint by plain least squares, links, rotors and balancer as published."""
+    joints, at = body.joints, kr300.BALANCED
+    lifted = np.outer(kr300.balancer(recording.position[:, at]), np.eye(joints)[at])
+    run = Prepared.of(replace(recording, torque=recording.effort(np.ones(joints)) - lifted), body, np.ones(joints))
+    links, rotor, *friction = np.split(run.columns, [10 * joints, 11 * joints, 12 * joints, 13 * joints], axis=2)
+    left = run.effort - links @ body.parameters() - rotor @ kr300.drives().rotor
+    columns = np.stack([np.einsum("njj->nj", part) for part in friction], axis=2)
+    solved = np.array([np.linalg.lstsq(columns[:, j], left[:, j], rcond=None)[0] for j in range(joints)])
+    return {"coulomb": _rounded(solved[:, 0]), "viscous": _rounded(solved[:, 1])}
 
 
 def _ur10e_body(data: Path) -> RigidBody:
