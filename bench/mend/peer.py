@@ -7,8 +7,6 @@ motion within a second. Dry friction is as the file states it, not as MuJoCo's c
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import mujoco.sysid as sysid
 import numpy as np
@@ -50,9 +48,8 @@ def parameters(model: mujoco.MjModel) -> sysid.ParameterDict:
     return out
 
 
-def identified(path: Path, runs: list[Motion], noise: Array) -> mujoco.MjModel:
+def identified(spec: mujoco.MjSpec, runs: list[Motion], noise: Array) -> mujoco.MjModel:
     """The user's model with the numbers that fit the runs best."""
-    spec = mujoco.MjSpec.from_file(str(path))
     free = parameters(spec.compile())
     skip = max(1, sum(len(run.q) for run in runs) // ROWS)
     q, v, a, measured = (np.concatenate([getattr(r, n)[::skip] for r in runs]) for n in ("q", "v", "a", "measured"))

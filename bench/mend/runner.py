@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from concealed.arms import Array
 from concealed.product import call, default_command
@@ -52,7 +53,7 @@ def measure(case: Case, work: Path, command: str, with_peer: bool) -> dict[str, 
     if with_peer:
         from mend import peer
 
-        models["sysid"] = peer.identified(drawn.folder / "arm.xml", seen, noise)
+        models["sysid"] = peer.identified(mujoco.MjSpec.from_file(str(drawn.folder / "arm.xml")), seen, noise)
     floor = np.sqrt(np.mean(np.square([r["rmse_oracle"] for r in runs["sealed"]]), axis=0))
     errors = {name: judge.error(model, sealed) for name, model in models.items()}
     names = [r["run"] for r in runs["sealed"]]
