@@ -7,6 +7,9 @@ motion within a second. Dry friction is as the file states it, not as MuJoCo's c
 
 from __future__ import annotations
 
+import sys
+from contextlib import redirect_stdout
+
 import mujoco
 import mujoco.sysid as sysid
 import numpy as np
@@ -19,6 +22,8 @@ MOST = 3.0
 """Upper end of a joint number's box, as a factor of the largest of its kind in the arm."""
 MASS, CENTRE = 0.5, 0.05
 """Boxes: share of the mass, and m."""
+HELD = 10.0
+"""kg more, and twice the way, that the last body may have: whoever sets the boxes thinks of a payload."""
 
 
 def parameters(model: mujoco.MjModel) -> sysid.ParameterDict:
@@ -43,7 +48,10 @@ def parameters(model: mujoco.MjModel) -> sysid.ParameterDict:
             body = spec.body(model.body(b).name)
             body.mass, body.ipos = float(p.value[0]), p.value[1:]
 
-        low, high = (np.array([mass * (1 + s * MASS), *(centre + s * CENTRE)]) for s in (-1, 1))
+        last = b == model.nbody - 1
+        way = (2 if last else 1) * CENTRE
+        low, high = (np.array([mass * (1 + s * MASS), *(centre + s * way)]) for s in (-1, 1))
+        high[0] += HELD * last
         out.add(sysid.Parameter(f"body_{b}", np.array([mass, *centre]), low, high, modifier=weigh))
     return out
 
@@ -63,5 +71,6 @@ def identified(spec: mujoco.MjSpec, runs: list[Motion], noise: Array) -> mujoco.
         return [np.stack(columns, axis=1) if x.ndim > 1 else columns[0]], None, None
 
     free.move_off_bounds()
-    found, _ = sysid.optimize(free, residual, optimizer="mujoco", verbose=False, max_iters=30)
+    with redirect_stdout(sys.stderr):  # the optimiser prints its steps
+        found, _ = sysid.optimize(free, residual, optimizer="mujoco", verbose=False, max_iters=30)
     return sysid.apply_param_modifiers(found, spec.copy())
