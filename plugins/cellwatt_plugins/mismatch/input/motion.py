@@ -7,6 +7,7 @@ judged by the expected sign and the spread of that sign.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +22,21 @@ Float = NDArray[np.float64]
 
 ORDER = 3
 """The smoother penalises third differences (jerk)."""
-ERROR_BANDWIDTH = 4.0
-"""Hz kept of the tracking error, recorded minus planned motion."""
+ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Hz up to which the tracking error, recorded minus planned motion, is told from noise; of the last octave only how
+much there is."""
+OWN_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""The same of a motion whose plan is not known; the first is kept as it is."""
+FASTEST_BAND = 0.3
+"""Bandwidth times step of the fastest octave that the sampling has."""
+SURE = 2.0
+"""Times its noise by which an octave's power must exceed 0 to be kept at all."""
 OWN_BANDWIDTH = 10.0
-"""Hz kept of a motion whose plan is not known."""
+"""Hz kept where a file's derivatives are missing."""
 SHORTEST_LAG, LONGEST_LAG = 0.0005, 0.2
 """s that a servo may lag behind the plan; less is tracking error."""
-WINDOW = 0.4
-"""s over which the tracking error is judged to be there or to be encoder noise."""
+SHORTEST_WINDOW, PERIODS = 0.4, 1.0
+"""s, and periods of an octave, over which it is judged to be there or to be encoder noise."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
@@ -60,14 +68,10 @@ def moved(run: Run) -> Moved:
     plan = _followed(run)
     error = run.position - plan.position
     noise = encoder_noise(error)
-    slow = _smoothed(error, noise, run.step, ERROR_BANDWIDTH)
-    fast = _smoothed(error, noise, run.step, 2 * ERROR_BANDWIDTH)
-    position = plan.position + slow[0]
-    velocity, acceleration = plan.velocity + slow[1], plan.acceleration + slow[2]
-    width = _samples(WINDOW / 2, run.step)
-    open_ = _average(np.square(fast[1] - slow[1]), width)
-    spread = np.sqrt(np.square(slow[3]) + open_ + _within_sample(acceleration, run.step))
-    sign, doubt = expected_sign(velocity, spread)
+    kept = _in_octaves(error, noise, run.step, _octaves(run.step, ERROR_OCTAVES))
+    position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
+    acceleration = plan.acceleration + kept.acceleration
+    sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, run.step)
     return Moved(position, velocity, acceleration, sign, doubt, noise, spread, np.zeros_like(velocity))
 
 
@@ -149,37 +153,63 @@ def differentiate(values: Float, step: float) -> tuple[Float, Float]:
 
 def _from_encoders(run: Run) -> Moved:
     noise = encoder_noise(run.position)
-    kept = smooth(run.position, run.step, OWN_BANDWIDTH)
-    velocity, acceleration = differentiate(kept, run.step)
-    _, gain, jerky = _noise_gains(run.step, OWN_BANDWIDTH)
-    _, _, jerkier = _noise_gains(run.step, 2 * OWN_BANDWIDTH)
-    if run.velocity is not None:
-        velocity = smooth(run.velocity, run.step, OWN_BANDWIDTH)
-    wide = smooth(run.position, run.step, 2 * OWN_BANDWIDTH)
-    faster, harder = differentiate(wide, run.step)
-    width = _samples(WINDOW / 2, run.step)
-    open_ = _average(np.square(faster - differentiate(kept, run.step)[0]), width)
-    spread = np.sqrt(np.square(gain * noise) + open_ + _within_sample(acceleration, run.step))
-    cut = _average(np.square(harder - acceleration), width) - np.square(jerkier * noise)
-    doubt = np.sqrt(np.square(jerky * noise) + np.maximum(cut, 0.0))
-    return Moved(kept, velocity, acceleration, *expected_sign(velocity, spread), noise, spread, doubt)
+    octaves = _octaves(run.step, OWN_OCTAVES)
+    base = smooth(run.position, run.step, octaves[0])
+    kept = _in_octaves(run.position - base, noise, run.step, octaves)
+    speed, gain = differentiate(base, run.step)
+    position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
+    sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, run.step)
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread)
 
 
-def _smoothed(error: Float, noise: Float, step: float, bandwidth: float) -> tuple[Float, Float, Float, Float]:
-    """Tracking error, its two derivatives and the velocity's spread; shrunk to nothing where only noise is there."""
-    kept = smooth(error, step, bandwidth)
-    parts = (kept, *differentiate(kept, step))
-    width = _samples(WINDOW, step)
-    out = []
-    spread = np.zeros_like(error)
-    for order, (part, gain) in enumerate(zip(parts, _noise_gains(step, bandwidth), strict=True)):
-        power = _average(part**2, width)
-        own = np.square(gain * noise)
-        share = np.clip(1 - 3 * own / np.maximum(power, 1e-300), 0.0, 1.0)
-        out.append(part * share)
-        if order == 1:
-            spread = np.sqrt(share * own)
-    return out[0], out[1], out[2], spread
+def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> tuple[Float, Float, Float]:
+    """Expected sign of a velocity, the sign's spread, and the velocity's.
+
+    Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
+    """
+    wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
+    return expected_sign(velocity, spread)[0], expected_sign(velocity, wide)[1], wide
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What is no encoder noise of a course, (N, n) each."""
+
+    position: Float
+    velocity: Float
+    acceleration: Float
+    velocity_spread: Float
+    acceleration_spread: Float
+
+
+def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float]) -> _Kept:
+    """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
+
+    Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
+    last octave leaves out is none of the motion and counts as doubt.
+    """
+    parts = [np.zeros_like(values) for _ in range(3)]
+    squares = [np.zeros_like(values) for _ in range(3)]
+    lower = np.zeros_like(values)
+    for i, bandwidth in enumerate(octaves):
+        upper = smooth(values, step, bandwidth)
+        band = (upper - lower, *differentiate(upper - lower, step))
+        gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
+        width = _samples(max(SHORTEST_WINDOW, PERIODS / bandwidth), step)
+        for order, (part, gain) in enumerate(zip(band, gains, strict=True)):
+            own, power = np.square(gain * noise), _average(part**2, width)
+            last = i == len(octaves) - 1
+            share = np.zeros_like(part) if last else np.clip(1 - SURE * own / np.maximum(power, 1e-300), 0.0, 1.0)
+            parts[order] += share * part
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - own, 0.0)
+        lower = upper
+    return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
+
+
+def _octaves(step: float, octaves: Sequence[float]) -> list[float]:
+    """Those that the sampling has; two at least."""
+    there = [bandwidth for bandwidth in octaves if bandwidth * step < FASTEST_BAND]
+    return there if len(there) > 1 else [0.5 * FASTEST_BAND / step, FASTEST_BAND / step]
 
 
 def _within_sample(acceleration: Float, step: float) -> Float:
@@ -187,12 +217,14 @@ def _within_sample(acceleration: Float, step: float) -> Float:
     return np.square(acceleration * step) / 12
 
 
-def _noise_gains(step: float, bandwidth: float) -> tuple[float, float, float]:
-    """How much of white position noise is left in the smoothed position, velocity and acceleration."""
-    half = max(50, _samples(4 / bandwidth, step))
+def _band_gains(step: float, lower: float | None, upper: float) -> tuple[float, float, float]:
+    """How much of white position noise is in the position, velocity and acceleration between two bandwidths, Hz."""
+    half = max(50, _samples(4 / (lower or upper), step))
     impulse = np.zeros((2 * half + 1, 1))
     impulse[half] = 1.0
-    kept = smooth(impulse, step, bandwidth)
+    kept = smooth(impulse, step, upper)
+    if lower is not None:
+        kept = kept - smooth(impulse, step, lower)
     gains = [float(np.sqrt(np.sum(part**2))) for part in (kept, *differentiate(kept, step))]
     return gains[0], gains[1], gains[2]
 

@@ -126,8 +126,10 @@ def _verify(simulator: Simulator, frames: Placing, goal: Target, problem: Proble
     motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
     wanted = expected(simulator, frames, goal, problem.states[0], *motion)
     off = rms(_mended(simulator, written)[0].torque(*motion) - wanted)
-    share = off / np.maximum(rms(wanted), problem.floor)
-    if np.max(share) > SAME:
+    added = rms(wanted - simulator.torque(*motion))
+    share = off / (SAME * np.maximum(rms(wanted), problem.floor) + frames.off * added)
+    if np.max(share) > 1:
+        written.path.unlink()
         worst = int(np.argmax(share))
         raise ConfigError(
             f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} Nm "

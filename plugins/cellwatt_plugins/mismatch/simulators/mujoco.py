@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -119,7 +118,7 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
 
     Raises ``ConfigError`` where the extra is not installed, the file cannot be used, or it has no such arm.
     """
-    model = compiled(path)
+    model = _compiled(path)
     names, notes = _matched(path, model, joints)
     _check_base(path, model, names)
     others = [j.name or f"number {j.id}" for j in map(model.joint, range(model.njnt)) if j.name not in names]
@@ -132,31 +131,19 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
     return Simulator(path, model, tuple(names), tuple(notes))
 
 
-def compiled(path: Path, text: str | None = None) -> Any:
-    """``mujoco.MjModel`` of a file, or of ``text`` in its place. Raises ``ConfigError``."""
+def _compiled(path: Path) -> Any:
+    """``mujoco.MjModel`` of a file. Raises ``ConfigError``."""
     mujoco = _mujoco(path)
     try:
         if path.suffix.lower() == ".urdf":
-            model = mujoco.MjModel.from_xml_string(_without_shapes(path.read_text() if text is None else text))
-        elif text is None:
-            model = mujoco.MjModel.from_xml_path(str(path))
+            model = mujoco.MjModel.from_xml_string(_without_shapes(path.read_text()))
         else:
-            model = _from_text(mujoco, path, text)
+            model = mujoco.MjModel.from_xml_path(str(path))
     except (OSError, UnicodeDecodeError, ET.ParseError, ValueError) as error:
         raise ConfigError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error
     for flag in LEFT_OUT:
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, flag))
     return model
-
-
-def _from_text(mujoco: Any, path: Path, text: str) -> Any:
-    """Includes and meshes are named from the file's own folder: the text must lie there while it is read."""
-    beside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        beside.write_text(text)
-        return mujoco.MjModel.from_xml_path(str(beside))
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def _mujoco(path: Path) -> Any:

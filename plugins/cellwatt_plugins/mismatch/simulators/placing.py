@@ -18,6 +18,8 @@ ASKEW = np.radians(2.0)
 """rad by which an axis may differ: more is another zero or another arm."""
 ASIDE = 0.03
 """m by which an axis may lie elsewhere."""
+ARM = 0.2
+"""m: a lever as short as that counts."""
 NOTED = (np.radians(0.1), 0.001)
 """rad and m that are said."""
 
@@ -30,6 +32,8 @@ class Placing:
     """(4, 4): the URDF's base in the simulator's world."""
     bodies: Float
     """(n, 4, 4): the simulator's bodies in the URDF's joint frames."""
+    off: float = 0.0
+    """Share by which torques of what is added differ between the two, about."""
     notes: tuple[str, ...] = ()
 
 
@@ -57,7 +61,7 @@ def placing(simulator: Simulator, body: RigidBody) -> Placing:
         f"{simulator.path.name}: its axes differ from the URDF's by up to {np.degrees(np.max(askew)):.2f}° and "
         f"{1000 * np.max(aside):.1f} mm"
     )
-    return Placing(base, inside, (note,))
+    return Placing(base, inside, float(np.max(askew) + np.max(aside) / ARM), (note,))
 
 
 def _check(simulator: Simulator, askew: Float, aside: Float) -> None:

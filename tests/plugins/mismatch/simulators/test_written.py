@@ -1,5 +1,6 @@
 """What is found, written into files of a two-link arm, whose torque is known in closed form."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -188,3 +189,12 @@ def test_a_joint_with_another_zero_is_refused(tmp_path):
     turned = FULL.mjcf().replace('<body name="lower" pos="0 0 -0.5">', '<body name="lower" pos="0 0 -0.4">')
     with pytest.raises(ConfigError, match=r"axis of elbow differs from that of joint 2 of the URDF by 0° and \d+ mm"):
         Cell(tmp_path, turned).goal()
+
+
+def test_axes_that_lie_a_little_elsewhere_are_said(tmp_path):
+    """The elbow is 2 mm nearer in the user's file: still this arm."""
+    near = FULL.mjcf().replace('<body name="lower" pos="0 0 -0.5">', '<body name="lower" pos="0 0 -0.498">')
+    simulator = load_simulator(Cell(tmp_path, near).path, JOINTS)
+    found = placing(simulator, RigidBody(tmp_path / "robot.urdf", JOINTS))
+    assert re.fullmatch(r"arm\.xml: its axes differ from the URDF's by up to 0\.\d\d° and [12]\.\d mm", found.notes[0])
+    assert 0.005 < found.off < 0.03

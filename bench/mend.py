@@ -1,0 +1,9 @@
+"""`cellwatt explain --mend` and `mujoco.sysid` on the same recordings, judged in MuJoCo; see the package `mend`.
+
+python bench/mend.py --json [--work DIR] [--only NAME …] [--pictures docs/pictures] [--no-peer]
+"""
+
+from mend.runner import main
+
+if __name__ == "__main__":
+    main()

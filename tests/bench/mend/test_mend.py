@@ -1,0 +1,90 @@
+"""The user's file is the arm that the benchmark's law describes; figures and tables are those of what was measured."""
+
+import ast
+import xml.etree.ElementTree as ET
+
+import mujoco
+import numpy as np
+import pytest
+from concealed.arms import draw_arm, mistune
+from concealed.cases import generator
+from concealed.families import FAMILIES
+from concealed.law import joint_torque
+from mend import arms, judge, numbers, page, picture, runner
+
+FORBIDDEN = {"cellwatt", "cellwatt_drivers", "cellwatt_plugins", "pinocchio"}
+
+
+def model_of(family, arm):
+    return mujoco.MjModel.from_xml_string(arms.mjcf(generator("x", family), arm))
+
+
+def test_shares_no_code_with_the_product(bench):
+    for file in (bench / "mend").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not {n.split(".")[0] for n in names} & FORBIDDEN, file
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_users_file_is_the_arm_in_frames_of_its_own(family):
+    arm = draw_arm(np.random.default_rng(3), family)
+    q, v, a = np.random.default_rng(0).normal(size=(3, 5, arm.joints))
+    expected = joint_torque(arm, q, v, a)
+    torque = judge.torque(model_of(family, arm), q, v, a)
+    np.testing.assert_allclose(torque, expected, rtol=1e-5, atol=5e-4)
+
+
+def test_errors_are_measured_less_simulated():
+    arm = draw_arm(np.random.default_rng(3), "compact6")
+    q, v, a = np.random.default_rng(0).normal(size=(3, 50, 6))
+    model = model_of("compact6", arm)
+    shifted = judge.Motion(q, v, a, joint_torque(arm, q, v, a) + np.array([0, 0, 2.0, 0, 0, 0]))
+    np.testing.assert_allclose(judge.error(model, [shifted]), [0, 0, 2.0, 0, 0, 0], atol=1e-4)
+
+
+def test_numbers_that_are_off_are_found_where_they_are():
+    arm = draw_arm(np.random.default_rng(3), "compact6")
+    model = model_of("compact6", arm)
+    assert numbers.off(model, arm)["worst"] < 0.01
+    model.dof_damping[3] *= 1.2
+    found = numbers.off(model, arm)
+    assert (found["where"], round(found["worst"], 1)) == ("damping 4", 20.0)
+    assert found["median"] < 0.01
+
+
+def test_the_peer_finds_numbers_that_are_off():
+    """Nothing is missing and nothing is noisy: its friction, damping and armature come out."""
+    peer = pytest.importorskip("mend.peer", reason="mujoco.sysid is not installed")
+    arm = draw_arm(np.random.default_rng(3), "compact6")
+    believed = model_of("compact6", mistune(np.random.default_rng(5), arm))
+    rng = np.random.default_rng(0)
+    q, v, a = rng.uniform(-2, 2, (400, 6)), rng.uniform(-2, 2, (400, 6)), rng.uniform(-6, 6, (400, 6))
+    run = judge.Motion(q, v, a, joint_torque(arm, q, v, a))
+    spec = mujoco.MjSpec.from_string(arms.mjcf(generator("x", "compact6"), mistune(np.random.default_rng(5), arm)))
+    found = peer.identified(spec, [run], arm.noise)
+    assert np.all(judge.error(found, [run]) < 0.5 * judge.error(believed, [run]))
+
+
+def test_tables_and_picture_hold_every_arm():
+    row = {
+        "robot": "compact6",
+        "required": [{"effect": "payload", "joint": None}],
+        "found": [{"effect": "payload", "joint": None, "kind": "missing"}],
+        "left": [{"effect": "stribeck_friction", "joint": 2, "rms": 1.25, "unit": "N*m"}],
+        "errors": {"before": [], "mended": []},
+        "in_noise": {"before": 12.5, "mended": 1.5, "model": 1.25, "floor": 1.0},
+        "in_noise_soft": {"before": 13.0, "mended": 2.5},
+        "numbers": {m: {"median": 2.0, "worst": 30.0, "where": "damping 2"} for m in ("before", "mended")},
+    }
+    text = page.markdown({"one": row})
+    assert "| one | 12.50 | 1.50 | 1.25 | 1.00 |" in text
+    assert "stribeck friction at 2: 1.2" in text
+    assert "2.0 % (30 %, damping 2)" in text
+    drawn = ET.fromstring(picture.picture({"one": row}))
+    assert sum("12.50" in (e.text or "") for e in drawn.iter()) == 1
+
+
+def test_an_error_in_units_of_the_noise():
+    assert runner.per_noise(np.array([3.0, 0.4]), np.array([1.0, 0.1])) == pytest.approx(np.sqrt((9 + 16) / 2))
