@@ -11,6 +11,7 @@ from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion,
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.two_mass import coupled, hanging, swinging, with_gap, with_others
+from cellwatt_plugins.mismatch.input.run import FAST
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
 
@@ -26,7 +27,7 @@ class Backlash(Effect):
 
     name = "backlash"
     form = Form(sample_by_sample=True)
-    acceptance = Acceptance(above=0.05)
+    acceptance = Acceptance(least_rate=FAST, above=0.05)
     """Rebounds that are not followed make the coefficient small; less follows none at all."""
     relations = Relations(family="two_mass")
     uncertainty = Uncertainty({"gap": 0.15})

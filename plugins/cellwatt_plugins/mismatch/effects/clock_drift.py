@@ -10,6 +10,7 @@ from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion,
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.time_delay import SHARE, shifted
+from cellwatt_plugins.mismatch.input.run import FAST
 from cellwatt_plugins.robot.description import RobotDescription
 
 APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
@@ -24,7 +25,7 @@ class ClockDrift(Effect):
     acts_on = "reading"
     whole_arm = True
     form = Form(to_scale=True)
-    acceptance = Acceptance(several_channels=True)
+    acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:

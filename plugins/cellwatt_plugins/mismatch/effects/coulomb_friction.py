@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form, Relations
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
@@ -15,6 +15,7 @@ class CoulombFriction(Effect):
 
     name = "coulomb_friction"
     nominal = "coulomb_friction"
+    relations = Relations(plainer=5.0)
     form = Form(reverses=True)
     confusions = (
         Confusion("viscous_friction", "sweep one joint at six constant speeds over two decades, both directions"),

@@ -57,6 +57,8 @@ class Acceptance:
     """Standard deviations of its prior that a coefficient may be off: beyond, it stands for something else."""
     longest_run: float = 0.0
     """s that the longest run must last to show it."""
+    least_rate: float = 0.0
+    """Samples a second that it takes to show it."""
     common: bool = False
     """No rare thing: half as much evidence is asked."""
 

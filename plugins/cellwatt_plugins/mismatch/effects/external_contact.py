@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter1d
 from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.input.run import FAST
 from cellwatt_plugins.robot.description import RobotDescription
 
 WIDTHS = (0.06, 0.12, 0.25, 0.45)
@@ -31,7 +32,7 @@ class ExternalContact(Effect):
     name = "external_contact"
     depends_on = "residual"
     form = Form(intermittent=True)
-    acceptance = Acceptance(inside_bounds=True)
+    acceptance = Acceptance(least_rate=FAST, inside_bounds=True)
     confusions = (
         Confusion("unknown", "repeat the same program: a contact does not repeat"),
         Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),

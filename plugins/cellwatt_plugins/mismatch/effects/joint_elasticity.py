@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.declaration import Confusion, Form, Relations, Uncertainty
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.effects.two_mass import coupled, elastic, hanging, swinging, with_others
+from cellwatt_plugins.mismatch.input.run import FAST
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.regression import Prior
 
@@ -25,6 +26,7 @@ class JointElasticity(Effect):
 
     name = "joint_elasticity"
     form = Form(to_scale=True, sample_by_sample=True)
+    acceptance = Acceptance(least_rate=FAST)
     relations = Relations(family="two_mass")
     uncertainty = Uncertainty({"stiffness": 0.03, "damping": 0.1})
     """It swings with the links: stiffness is as uncertain as their inertia."""

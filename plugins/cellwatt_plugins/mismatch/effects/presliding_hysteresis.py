@@ -9,6 +9,7 @@ import numpy as np
 from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Uncertainty
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.input.run import FAST
 from cellwatt_plugins.robot.description import RobotDescription
 
 WAYS = np.geomspace(1.5e-4, 0.3, 16)
@@ -28,7 +29,7 @@ class PreslidingHysteresis(Effect):
     name = "presliding_hysteresis"
     acts_on = "friction"
     form = Form(reverses=True)
-    acceptance = Acceptance(above=0.0, inside_bounds=True)
+    acceptance = Acceptance(least_rate=FAST, above=0.0, inside_bounds=True)
     uncertainty = Uncertainty({"displacement": 0.05})
     """The law of the way after a reversal differs from gear to gear."""
     confusions = (

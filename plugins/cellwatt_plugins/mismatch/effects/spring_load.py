@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.declaration import Confusion, Relations
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Relations
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
@@ -16,6 +16,7 @@ class SpringLoad(Effect):
     """k (q - q0)."""
 
     name = "spring_load"
+    acceptance = Acceptance(above=0.0)
     relations = Relations(contains=("torque_offset",))
     confusions = (
         Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.input.run import FAST
 from cellwatt_plugins.robot.description import RobotDescription
 
 DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
@@ -28,7 +29,7 @@ class TimeDelay(Effect):
     acts_on = "reading"
     whole_arm = True
     form = Form(to_scale=True)
-    acceptance = Acceptance(several_channels=True)
+    acceptance = Acceptance(least_rate=FAST, several_channels=True)
     confusions = (
         Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
         Confusion("clock_drift", "record for longer: a drift grows"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cellwatt_plugins.mismatch.effects.declaration import Confusion
+from cellwatt_plugins.mismatch.effects.declaration import Confusion, Relations
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
@@ -15,6 +15,7 @@ class ViscousFriction(Effect):
 
     name = "viscous_friction"
     nominal = "viscous_friction"
+    relations = Relations(plainer=5.0)
     confusions = (
         Confusion("coulomb_friction", "sweep one joint at six constant speeds over two decades, both directions"),
         Confusion("temperature_dependent_friction", "repeat the same cycle cold and warm"),

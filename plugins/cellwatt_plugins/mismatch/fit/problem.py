@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 
 from cellwatt_plugins.mismatch.effects.effect import Effect, Shape
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor
+from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.law import column
@@ -184,7 +184,8 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
     robot = states[0].robot
     target = tuple(run.torque - s.nominal for run, s in zip(runs, states, strict=True))
     measured = np.concatenate([run.torque for run in runs])
-    noise = np.maximum(floor(target, [run.step for run in runs]), FINEST * np.std(measured, axis=0))
+    finest = np.maximum(FINEST * np.std(measured, axis=0), step_noise(measured))
+    noise = np.maximum(floor(target, [run.step for run in runs]), finest)
     least = 0.03 * np.std(measured, axis=0)
     coulomb = np.maximum(column(robot, "coulomb_friction"), least) + (0.0 if turning is None else turning)
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.

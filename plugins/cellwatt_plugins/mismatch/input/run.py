@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
+FAST = 24.0
+"""Samples a second that it takes to see what is quick in a drive."""
+
 
 @dataclass(frozen=True)
 class Plan:

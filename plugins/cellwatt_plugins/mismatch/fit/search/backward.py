@@ -18,6 +18,9 @@ from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 
+FRICTION = ("coulomb_friction", "viscous_friction")
+PLAIN = 0.4
+"""Of the share that other terms must explain, what plain friction must."""
 EXCESS = 0.35
 """Mean square residual beyond noise, in units of the noise, that is much."""
 
@@ -49,18 +52,35 @@ def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
 
 
 def drop_minor(state: SearchState, now: Solution) -> Solution:
-    """Terms of a joint that explain little of what differs there leave: they only lean on the unknown."""
-    left = remaining_chi2(now)
+    """Terms of a joint that explain little of what differs there leave: they only lean on the unknown.
+
+    Plain friction that the simulation lacks is judged as one, and by less: every joint has some.
+    """
     for term in list(now.terms):
-        if term.joint is None or term.effect.form.sample_by_sample or left[term.joint] - 1 < EXCESS:
+        left = remaining_chi2(now)
+        if term not in now.terms or term.joint is None or term.effect.form.sample_by_sample:
             continue
-        rest = without(state, now, term)
+        if left[term.joint] - 1 < EXCESS:
+            continue
+        plain = _plain_friction(state, now, term)
+        together = plain or [term]
+        rest = solve(state, [t for t in now.terms if t not in together])
         drop = float(remaining_chi2(rest)[term.joint] - left[term.joint])
         share = drop / (drop + float(left[term.joint]) - 1)
-        if share < state.thresholds.credible:
-            state.refuse(term, 0.0, f"explains {100 * share:.0f} % of what differs")
+        if share < state.thresholds.credible * (PLAIN if plain else 1.0):
+            for each in together:
+                state.refuse(each, 0.0, f"explains {100 * share:.0f} % of what differs")
             now = rest
     return now
+
+
+def _plain_friction(state: SearchState, now: Solution, term: Term) -> list[Term]:
+    """All plain friction that the simulation lacks at the joint of a term of that kind; else nothing."""
+
+    def plain(each: Term) -> bool:
+        return each.effect.name in FRICTION and each.effect.described(state.robot, each.joint) == 0
+
+    return [t for t in now.terms if t.joint == term.joint and plain(t)] if plain(term) else []
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:

@@ -44,6 +44,8 @@ def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -
 def _places(state: SearchState, effect: Effect) -> list[int | None]:
     """Joints (0-based), or None for the robot or the supply, at which the simulation may lack an effect."""
     states = state.problem.states
+    if min(1 / s.step for s in states) < effect.acceptance.least_rate:
+        return []
     if max(float(s.time[-1] - s.time[0]) for s in states) < effect.acceptance.longest_run:
         return []
     places: list[int | None] = list(state.moving) if effect.place == "joint" else [None]

@@ -9,7 +9,7 @@ from cellwatt_plugins.mismatch.input.admission.description import told_otherwise
 from cellwatt_plugins.mismatch.input.admission.factors import usable
 from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
 from cellwatt_plugins.mismatch.input.admission.pairing import check_pairing
-from cellwatt_plugins.mismatch.input.admission.power import check_power
+from cellwatt_plugins.mismatch.input.admission.power import check_power, check_simulated_power
 from cellwatt_plugins.mismatch.input.admission.remarks import remarks
 from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, check_torque
 from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
@@ -41,10 +41,11 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
         check_limits(run, robot, body)
         check_velocity(run, robot)
         check_simulated(run, robot, body)
-        check_power(run)
+        check_simulated_power(run)
     base = baseline(runs, robot, body)
     for run in runs:
         check_torque(run, base.robot, base.body)
+        check_power(run)
     return base, [*notes, *remarks(runs), *told_otherwise(runs, robot, body, base)]
 
 

@@ -28,6 +28,10 @@ def check_power(run: Run) -> None:
     kept = usable(run, SAMPLES)
     if run.power is not None:
         _check(run.name, run.power[kept], np.sum(run.torque[kept] * moved(run).velocity[kept], axis=1))
+
+
+def check_simulated_power(run: Run) -> None:
+    """The same of its simulation."""
     said = run.simulated
     if said is not None and said.power is not None:
         _check(f"{run.name}: in its simulation", said.power, np.sum(said.torque * said.plan.velocity, axis=1))

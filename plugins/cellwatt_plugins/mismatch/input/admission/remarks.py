@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.input.admission.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
-from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.input.run import FAST, Run
 
 Float = NDArray[np.float64]
 
@@ -21,8 +21,6 @@ LEVELS = 50
 """Fewer different values of a torque are steps that can be seen."""
 FROZEN = 1.0
 """s at exactly one value that noise does not leave."""
-SLOW = 25.0
-"""Samples a second below which what is quick in a drive falls between them."""
 PERIOD = 4
 """Samples that a motion needs to be followed."""
 
@@ -49,7 +47,7 @@ def remarks(runs: Sequence[Run]) -> list[str]:
 
 def _slow(runs: Sequence[Run]) -> Iterator[str]:
     rate = 1 / max(run.step for run in runs)
-    if rate < SLOW:
+    if rate < FAST:
         yield (
             f"recorded at {rate:.2g} Hz, which follows motions of up to {rate / PERIOD:.2g} Hz: elasticity, backlash, "
             "delays, contacts and friction that builds up after a reversal cannot be seen"
