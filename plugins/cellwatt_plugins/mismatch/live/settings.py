@@ -50,8 +50,10 @@ class MismatchSettings(StageSettings):
     """Runs the simulation of an arm beside its recording and says where and since when the two differ."""
 
     simulation: str = "robot"
-    """``robot``: the law in robot.yaml; or the model.yaml that ``cellwatt explain`` wrote, or its folder; or a source that
-    streams what the user's simulation says: its name, with ``joint_1.torque`` … and ``supply.power``."""
+    """``robot``: the law in robot.yaml; or the model.yaml that ``cellwatt explain`` wrote, or its folder.
+
+    Or a source that streams what the user's simulation says: its name, with ``joint_1.torque`` … and ``supply.power``.
+    """
     robot: Path | None = None
     """The robot's description, or its folder; the cell's ``robot`` where that is a folder."""
     arm: str | None = None
