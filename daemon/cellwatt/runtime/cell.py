@@ -13,18 +13,19 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.cell_clock import CellClock
 from cellwatt.config import CellConfig, SinkConfig, SourceConfig, public_config
 from cellwatt.driver import Driver
-from cellwatt.errors import CellwattError, SinkError
+from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import driver as find_driver
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
 from cellwatt.runtime.assemble import make_chains, streams_of
+from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.health import alignment, colour, describe
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.worker import Worker
-from cellwatt.sink import Item, Sink
+from cellwatt.sink import Item
 from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
@@ -44,8 +45,7 @@ class Cell:
         self.site, self.cell = config.site, config.cell
         self._sources: dict[str, Source] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._sinks: dict[str, Sink[Any]] = {}
-        self._sink_errors: dict[str, str | None] = {}
+        self._sinks: dict[str, Delivery] = {}
         self._workers: list[Worker] = []
         self._recorder: Recorder | None = None
         self._history: History | None = None
@@ -153,24 +153,8 @@ class Cell:
 
     def _start_sink(self, config: SinkConfig) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
-        self._sinks[config.name] = sink
-        self._sink_errors[config.name] = None
-        self._spawn(f"sink {config.name}", self._serve_sink(config.name, sink))
-
-    async def _serve_sink(self, name: str, sink: Sink[Any]) -> None:
-        pause = 0.5
-        while True:
-            try:
-                await sink.run()
-            except SinkError as error:
-                self._sink_errors[name] = str(error)
-                log.warning("sink %s: %s; trying again in %.1f s", name, error, pause)
-            except Exception as error:
-                self._sink_errors[name] = f"{type(error).__name__}: {error}"
-                log.exception("sink %s broke", name)
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, 30.0)
-            self._sink_errors[name] = None
+        delivery = self._sinks[config.name] = Delivery(config.name, sink)
+        self._spawn(f"sink {config.name}", delivery.run())
 
     def _build_frames(self) -> None:
         frames = self._config.frames
@@ -276,11 +260,7 @@ class Cell:
     def _measure(self) -> dict[str, Any]:
         sources = {name: source.status() for name, source in self._sources.items()}
         stages = {name: figures for worker in self._workers for name, figures in worker.status().items()}
-        sinks = {
-            name: {"state": "down" if self._sink_errors[name] else "ok", "error": self._sink_errors[name]}
-            | sink.account.snapshot()
-            for name, sink in self._sinks.items()
-        }
+        sinks = {name: sink.status() for name, sink in self._sinks.items()}
         status: dict[str, Any] = {
             "site": self.site,
             "cell": self.cell,
