@@ -342,7 +342,7 @@ def sinks(*names: str, **notes: str) -> dict[str, SinkConfig]:
 def config_of(**parts: Any) -> CellConfig:
     """A cell of one source ``arm`` and one sink ``bus``, unless said otherwise."""
     usual: dict[str, Any] = {
-        "path": Path("cell.yaml"),
+        "path": Path("/cells/weld.yaml"),
         "text": "",
         "site": "plant",
         "cell": "weld",
@@ -356,6 +356,16 @@ def config_of(**parts: Any) -> CellConfig:
     if isinstance(parts.get("record"), Path):
         parts["record"] = RecordSettings(folder=parts["record"])
     return CellConfig(**usual | parts)
+
+
+async def look(cell: Cell, times: int = 1) -> Mapping[str, Any]:
+    """The cell's health after it was looked at anew."""
+    looked = asyncio.Event()
+    cell.on_health = lambda _: looked.set()
+    for _ in range(times):
+        looked.clear()
+        await looked.wait()
+    return cell.status()
 
 
 @asynccontextmanager

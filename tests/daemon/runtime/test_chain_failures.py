@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 
 from cellwatt import CellInfo
@@ -38,7 +40,7 @@ def test_each_pause_is_twice_the_one_before_up_to_a_minute():
     chain = chain_of(judge=FakeStage)
     JUDGES["judge"].give = breaks
     tries = seconds_of_tries(chain, 300)
-    pauses = [b - a for a, b in zip(tries, tries[1:], strict=False)]
+    pauses = [b - a for a, b in pairwise(tries)]
     assert pauses == [1, 2, 4, 8, 16, 32, LONGEST, LONGEST, LONGEST]
 
 
