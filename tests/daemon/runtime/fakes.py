@@ -88,6 +88,10 @@ class Obeying:
 # devices ----------------------------------------------------------------------------------------------
 
 
+async def _ours() -> Identity:
+    return WHO
+
+
 class Device(Obeying):
     """What a source reads."""
 
@@ -95,6 +99,7 @@ class Device(Obeying):
         super().__init__()
         self.time = 0
         self.made = 0
+        self.who: Callable[[], Awaitable[Identity]] = _ours
 
 
 DEVICES: dict[str, Device] = defaultdict(Device)
@@ -119,7 +124,7 @@ class FakeDriver(Driver[FakeSettings]):
         await DEVICES[self.settings.host].obey(self)
 
     async def identify(self) -> Identity:
-        return WHO
+        return await DEVICES[self.settings.host].who()
 
 
 async def answer(driver: FakeDriver) -> None:
@@ -317,6 +322,7 @@ POINTS = [
         ("stages", "judge", "FakeStage"),
         ("stages", "after", "AfterStage"),
         ("sinks", "bus", "FakeSink"),
+        ("sinks", "zenoh", "FakeSink"),
         ("sinks", "other", "FakeSink"),
     )
 ]
