@@ -142,6 +142,8 @@ def give(n: int) -> Order:
             driver.outlet.account.expect()
             driver.outlet.emit(Reading(STREAM, np.array([[float(device.made), 1.0]]), device.time))
             device.made += 1
+            if not device.made % 20:
+                await asyncio.sleep(0)  # as a device does, which sends few at once
 
     return order
 
