@@ -243,6 +243,7 @@ async def test_a_client_that_is_no_rtde_client_is_thrown_out():
         assert await peer.at_end()
 
 
+@pytest.mark.blocks_loop  # 100,000 packages a second fill what lies between in no time
 async def test_a_client_that_does_not_read_is_thrown_out():
     async with serving(recording(n=2000, step=0.00001, loop=True)) as (emulator, connect):
         peer = await connect()
