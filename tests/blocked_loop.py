@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from blockbuster import BlockBuster, BlockingError, blockbuster
 
-LIMIT = 0.1
+LIMIT = 0.15
 """s of computing that one step on a loop may take: of its own thread, so that a busy machine changes nothing."""
 
 OURS = tuple(str(Path(__file__).parents[1] / folder) for folder in ("daemon", "drivers", "plugins"))
