@@ -109,6 +109,7 @@ def test_a_hangup_with_a_mistake_changes_nothing(
     DEVICES["arm"].tell(give(3), send(signal.SIGTERM))
     assert call("run", cell).code == 0
     assert words in caplog.text
+    assert ("the old settings stay in force:\n" in caplog.text) == ("restart" not in words)
     assert len(DEVICES["arm"].runs) == 1
     assert RECEIVERS["zenoh"].values == [0, 1, 2]
     assert "Traceback" not in caplog.text

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
+import numpy as np
 import pytest
 
-from cellwatt import Alarm
+from cellwatt import Alarm, Frames
 from cellwatt.record import Recording
 from cellwatt.runtime import cell as runtime_cell
 from tests.daemon.runtime.fakes import (
@@ -22,6 +23,7 @@ from tests.daemon.runtime.fakes import (
     give,
     prediction,
     running,
+    sources,
     stages,
     until,
 )
@@ -50,6 +52,23 @@ async def test_everything_accepted_is_judged_published_and_recorded(tmp_path):
     assert results[-1] == alarm("at the end")
     assert bus.of(Alarm) == [alarm("at the end")]
     assert not list(tmp_path.glob("*.part")), "the file is closed"
+
+
+def test_frames_that_waited_for_a_silent_source_are_given_at_the_end(at_once):
+    def newest():
+        frames = RECEIVERS["bus"].of(Frames)
+        return max(np.nanmax(f.values[:, f.layout.index("arm.bus.voltage")]) for f in frames)
+
+    async def main():
+        DEVICES["board"].tell(answer, give(1))
+        async with running(config_of(sources=sources("arm", "board"))):
+            await DEVICES["board"].done()
+            DEVICES["arm"].tell(answer, give(20))
+            await DEVICES["arm"].done()
+            assert newest() < 16, "the last 100 ms wait"
+        assert newest() > 18, "up to the last sample, 19 V"
+
+    at_once(main())
 
 
 def test_sinks_are_open_until_the_last_item(at_once, monkeypatch):
