@@ -105,7 +105,7 @@ async def test_several_robots_from_one_loop():
         running(settings(first, timeout="500 ms")) as (_, one, _),
         running(settings(second, timeout="500 ms")) as (_, other, _),
     ):
-        await one.until(lambda: len(one.of("torque")) > 10 and len(other.of("torque")) > 10)
+        await eventually(lambda: len(one.of("torque")) > 10 and len(other.of("torque")) > 10)
     assert one.of("torque")[0].values[0, 0] == pytest.approx(24.0)
     assert other.of("torque")[0].values[0, 0] == pytest.approx(1.2 * 200)
     assert one.account.counters["unasked answers"] + other.account.counters["unasked answers"] == 0

@@ -78,6 +78,7 @@ async def test_torque_is_whole_per_cent():
 async def test_what_is_no_request_gets_no_answer():
     async with emulated() as (emulator, port):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.setblocking(False)
             client.sendto(b"hello", ("127.0.0.1", port))
             client.sendto(
                 bytes.fromhex(REQUEST.format(number=1, tail="7200 0100 00 01 0000"))[:31], ("127.0.0.1", port)
