@@ -19,6 +19,9 @@ from tests.patience import FACTOR
 GRACE = 5.0 * FACTOR
 """s that a thread or a process has which is ending already; only a test that fails waits so long."""
 
+TRACKER = "multiprocessing.resource_tracker"
+"""Python's own, started by the first spawned process and kept to its own end."""
+
 Left = dict[object, str]
 """What is there now, in words."""
 
@@ -79,7 +82,8 @@ def children() -> Left:
         os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:  # the usual case, told by one system call
         return {}
-    return {child: f"process {child.pid} {_command(child)}" for child in psutil.Process().children()}
+    commands = {child: _command(child) for child in psutil.Process().children()}
+    return {child: f"process {child.pid} {command}" for child, command in commands.items() if TRACKER not in command}
 
 
 def _command(child: psutil.Process) -> str:
