@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt.bounded import BoundedQueue, QueueClosedError
+from tests.patience import PATIENCE
 
 
 async def test_first_in_first_out():
@@ -109,7 +110,7 @@ async def test_a_reader_cancelled_just_as_it_was_woken_loses_nothing():
     await asyncio.sleep(0)
     queue.put_nowait(1)  # wakes the first
     first.cancel()
-    assert await asyncio.wait_for(second, 5) == 1
+    assert await asyncio.wait_for(second, PATIENCE) == 1
     assert first.cancelled()
 
 
@@ -120,7 +121,7 @@ async def test_a_writer_cancelled_just_as_it_was_woken_passes_its_turn_on():
     await asyncio.sleep(0)
     assert await queue.get() == 0  # wakes the first
     first.cancel()
-    await asyncio.wait_for(second, 5)
+    await asyncio.wait_for(second, PATIENCE)
     assert await queue.get() == 2
 
 
@@ -131,7 +132,7 @@ async def test_several_blocked_writers_fill_the_room_that_a_batch_leaves():
     writers = [asyncio.create_task(queue.put(i)) for i in (3, 4, 5)]
     await asyncio.sleep(0)
     assert await queue.get_batch() == [0, 1, 2]
-    await asyncio.wait_for(asyncio.gather(*writers), 5)
+    await asyncio.wait_for(asyncio.gather(*writers), PATIENCE)
     assert await queue.get_batch() == [3, 4, 5]
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cellwatt.runtime import systemd
+from tests.patience import PATIENCE
 
 
 @pytest.fixture(params=["path", "abstract"])
@@ -19,7 +20,7 @@ def supervisor(request, tmp_path: Path, monkeypatch):
     address = str(tmp_path / "notify") if request.param == "path" else f"@cellwatt-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind("\0" + address[1:] if address.startswith("@") else address)
-        listening.settimeout(5)
+        listening.settimeout(PATIENCE)
         monkeypatch.setenv("NOTIFY_SOCKET", address)
         yield listening
 

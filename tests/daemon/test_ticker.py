@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from cellwatt.ticker import Ticker
+from tests.patience import PATIENCE
 
 MILLISECOND = 1_000_000
 
@@ -49,7 +50,7 @@ async def test_beats_at_exact_multiples_of_the_period_and_never_early():
 async def test_the_first_beat_comes_within_twenty_milliseconds_however_slow_the_rate():
     async with Ticker(0.01) as ticker:
         entered = time.monotonic_ns()
-        beat = await asyncio.wait_for(anext(ticker), 5)
+        beat = await asyncio.wait_for(anext(ticker), PATIENCE)
         assert beat.deadline - entered <= 20 * MILLISECOND
 
 
@@ -128,7 +129,7 @@ async def test_leaving_one_ticker_does_not_disturb_the_others():
             waiting = asyncio.create_task(take(leaves, 1000))
             await anext(stays)
             waiting.cancel()
-        beats = await asyncio.wait_for(take(stays, 5), 5)
+        beats = await asyncio.wait_for(take(stays, 5), PATIENCE)
     assert len(beats) == 5
 
 

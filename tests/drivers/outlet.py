@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cellwatt import Account, Identity, Reading, Stream
+from tests.patience import PATIENCE
 
 
 class CollectingOutlet:
@@ -63,7 +64,7 @@ class CollectingOutlet:
         """Kinds of the events in order."""
         return [kind for kind, _, _ in self.events]
 
-    async def until(self, condition: Callable[[CollectingOutlet], bool], timeout: float = 20.0) -> None:
+    async def until(self, condition: Callable[[CollectingOutlet], bool], timeout: float = PATIENCE) -> None:
         """Wait until the condition holds; fails with the account where it never does."""
         try:
             async with asyncio.timeout(timeout):

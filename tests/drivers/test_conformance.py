@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import socket
+from dataclasses import replace
 
 from cellwatt.testing import DriverConformance, Rig
 from cellwatt_drivers.abb import AbbDriver
@@ -15,6 +16,7 @@ from cellwatt_drivers.power_board import PowerBoardDriver
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.ur import UrDriver
 from cellwatt_drivers.yaskawa import YaskawaDriver
+from tests.patience import PATIENCE
 
 RTDE = re.compile(
     rb"(?:\x00\x05V\x00\x02|\x00\x03v|..O.{8}[a-zA-Z0-9_,]+|\x00\x03S|\x00\x03P)*",
@@ -57,21 +59,24 @@ def slcan(address: str) -> dict[str, object]:
 
 
 class TestConformance(DriverConformance):
-    rigs = (
-        Rig(UrDriver, {"timeout": "500 ms"}, may_send=RTDE.fullmatch, warm_up=150),
-        Rig(YaskawaDriver, ARM, "udp", HSES_READS.fullmatch, options=PULSES, accuracy=0.1),
-        Rig(PowerBoardDriver, {"silence": "500 ms"}, "pty", address="pty", options=LINK),
-        Rig(ScpiAnalyzerDriver, {"rate": "50 Hz", "timeout": "300 ms"}, may_send=SCPI.fullmatch),
-        Rig(ModbusMeterDriver, METER, may_send=MODBUS_READS.fullmatch),
-        Rig(KinovaDriver, {"timeout": "200 ms"}, may_send=MODBUS_READS.fullmatch),
-        Rig(
-            CanSensorDriver,
-            {"sensor": "ivt_s", "silence": "500 ms"},
-            "pty",
-            SLCAN.fullmatch,
-            address="pty",
-            place=slcan,
-        ),
-        Rig(FrankaDriver, {"timeout": "500 ms"}, None, address="127.0.0.7:1337", place=host_only, warm_up=100),
-        Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
+    rigs = tuple(
+        replace(rig, patience=PATIENCE)
+        for rig in (
+            Rig(UrDriver, {"timeout": "500 ms"}, may_send=RTDE.fullmatch, warm_up=150),
+            Rig(YaskawaDriver, ARM, "udp", HSES_READS.fullmatch, options=PULSES, accuracy=0.1),
+            Rig(PowerBoardDriver, {"silence": "500 ms"}, "pty", address="pty", options=LINK),
+            Rig(ScpiAnalyzerDriver, {"rate": "50 Hz", "timeout": "300 ms"}, may_send=SCPI.fullmatch),
+            Rig(ModbusMeterDriver, METER, may_send=MODBUS_READS.fullmatch),
+            Rig(KinovaDriver, {"timeout": "200 ms"}, may_send=MODBUS_READS.fullmatch),
+            Rig(
+                CanSensorDriver,
+                {"sensor": "ivt_s", "silence": "500 ms"},
+                "pty",
+                SLCAN.fullmatch,
+                address="pty",
+                place=slcan,
+            ),
+            Rig(FrankaDriver, {"timeout": "500 ms"}, None, address="127.0.0.7:1337", place=host_only, warm_up=100),
+            Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
+        )
     )

@@ -19,6 +19,7 @@ from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Event
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
+from tests.patience import PATIENCE
 
 
 def free_port() -> int:
@@ -60,7 +61,7 @@ class Daemon:
         assert self.process is not None
         if self.process.returncode is None:
             self.process.send_signal(signal.SIGTERM)
-        return await asyncio.wait_for(self.process.wait(), 20)
+        return await asyncio.wait_for(self.process.wait(), PATIENCE)
 
     async def kill(self) -> None:
         assert self.process is not None
@@ -131,7 +132,7 @@ class Audience:
                 self.results[message.topic.split("/")[0]].append(content)
             self._changed.set()
 
-    async def until(self, condition: Callable[[Audience], Any], seconds: float = 20.0) -> None:
+    async def until(self, condition: Callable[[Audience], Any], seconds: float = PATIENCE) -> None:
         """Wait until the condition holds; fails with what was last seen."""
         end = time.monotonic() + seconds
         while not condition(self):

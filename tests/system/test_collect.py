@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
+from tests.patience import PATIENCE
 from tests.system.running import Daemon
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(120)]
@@ -55,7 +56,7 @@ async def collect(daemon: Daemon, folder: Path, stop_after: int | None) -> list[
         if stop_after is not None and seen[-1]["held"] >= stop_after:
             child.send_signal(signal.SIGINT)
             break
-    assert await asyncio.wait_for(child.wait(), 20) == 0
+    assert await asyncio.wait_for(child.wait(), PATIENCE) == 0
     return seen
 
 

@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
+from tests.patience import PATIENCE, Machine
 from tests.system.running import Audience, Daemon, balanced, free_port, running
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -85,7 +85,7 @@ async def test_ready_and_alive_for_systemd_with_every_device_down(tmp_path: Path
             loop = asyncio.get_running_loop()
 
             async def message() -> str:
-                return (await asyncio.wait_for(loop.sock_recv(listener, 4096), 20)).decode()
+                return (await asyncio.wait_for(loop.sock_recv(listener, 4096), PATIENCE)).decode()
 
             said = [await message()]
             while "READY=1" not in said[-1]:
@@ -139,7 +139,7 @@ async def test_wrong_settings_never_start(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path, "sources: {arm: {driver: urr, host: 127.0.0.1}}\n")
     await daemon.start()
     assert daemon.process is not None
-    assert await asyncio.wait_for(daemon.process.wait(), 20) == 2
+    assert await asyncio.wait_for(daemon.process.wait(), PATIENCE) == 2
     assert "did you mean 'ur'" in daemon.log
     assert "Traceback" not in daemon.log
 
@@ -151,20 +151,19 @@ async def test_killed_daemon_loses_at_most_a_tenth_of_a_second(tmp_path: Path) -
         for round_number in range(5):
             folder = tmp_path / str(round_number)
             folder.mkdir()
-            async with running(folder, text) as (daemon, audience):
-                await audience.until(lambda a: a.received["raw/arm/rtde"] > 500)
-                await asyncio.sleep(rng.uniform(0, 0.3))
-                assert daemon.process is not None
-                os.kill(daemon.process.pid, signal.SIGKILL)
-                await daemon.process.wait()
-                await asyncio.sleep(0.3)  # what was in flight to the subscriber
-                last = audience.batches["raw/arm/rtde"][-1].time[-1]
+            with Machine() as machine:
+                async with running(folder, text) as (daemon, audience):
+                    await audience.until(lambda a: a.received["raw/arm/rtde"] > 500)
+                    await asyncio.sleep(rng.uniform(0, 0.3))
+                    assert daemon.process is not None
+                    os.kill(daemon.process.pid, signal.SIGKILL)
+                    await daemon.process.wait()
+                    await asyncio.sleep(0.3)  # what was in flight to the subscriber
+                    last = audience.batches["raw/arm/rtde"][-1].time[-1]
             recorded = Recording.open(folder / "record").batches("arm", "rtde")
-            assert (last - recorded.time[-1]) * 1e-9 <= 0.1
-            start = time.monotonic()
+            assert (last - recorded.time[-1]) * 1e-9 <= 0.1 + 2 * machine.late
             async with running(folder, text) as (daemon, audience):
-                await audience.until(lambda a: a.status.get("recorder", {}).get("recovered"), 10)
-                assert time.monotonic() - start < 10
+                await audience.until(lambda a: a.status.get("recorder", {}).get("recovered"))
                 assert await daemon.stop() == 0
             names = sorted(p.name for p in (folder / "record").iterdir())
             assert all(n.endswith(".mcap") for n in names), names

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.emulation import EmulatorProcess
+from tests.patience import PATIENCE
 from tests.system.running import Audience, Daemon, free_port, running
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(600)]
@@ -74,7 +75,7 @@ class Devices:
         for stack in self._stack.values():
             await stack.aclose()
 
-    async def power_between(self, low: float, high: float, seconds: float = 60.0) -> None:
+    async def power_between(self, low: float, high: float, seconds: float = PATIENCE) -> None:
         """Wait until the analyzer's newest value is there."""
 
         def there(audience: Audience) -> bool:
@@ -111,7 +112,7 @@ class Operator:
     async def end(self) -> int:
         assert self._child.stdout is not None
         self.heard += (await self._child.stdout.read()).decode()
-        return await asyncio.wait_for(self._child.wait(), 30)
+        return await asyncio.wait_for(self._child.wait(), PATIENCE)
 
 
 async def command(*words: str | Path) -> asyncio.subprocess.Process:

@@ -25,6 +25,7 @@ from cellwatt_plugins.faults.paper.following import courses_of
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.reference import load
+from tests.patience import PATIENCE
 from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Move, Run, period, run
 from tests.plugins.faults.watching import learned
@@ -46,8 +47,6 @@ STIFFNESS = (60.0, 60.0, 60.0, 40.0, 30.0, 40.0)
 """Nm/rad of the springs by which the plant's fault table is learnt, joint by joint."""
 READY = 4.0
 """s at rest before the first cycle. The emulators begin anew at the end, so that a daemon may also come late."""
-STARTING = 60.0
-"""s that a busy machine may take to start the daemon."""
 
 
 @dataclass(frozen=True)
@@ -132,17 +131,16 @@ stages:
 async def listening(daemon: Daemon) -> None:
     """Until somebody answers at the daemon's endpoint."""
     host, port = daemon.endpoint.removeprefix("tcp/").split(":")
-    end = time.monotonic() + STARTING
-    while True:
-        try:
-            _, writer = await asyncio.open_connection(host, int(port))
-        except ConnectionError:
-            if time.monotonic() > end:
-                raise
-            await asyncio.sleep(0.05)
-        else:
-            writer.close()
-            return
+    async with asyncio.timeout(PATIENCE):
+        while True:
+            try:
+                _, writer = await asyncio.open_connection(host, int(port))
+            except ConnectionError:
+                await asyncio.sleep(0.05)
+            else:
+                writer.close()
+                await writer.wait_closed()
+                return
 
 
 async def told_faults(scenario: Scenario, audience: Audience) -> list[Alarm]:

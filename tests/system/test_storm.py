@@ -16,6 +16,7 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess, Fault
 from cellwatt.record import Recording
+from tests.patience import PATIENCE, eventually
 from tests.system.running import Audience, Daemon, balanced, running
 
 pytestmark = pytest.mark.system
@@ -91,14 +92,15 @@ async def test_each_fault_alone(tmp_path: Path, name: str) -> None:
         for kind in KINDS[name]:
             before = (await device.counts()).get(kind, 0)
             await device.inject(strike(name, kind, rng) if kind in ONE_SHOT else Fault(kind, 0.2, seconds=0.05))  # type: ignore[arg-type]
-            end = time.monotonic() + 20
-            while (await device.counts()).get(kind, 0) <= before:
-                assert time.monotonic() < end, f"{kind} never struck"
-                await asyncio.sleep(0.05)
+
+            async def struck(kind: str = kind, before: int = before) -> bool:
+                return (await device.counts()).get(kind, 0) > before
+
+            await eventually(struck, f"the {kind}")
             if kind not in ONE_SHOT:
                 await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
             mark = audience.source(name)["received"]
-            await audience.until(lambda a, mark=mark: a.source(name)["received"] > mark + 20, 30)
+            await audience.until(lambda a, mark=mark: a.source(name)["received"] > mark + 20)
         for other in KINDS.keys() - {name}:
             assert undisturbed(audience.source(other)), (other, audience.source(other))
         assert not audience.unbalanced
@@ -120,7 +122,7 @@ async def storm(folder: Path, seconds: float, seed: int) -> None:
             for kind in set(KINDS[name]) - ONE_SHOT:
                 await device.inject(Fault(kind, 0.0))  # type: ignore[arg-type]
         marks = {n: audience.source(n)["received"] for n in KINDS}
-        await audience.until(lambda a: all(a.source(n)["received"] > m + 20 for n, m in marks.items()), 120)
+        await audience.until(lambda a: all(a.source(n)["received"] > m + 20 for n, m in marks.items()), 2 * PATIENCE)
         assert not audience.unbalanced, audience.unbalanced[:3]
         assert not audience.gaps
         assert audience.status["loop_lag_ms"] < 1000

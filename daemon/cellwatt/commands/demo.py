@@ -21,6 +21,7 @@ from cellwatt.commands.live_power import LivePower, bars
 from cellwatt.commands.live_view import LiveCell
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
+from cellwatt.errors import CellwattError, why
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
@@ -48,7 +49,10 @@ def command(cell: str, seconds: float, as_json: bool, keep: Path | None) -> None
         raise click.BadParameter("at least 1 s is needed to see rates")
     with tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as temporary:
         folder = keep or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
         summary = _quiet(cell, folder, seconds) if as_json else _live(cell, folder, seconds)
     if as_json:
         click.echo(json.dumps(summary))

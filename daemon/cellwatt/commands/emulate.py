@@ -11,7 +11,9 @@ from typing import Any
 
 import click
 
+from cellwatt.commands import EXIT_ERROR
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
+from cellwatt.errors import CellwattError
 from cellwatt.registry import driver as find_driver
 
 
@@ -53,16 +55,31 @@ def command(
     module, _, name = find_driver(driver).emulator.partition(":")
     emulator_class: type[Emulator] = getattr(import_module(module), name)
     try:
-        pairs = dict(o.split("=", 1) for o in options)
+        pairs = dict(_pair(option) for option in options)
         emulator = emulator_class(signals, address, epoch=epoch, seed=seed, options=pairs)
         for text in faults:
-            emulator.inject(Fault(**json.loads(text)))
+            emulator.inject(_fault(text))
     except (ValueError, TypeError) as error:
         raise click.UsageError(str(error)) from error
     try:
         asyncio.run(_serve(emulator, control))
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def _pair(option: str) -> tuple[str, str]:
+    key, sign, value = option.partition("=")
+    if not sign:
+        raise ValueError(f"found {option!r} as an option, expected KEY=VALUE")
+    return key, value
+
+
+def _fault(text: str) -> Fault:
+    try:
+        return Fault(**json.loads(text))
+    except (ValueError, TypeError):
+        keys = ", ".join(Fault.__dataclass_fields__)
+        raise ValueError(f"found {text!r} as a fault, expected a JSON object with kind and others of {keys}") from None
 
 
 async def _serve(emulator: Emulator, control: bool) -> None:
@@ -73,8 +90,8 @@ async def _serve(emulator: Emulator, control: bool) -> None:
         error = serving.exception()
         if control:
             _say({"error": f"{type(error).__name__}: {error}"})
-            sys.exit(3)
-        raise click.ClickException(str(error))
+            sys.exit(EXIT_ERROR)
+        raise CellwattError(str(error))
     if not control:
         click.echo(f"{emulator.title} at {ready.result()} (Ctrl-C ends)")
         await serving

@@ -11,6 +11,7 @@ from string import Template
 
 import click
 
+from cellwatt.errors import CellwattError, why
 from cellwatt.registry import available
 
 _SKELETON = files("cellwatt") / "testing" / "skeleton"
@@ -38,10 +39,13 @@ def command(name: str, folder: Path) -> None:
     target = folder / name
     if target.exists():
         raise click.UsageError(f"{target} is there already: choose another name or --folder")
-    for path, text in package(name).items():
-        file = target / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+    try:
+        for path, text in package(name).items():
+            file = target / path
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CellwattError(f"{target} cannot be written: {why(error)}") from error
     click.echo(f"{target} is written. Next:\n")
     click.echo(f"  cd {target}\n  pip install -e '.[test]'\n  pytest\n  cellwatt drivers {name}")
 

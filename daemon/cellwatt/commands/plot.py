@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cellwatt.errors import CellwattError
+from cellwatt.errors import CellwattError, why
 from cellwatt.record import Recording
 
 
@@ -28,5 +28,8 @@ def command(
     except ImportError as error:
         raise CellwattError("plot needs plotly: pip install 'cellwatt[plot]'") from error
     page = draw(Recording.open(recording), start, end, channels)
-    out.write_text(page, encoding="utf-8")
+    try:
+        out.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise CellwattError(f"{out} cannot be written: {why(error)}") from error
     click.echo(f"wrote {out}")

@@ -32,7 +32,9 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
     config = load(file)
     if out is None and config.record is None:
         raise click.UsageError("FILE has no record section: say where to record with --out")
-    settings = RecordSettings(folder=out) if out is not None else config.record
+    settings = config.record or RecordSettings(folder=out or Path())
+    if out is not None:
+        settings = settings.model_copy(update={"folder": out})
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
     cell = Cell(replace(config, record=settings, stages={}, sinks={}))
     final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))
@@ -42,7 +44,7 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
     for name, source in final["sources"].items():
         lost = sum(source["missed"].values()) + sum(source["dropped"].values())
         click.echo(f"{name}: {source['received']} of {source['expected']} samples, {lost} lost")
-    click.echo(f"recorded in {settings.folder if settings else ''}")
+    click.echo(f"recorded in {settings.folder}")
 
 
 async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[str, Any]:

@@ -12,9 +12,11 @@ from typing import Any
 
 import click
 import yaml
+from pydantic import ValidationError
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.config import CellConfig, FrameSettings, load
+from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
 from cellwatt.results import Alarm, Result
@@ -36,6 +38,7 @@ def command(recording: tuple[Path, ...], settings: Path | None, speed: float, ve
     """Run RECORDING (files or folders of one session) through frames and stages again."""
     opened = Recording.open(recording)
     config = load(settings) if settings is not None else None
+    _check_sources(opened)
     frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
     kept: list[Frames] = []
     items = run_stages(_keeping(frames, kept), _chains(opened, config))
@@ -58,7 +61,18 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
     if config is not None:
         return config.frames
     written = yaml.safe_load(recording.header.settings) or {}
-    return FrameSettings.model_validate(written.get("frames") or {})
+    try:
+        return FrameSettings.model_validate(written.get("frames") or {})
+    except ValidationError:
+        raise RecordingError("the frames of the recording came from the environment: give them by --settings") from None
+
+
+def _check_sources(recording: Recording) -> None:
+    """Raise ``RecordingError`` where a later file has streams that the first does not declare."""
+    declared = {(source, s.name) for source, streams in recording.header.streams.items() for s in streams}
+    if new := {(source, s.name) for source, streams in recording.streams.items() for s in streams} - declared:
+        names = ", ".join(sorted(f"{source}.{stream}" for source, stream in new))
+        raise RecordingError(f"the sources change within these recordings ({names}): replay them one by one")
 
 
 def _chains(recording: Recording, config: CellConfig | None) -> list[Any]:

@@ -16,7 +16,6 @@ import click
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.runtime import systemd
-from cellwatt.runtime.assemble import prepare
 from cellwatt.runtime.cell import Cell
 
 log = logging.getLogger("cellwatt")
@@ -38,7 +37,6 @@ def command(file: Path, verbose: bool) -> None:
         format="%(levelname)s %(name)s: %(message)s",
     )
     config = load(file)
-    prepare(config)
     sys.setswitchinterval(SWITCH_INTERVAL)
     asyncio.run(serve(config))
 
@@ -76,7 +74,7 @@ def _ready() -> None:
 async def _reload(cell: Cell, path: Path) -> None:
     systemd.reloading()
     try:
-        config = await asyncio.to_thread(_read, path)
+        config = await asyncio.to_thread(load, path)
         log.info("%s", await cell.reload(config))
     except ConfigError as error:
         log.error("not reloaded, the old settings stay in force:\n%s", error)  # noqa: TRY400
@@ -84,12 +82,6 @@ async def _reload(cell: Cell, path: Path) -> None:
         log.error("not reloaded: %s", error)  # noqa: TRY400
     finally:
         systemd.notify(READY="1")
-
-
-def _read(path: Path) -> CellConfig:
-    config = load(path)
-    prepare(config)
-    return config
 
 
 def _tell_systemd(status: Mapping[str, Any]) -> None:

@@ -19,7 +19,7 @@ from cellwatt.commands.live_power import LivePower, power_of_frames
 from cellwatt.commands.live_view import LiveCell
 from cellwatt.config import load
 from cellwatt.frames import Frames
-from cellwatt.publish.reach import link_to
+from cellwatt.publish.reach import client_of, link_to
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Message, Subscriber
 
 QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
@@ -63,7 +63,7 @@ def _target(
     if file is None:
         if not (connect and site and cell):
             raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
-        return site, cell, LinkSettings(mode="client", connect=(connect,))
+        return site, cell, client_of(connect)
     config = load(file)
     return config.site, config.cell, link_to(config, connect, "; or use --connect")
 

@@ -75,7 +75,9 @@ class TcpPort(Port):
 
     def __init__(self, emulator: Emulator, talk: Talk, tls: ssl.SSLContext | None = None) -> None:
         super().__init__(emulator)
-        host, _, port = emulator.address.rpartition(":")
+        host, colon, port = emulator.address.rpartition(":")
+        if not (colon and port.isdecimal() and int(port) < 1 << 16):
+            raise ValueError(f"the address is HOST:PORT, like 127.0.0.1:30004, not {emulator.address!r}")
         self._place = host, int(port)
         self._talk = talk
         self._tls = tls

@@ -13,18 +13,19 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.cell_clock import CellClock
 from cellwatt.config import CellConfig, SinkConfig, SourceConfig, public_config
 from cellwatt.driver import Driver
-from cellwatt.errors import CellwattError, SinkError
+from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import driver as find_driver
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
-from cellwatt.runtime.assemble import make_chains, streams_of
+from cellwatt.runtime.assemble import Prepared, prepare, streams_of
+from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.health import alignment, colour, describe
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.watch import Watch
 from cellwatt.runtime.worker import Worker
-from cellwatt.sink import Item, Sink
+from cellwatt.sink import Item
 from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
@@ -44,8 +45,7 @@ class Cell:
         self.site, self.cell = config.site, config.cell
         self._sources: dict[str, Source] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._sinks: dict[str, Sink[Any]] = {}
-        self._sink_errors: dict[str, str | None] = {}
+        self._sinks: dict[str, Delivery] = {}
         self._workers: list[Worker] = []
         self._recorder: Recorder | None = None
         self._history: History | None = None
@@ -59,26 +59,42 @@ class Cell:
         self._status: dict[str, Any] = {}
         self._lag = 0.0
         self._stopping = asyncio.Event()
+        self._changing = asyncio.Lock()
+        """Held while parts are started, changed or ended."""
         self._group: asyncio.TaskGroup | None = None
         self.on_health: Callable[[Mapping[str, Any]], None] = lambda _status: None
 
     # life -----------------------------------------------------------------------------------------
 
     async def run(self, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until ``stop``; then drain and close. ``ready`` is called once everything is started."""
+        """Serve until ``stop``; then drain and close. ``ready`` is called once everything is started.
+
+        Raises ``CellwattError`` where a part cannot be started.
+        """
+        try:
+            await self._serve(ready)
+        except ExceptionGroup as failures:
+            if all(isinstance(error, CellwattError) for error in failures.exceptions):
+                raise failures.exceptions[0] from None
+            raise
+
+    async def _serve(self, ready: Callable[[], None]) -> None:
         async with asyncio.TaskGroup() as self._group:
-            self._start_record()
-            for sink in self._config.sinks.values():
-                self._start_sink(sink)
-            for source in self._config.sources.values():
-                self._start_source(source)
-            self._build_frames()
-            heart = self._group.create_task(self._heart(), name="heart")
-            self._spawn("ticks", self._ticks())
-            self._look()
+            async with self._changing:
+                prepared = await asyncio.to_thread(prepare, self._config)
+                await self._start_record()
+                for sink in self._config.sinks.values():
+                    self._start_sink(sink)
+                for source in self._config.sources.values():
+                    self._start_source(source)
+                self._build_frames(prepared)
+                heart = self._group.create_task(self._heart(), name="heart")
+                self._spawn("ticks", self._ticks())
+                self._look()
             ready()
             await self._stopping.wait()
-            await self._shut_down()
+            async with self._changing:
+                await self._shut_down()
             heart.cancel()
 
     def stop(self) -> None:
@@ -87,8 +103,7 @@ class Cell:
 
     async def _shut_down(self) -> None:
         await self._end(["ticks", *(f"source {name}" for name in self._sources)])
-        for frames in self._aligner.flush():
-            self._give_frames(frames)
+        self._flush()
         await self._end_workers()
         self._look()
         await self._end(f"sink {name}" for name in list(self._sinks))
@@ -102,7 +117,8 @@ class Cell:
         if tasks:
             _, late = await asyncio.wait(tasks, timeout=DRAIN)
             for task in late:
-                log.warning("%s did not end within %.0f s", task.get_name(), DRAIN)
+                log.warning("%s did not end within %.0f s: it is cut off", task.get_name(), DRAIN)
+                task.cancel()
 
     async def _end_workers(self) -> None:
         workers, self._workers = self._workers, []
@@ -122,12 +138,12 @@ class Cell:
 
     # parts ----------------------------------------------------------------------------------------
 
-    def _start_record(self) -> None:
+    async def _start_record(self) -> None:
         settings = self._config.record
         if settings is None:
             return
         self._recorder = Recorder(settings, self._header())
-        self._recorder.start()
+        await asyncio.to_thread(self._recorder.start)
         self._history = History(settings.folder, self._recorder)
         self._spawn("recovery", self._report_recovery(self._recorder))
 
@@ -153,33 +169,20 @@ class Cell:
 
     def _start_sink(self, config: SinkConfig) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
-        self._sinks[config.name] = sink
-        self._sink_errors[config.name] = None
-        self._spawn(f"sink {config.name}", self._serve_sink(config.name, sink))
+        delivery = self._sinks[config.name] = Delivery(config.name, sink)
+        self._spawn(f"sink {config.name}", delivery.run())
 
-    async def _serve_sink(self, name: str, sink: Sink[Any]) -> None:
-        pause = 0.5
-        while True:
-            try:
-                await sink.run()
-            except SinkError as error:
-                self._sink_errors[name] = str(error)
-                log.warning("sink %s: %s; trying again in %.1f s", name, error, pause)
-            except Exception as error:
-                self._sink_errors[name] = f"{type(error).__name__}: {error}"
-                log.exception("sink %s broke", name)
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, 30.0)
-            self._sink_errors[name] = None
-
-    def _build_frames(self) -> None:
+    def _build_frames(self, prepared: Prepared) -> None:
         frames = self._config.frames
-        streams = {name: source.driver.streams for name, source in self._sources.items()}
-        self._aligner = Aligner(streams, frames.rate, frames.latency)
-        for chain in make_chains(self._config, self._aligner.layout):
+        self._aligner = Aligner(prepared.streams, frames.rate, frames.latency)
+        for chain in prepared.chains:
             worker = Worker(chain, self._give_results)
             self._workers.append(worker)
             self._spawn(f"stages {'+'.join(chain.names)}", worker.run())
+
+    def _flush(self) -> None:
+        for frames in self._aligner.flush():
+            self._give_frames(frames)
 
     # data -----------------------------------------------------------------------------------------
 
@@ -276,11 +279,7 @@ class Cell:
     def _measure(self) -> dict[str, Any]:
         sources = {name: source.status() for name, source in self._sources.items()}
         stages = {name: figures for worker in self._workers for name, figures in worker.status().items()}
-        sinks = {
-            name: {"state": "down" if self._sink_errors[name] else "ok", "error": self._sink_errors[name]}
-            | sink.account.snapshot()
-            for name, sink in self._sinks.items()
-        }
+        sinks = {name: sink.status() for name, sink in self._sinks.items()}
         status: dict[str, Any] = {
             "site": self.site,
             "cell": self.cell,
@@ -327,8 +326,15 @@ class Cell:
     async def reload(self, config: CellConfig) -> str:
         """Apply what changed and nothing else; gives a line that says what was done.
 
-        Raises ``CellwattError`` for changes that need a restart (site, cell, record); nothing is changed then.
+        Raises ``CellwattError`` for changes that need a restart (site, cell, record), ``ConfigError`` where a part
+        cannot be made; nothing is changed then.
         """
+        async with self._changing:
+            if self._stopping.is_set():
+                raise CellwattError("the cell is being stopped; nothing was changed")
+            return await self._change(config)
+
+    async def _change(self, config: CellConfig) -> str:
         old = self._config
         fixed = [k for k in ("site", "cell", "record") if getattr(old, k) != getattr(config, k)]
         if fixed:
@@ -340,12 +346,13 @@ class Cell:
         if not (again or sinks):
             self._config = config
             return "nothing changed"
+        prepared = await asyncio.to_thread(prepare, config)
         await self._end(f"source {n}" for n in sources)
         await self._end(f"sink {n}" for n in sinks)
         if again:
-            for frames in self._aligner.flush():
-                self._give_frames(frames)
+            self._flush()
             await self._end_workers()
+            self._flush()  # what sources that stay gave meanwhile
         self._config = config
         for name in sources:
             if name in config.sources:
@@ -357,7 +364,7 @@ class Cell:
             if name in config.sinks:
                 self._start_sink(config.sinks[name])
         if again:
-            self._build_frames()
+            self._build_frames(prepared)
             if self._recorder is not None:
                 self._recorder.redeclare(self._header())
         parts = [f"source {n}" for n in sources] + [f"sink {n}" for n in sinks] + [f"stage {n}" for n in stages]

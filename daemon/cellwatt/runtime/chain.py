@@ -84,7 +84,7 @@ class Chain:
         return results
 
     def close(self) -> list[Result]:
-        """What the end of the data settles; later stages see what earlier ones gave."""
+        """What the end of the data settles, in stage order."""
         results: list[Result] = []
         for slot in self._slots:
             try:

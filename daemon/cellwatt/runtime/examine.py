@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -16,6 +17,8 @@ from cellwatt.errors import SourceError
 from cellwatt.registry import driver as find_driver
 from cellwatt.results import Event
 from cellwatt.runtime.source import Source
+
+log = logging.getLogger(__name__)
 
 RATE_TOLERANCE = 0.02
 """A measured rate this close to the declared one is as declared."""
@@ -66,12 +69,15 @@ async def examine(config: SourceConfig, seconds: float, patience: float) -> Exam
         return _failed(result, f"no answer within {patience:.0f} s")
     except SourceError as error:
         return _failed(result, str(error))
+    except Exception as error:
+        log.exception("%s: the %s driver broke", config.name, config.driver)
+        return _failed(result, f"the {config.driver} driver broke: {type(error).__name__}: {error}")
     reading = asyncio.create_task(source.driver.run())
     try:
         done, _ = await asyncio.wait({reading}, timeout=seconds)
-        if done and (failure := reading.exception()) is not None:
-            result.findings.append(f"reading stopped: {failure}")
-            result.verdict = "failed"
+        if done:
+            failure = None if reading.cancelled() else reading.exception()
+            _failed(result, f"reading stopped: {failure or 'the driver ended though nobody stopped it'}")
     finally:
         reading.cancel()
         await asyncio.gather(reading, return_exceptions=True)

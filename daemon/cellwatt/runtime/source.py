@@ -28,10 +28,16 @@ STEADY = 5.0
 """A connection that lasted this long, s, resets the back-off."""
 
 
-def next_pause(pause: float, error: Exception, jitter: float) -> float:
+def next_pause(pause: float, error: BaseException, jitter: float) -> float:
     """Seconds to wait before the next try: doubled each time, capped, spread by ``jitter`` in 0 … 1."""
     longer = WRONG_DEVICE_PAUSE if isinstance(error, WrongDeviceError) else min(2 * pause, LONGEST_PAUSE)
     return longer * (0.8 + 0.4 * jitter)
+
+
+def asked_to_end(error: BaseException) -> bool:
+    """Whether an error is the end that was asked of this task, not one that a library cancelled by itself."""
+    task = asyncio.current_task()
+    return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0
 
 
 class Source:
@@ -147,18 +153,20 @@ class Source:
             self._fail(error, pause)
             await asyncio.sleep(pause)
 
-    async def _once(self) -> Exception:
+    async def _once(self) -> Exception | asyncio.CancelledError:
         try:
             await self.driver.run()
         except SourceError as error:
             return error
-        except Exception as error:
+        except (Exception, asyncio.CancelledError) as error:
+            if asked_to_end(error):
+                raise
             log.exception("%s: the %s driver broke", self.name, type(self.driver).__name__)
             self.account.count("driver bugs")
             return error
         return SourceError(f"{self.name}: the driver ended though nobody stopped it")
 
-    def _fail(self, error: Exception, pause: float) -> None:
+    def _fail(self, error: BaseException, pause: float) -> None:
         self.account.count("restarts")
         text = str(error) or type(error).__name__
         if text != self.last_error or self.state != "retrying":

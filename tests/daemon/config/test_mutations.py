@@ -33,7 +33,9 @@ def mutated(draw: st.DrawFn) -> str:
     return text
 
 
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(text=mutated())
 def test_any_text_gives_a_config_or_a_config_error(cell_file: Path, text: str) -> None:
     content = text.encode("utf-8", "surrogatepass")
@@ -54,7 +56,9 @@ def test_any_text_gives_a_config_or_a_config_error(cell_file: Path, text: str) -
             assert (column or 1) >= 1
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(content=st.binary(max_size=200))
 def test_any_bytes_give_a_config_error(cell_file: Path, content: bytes) -> None:
     cell_file.write_bytes(content)

@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from cellwatt.emulation import Fault, TcpPort
+from tests.patience import PATIENCE
 
 from .device import Device
 
@@ -69,7 +70,7 @@ async def test_a_disconnect_hangs_up_and_refuses_until_it_is_over() -> None:
         assert await idle[0].read() == b""
         with pytest.raises(OSError, match=r"refused|111"):
             await connect(address)
-        reader, writer = await asyncio.wait_for(come_back(address), 20)
+        reader, writer = await asyncio.wait_for(come_back(address), PATIENCE)
         writer.write(b"again\n")
         assert await reader.readline() == b"AGAIN\n"
         for end in (idle[1], asking[1], writer):

@@ -11,9 +11,13 @@ from cellwatt import Alarm, Batch, Frames
 from cellwatt.publish.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
 
+_one_at_a_time = threading.Lock()
+
 
 def say(what: Any) -> None:
-    print(json.dumps(what), flush=True)
+    """Print a line; two threads do, and print writes its end apart from the line."""
+    with _one_at_a_time:
+        print(json.dumps(what), flush=True)
 
 
 def summary(message: Message) -> dict[str, Any]:

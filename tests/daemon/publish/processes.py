@@ -2,44 +2,25 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import select
 import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.patience import PATIENCE, wait_until
+
 ROOT = Path(__file__).resolve().parents[3]
-PATIENCE = 30.0
 
 
 def free_port() -> int:
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
         return s.getsockname()[1]
-
-
-def wait_until(condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
-    end = time.monotonic() + timeout
-    while not (found := condition()):
-        assert time.monotonic() < end, f"not within {timeout} s: {what}"
-        time.sleep(0.01)
-    return found
-
-
-async def eventually(condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
-    """The same on an event loop."""
-    loop = asyncio.get_running_loop()
-    end = loop.time() + timeout
-    while not (found := condition()):
-        assert loop.time() < end, f"not within {timeout} s: {what}"
-        await asyncio.sleep(0.005)
-    return found
 
 
 class Child:
@@ -60,7 +41,8 @@ class Child:
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
-            self.said.append(json.loads(line))
+            if line.endswith("\n"):  # or it was killed while it spoke
+                self.said.append(json.loads(line))
 
     @property
     def pid(self) -> int:
@@ -116,11 +98,15 @@ class Link:
         self._up = True
         self._hanging = False
         self._ended = False
+        self._dropped = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def cut(self) -> None:
+        """Drop every connection; they are gone when this returns."""
+        self._dropped.clear()
         self._up = False
+        assert self._dropped.wait(PATIENCE), "the link was not cut"
 
     def restore(self) -> None:
         self._up = True
@@ -144,6 +130,7 @@ class Link:
         while not self._ended:
             if not self._up:
                 self._drop_all()
+                self._dropped.set()
             watched = [self._server] + ([] if self._hanging else list(self._pairs))
             for ready in select.select(watched, [], [], 0.02)[0]:
                 if ready is self._server:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.publish.processes import ROOT, Child, free_port, wait_until
+from tests.daemon.publish.processes import ROOT, Child, free_port
+from tests.patience import PATIENCE, wait_until
 
 
 def programs(page: str) -> list[str]:
@@ -36,7 +37,8 @@ def test_program_of_the_docs_runs(name: str, tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(text.replace("7447", str(port)))
     with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
-        cell.ready().send(stream={"samples": 20_000, "frames_too": False, "every": 5, "rate": 500.0, "block": 5})
+        samples = int(2 * PATIENCE * 500.0)  # for as long as anybody may wait for one
+        cell.ready().send(stream={"samples": samples, "frames_too": False, "every": 5, "rate": 500.0, "block": 5})
         command = [sys.executable, "-u", str(program)]
         with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
             lines: list[str] = []

@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from cellwatt import SinkError
 from cellwatt.publish.link import LinkSettings, TlsSettings, open_session, session_config, why_unconnected
-from tests.daemon.publish.processes import free_port, wait_until
+from tests.daemon.publish.processes import free_port
+from tests.patience import PATIENCE, wait_until
 
 HOST = "127.0.0.1"
 
@@ -94,7 +95,7 @@ def test_a_router_that_comes_up_meanwhile_is_found() -> None:
     thread.start()
     time.sleep(0.3)  # not for synchronisation: so that at least one attempt fails
     with open_session(LinkSettings(mode="router", listen=(endpoint,))):
-        thread.join(20)
+        thread.join(PATIENCE)
         assert opened
         opened[0].close()
 

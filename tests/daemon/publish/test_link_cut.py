@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from tests.daemon.publish.fake_cell import EPOCH
-from tests.daemon.publish.processes import Child, Link, free_port, wait_until
+from tests.daemon.publish.processes import Child, Link, free_port
+from tests.patience import wait_until
 
 RATE, BLOCK = 500.0, 5
 
@@ -41,13 +42,25 @@ def assert_complete(messages: list[dict[str, Any]], begin: int, end: int) -> Non
     assert following == end
 
 
-def check_all(cell: Child, consumer: Child) -> dict[str, int]:
+def publish(cell: Child, seconds: float, begin: float = 0.0) -> None:
+    """Publish from ``begin`` on, and be done with it."""
+    cell.send(stream=stream(seconds))
+    published(cell, begin + seconds)
+
+
+def published(cell: Child, seconds: float) -> dict[str, int]:
+    """What is published once so many seconds of samples are."""
+    end = int(RATE * seconds)
+    return cell.wait_for(lambda s: "published" in s and s["published"]["samples"] == end, "published")["published"]
+
+
+def check_all(cell: Child, consumer: Child, seconds: float) -> dict[str, int]:
     """Wait for the end of what was published and compare; gives what the consumer counted."""
-    published = cell.wait_for(lambda s: "published" in s, "published", 120)["published"]
+    end = published(cell, seconds)
     ends = {"raw/arm/samples": "samples", "frame": "frames", "alarm": "alarms"}
     for topic, name in ends.items():
-        wait_until(lambda t=topic, n=name: reached(consumer, t, published[n]), f"all of {topic}", 60)
-        assert_complete(received(consumer, topic), 0, published[name])
+        wait_until(lambda t=topic, n=name: reached(consumer, t, end[n]), f"all of {topic}")
+        assert_complete(received(consumer, topic), 0, end[name])
     consumer.finish()
     # not the last it said: a message may still come while it closes
     counts = next(s["counts"] for s in consumer.said if isinstance(s, dict) and "counts" in s)
@@ -71,12 +84,13 @@ def start_consumer(port: int, **more: Any) -> Child:
 def test_cut_of_two_seconds(cell: tuple[Child, int]) -> None:
     publisher, port = cell
     with Link(port) as link, start_consumer(link.port) as consumer:
-        publisher.send(stream=stream(4.0))
+        publish(publisher, 1.0)
         wait_until(lambda: reached(consumer, "raw/arm/samples", 250), "half a second of data")
         link.cut()
-        time.sleep(2.0)
+        publish(publisher, 2.0, begin=1.0)
         link.restore()
-        counts = check_all(publisher, consumer)
+        publish(publisher, 1.0, begin=3.0)
+        counts = check_all(publisher, consumer, 4.0)
     assert counts["backfilled"] >= 2 * RATE
     assert counts["live"] > RATE / 4
 
@@ -87,20 +101,19 @@ def test_cut_that_outlasts_the_data(cell: tuple[Child, int]) -> None:
         publisher.send(stream=stream(1.0))
         wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "some data")
         link.cut()
-        publisher.wait_for(lambda s: "published" in s, "published")
+        published(publisher, 1.0)
         link.restore()
-        check_all(publisher, consumer)
+        check_all(publisher, consumer, 1.0)
 
 
 def test_first_data_ever_fall_into_the_cut(cell: tuple[Child, int]) -> None:
     publisher, port = cell
     with Link(port) as link, start_consumer(link.port) as consumer:
         link.cut()
-        publisher.send(stream=stream(1.0))
-        publisher.wait_for(lambda s: "published" in s, "published")
+        publish(publisher, 1.0)
         link.restore()
-        counts = check_all(publisher, consumer)
-    assert counts["live"] < 100
+        counts = check_all(publisher, consumer, 1.0)
+    assert counts.get("live", 0) < 100
 
 
 def test_many_short_cuts(cell: tuple[Child, int]) -> None:
@@ -112,7 +125,7 @@ def test_many_short_cuts(cell: tuple[Child, int]) -> None:
             link.cut()
             time.sleep(0.1)
             link.restore()
-        check_all(publisher, consumer)
+        check_all(publisher, consumer, 3.0)
 
 
 def test_link_that_hangs_without_being_closed(cell: tuple[Child, int]) -> None:
@@ -123,7 +136,7 @@ def test_link_that_hangs_without_being_closed(cell: tuple[Child, int]) -> None:
         link.hang()
         time.sleep(1.5)
         link.resume()
-        check_all(publisher, consumer)
+        check_all(publisher, consumer, 3.0)
 
 
 @pytest.mark.parametrize("side", ["cell", "consumer"])
@@ -135,14 +148,15 @@ def test_cut_beside_a_router(side: str) -> None:
         with Child("cell_process", mode="client", connect=[f"tcp/127.0.0.1:{ends['cell']}"]) as publisher:
             publisher.ready()
             with start_consumer(ends["consumer"]) as consumer:
-                publisher.send(stream=stream(2.5))
+                publish(publisher, 1.0)
                 wait_until(lambda: reached(consumer, "raw/arm/samples", 250), "half a second of data")
                 link.cut()
-                time.sleep(1.0)
+                publish(publisher, 1.0, begin=1.0)
                 link.restore()
-                counts = check_all(publisher, consumer)
+                publish(publisher, 0.5, begin=2.0)
+                counts = check_all(publisher, consumer, 2.5)
                 assert counts["backfilled"] >= RATE / 2
-        assert router.finish(10) == 0
+        assert router.finish() == 0
 
 
 def test_restart_of_the_daemon() -> None:
@@ -194,10 +208,11 @@ def test_restarts_while_the_link_is_cut() -> None:
 def test_cut_of_a_minute(cell: tuple[Child, int]) -> None:
     publisher, port = cell
     with Link(port) as link, start_consumer(link.port) as consumer:
-        publisher.send(stream=stream(70.0))
+        publish(publisher, 2.0)
         wait_until(lambda: reached(consumer, "raw/arm/samples", 500), "a second of data")
         link.cut()
-        time.sleep(60.0)
+        publish(publisher, 60.0, begin=2.0)
         link.restore()
-        counts = check_all(publisher, consumer)
+        publish(publisher, 8.0, begin=62.0)
+        counts = check_all(publisher, consumer, 70.0)
     assert counts["backfilled"] >= 60 * RATE

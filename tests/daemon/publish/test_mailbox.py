@@ -6,6 +6,7 @@ import threading
 import pytest
 
 from cellwatt.publish.mailbox import Mailbox
+from tests.patience import PATIENCE
 
 
 def test_first_in_first_out() -> None:
@@ -45,7 +46,7 @@ def test_end_frees_who_waits() -> None:
     taker = threading.Thread(target=lambda: found.append(box.take()))
     taker.start()
     box.end()
-    taker.join(10)
+    taker.join(PATIENCE)
     assert found == [0, None]
 
 
@@ -64,7 +65,7 @@ async def test_an_event_loop_takes_what_a_thread_puts() -> None:
     putter = threading.Thread(target=lambda: [box.put(i) for i in range(5000)])
     putter.start()
     assert [await box.take_async() for _ in range(5000)] == list(range(5000))
-    putter.join(10)
+    putter.join(PATIENCE)
 
 
 async def test_a_cancelled_take_loses_nothing() -> None:

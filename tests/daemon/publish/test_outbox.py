@@ -11,6 +11,7 @@ from cellwatt import Account, Batch, Stream
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.outbox import Lane, Outbox, Outgoing
 from tests.daemon.publish.fake_cell import EPOCH, HOST_STREAM, STREAM, alarm, batch, frames
+from tests.patience import PATIENCE
 
 
 def raw(first: int, count: int = 1, source: str = "arm", stream: Stream = STREAM) -> Outgoing:
@@ -123,7 +124,7 @@ def test_wake_ends_a_take_that_waits() -> None:
     thread = threading.Thread(target=lambda: taken.append(box.take()))
     thread.start()
     box.wake()
-    thread.join(10)
+    thread.join(PATIENCE)
     assert taken == [None]
 
 

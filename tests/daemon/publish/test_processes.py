@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
-from tests.daemon.publish.processes import ROOT, Child, free_port, wait_until
+from tests.daemon.publish.processes import ROOT, Child, free_port
 from tests.daemon.publish.test_link_cut import assert_complete, check_all, reached, received, start_consumer, stream
+from tests.patience import PATIENCE, wait_until
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ def test_a_consumer_that_is_killed_leaves_the_others_alone(port: int) -> None:
             cell.send(stream=stream(2.0))
             wait_until(lambda: reached(victim, "raw/arm/samples", 100), "some data")
             victim.kill()
-            check_all(cell, other)
+            check_all(cell, other, 2.0)
 
 
 def test_cell_and_consumer_end_by_themselves(port: int) -> None:
@@ -63,15 +64,15 @@ def test_cell_and_consumer_end_by_themselves(port: int) -> None:
         with start_consumer(port) as consumer:
             cell.send(stream=stream(0.2))
             wait_until(lambda: reached(consumer, "raw/arm/samples", 100), "data")
-            assert consumer.finish(10) == 0
-        assert cell.finish(10) == 0
+            assert consumer.finish() == 0
+        assert cell.finish() == 0
         assert cell.said[-1]["account"]["residue"] == 0
 
 
 PROGRAMS = {
     "an exception ends the program inside the context": """
 with Subscriber(SITE, CELL, link) as cell:
-    cell.receive(20)
+    cell.receive(PATIENCE)
     raise SystemExit(7)
 """,
     "the program never opens what it made": """
@@ -98,21 +99,21 @@ asyncio.run(main())
 """,
     "the process forks while the session is open": """
 with Subscriber(SITE, CELL, link) as cell:
-    cell.receive(20)
+    cell.receive(PATIENCE)
     child = os.fork()
     if child == 0:
         os._exit(3)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 3
-    cell.receive(20)
+    cell.receive(PATIENCE)
 raise SystemExit(7)
 """,
     "work goes to a spawned process while the session is open": """
 if __name__ == "__main__":
     with Subscriber(SITE, CELL, link) as cell:
-        cell.receive(20)
+        cell.receive(PATIENCE)
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-            assert pool.submit(abs, -3).result(20) == 3
-        cell.receive(20)
+            assert pool.submit(abs, -3).result(PATIENCE) == 3
+        cell.receive(PATIENCE)
     raise SystemExit(7)
 """,
 }
@@ -120,7 +121,7 @@ HEAD = """
 import asyncio, multiprocessing, os, threading
 from concurrent.futures import ProcessPoolExecutor
 from cellwatt.subscriber import LinkSettings, Subscriber
-SITE, CELL = "plant-1", "weld-3"
+SITE, CELL, PATIENCE = "plant-1", "weld-3", {patience}
 link = LinkSettings(mode="client", connect=("tcp/127.0.0.1:{port}",))
 """
 
@@ -128,11 +129,11 @@ link = LinkSettings(mode="client", connect=("tcp/127.0.0.1:{port}",))
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_no_program_hangs_at_its_end(name: str, port: int, tmp_path: Any) -> None:
     program = tmp_path / "program.py"
-    program.write_text(HEAD.format(port=port) + PROGRAMS[name])
+    program.write_text(HEAD.format(port=port, patience=PATIENCE) + PROGRAMS[name])
     with Child("cell_process", listen=[f"tcp/127.0.0.1:{port}"]) as cell:
         cell.ready()
         done = subprocess.run(
-            [sys.executable, str(program)], cwd=ROOT, timeout=30, capture_output=True, text=True, check=False
+            [sys.executable, str(program)], cwd=ROOT, timeout=PATIENCE, capture_output=True, text=True, check=False
         )
         assert done.returncode == 7, done.stderr
 
@@ -155,5 +156,5 @@ async def main():
     assert "pyarrow" not in sys.modules
 asyncio.run(main())
 """
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=30, capture_output=True, check=False)
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=PATIENCE, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -19,7 +19,8 @@ from cellwatt.publish.encode import decode
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mark import Mark
 from tests.daemon.publish.fake_cell import EPOCH, FakeView, alarm, batch, frames
-from tests.daemon.publish.processes import eventually, free_port
+from tests.daemon.publish.processes import free_port
+from tests.patience import PATIENCE, eventually
 
 ROOT = "cellwatt/plant-1/weld-3"
 
@@ -91,11 +92,8 @@ async def consumer(sink: ZenohSink, endpoint: str) -> AsyncIterator[Consumer]:
 
 async def hears(consumer: Consumer, sink: ZenohSink) -> None:
     """Until the subscription has reached the sink."""
-    async with asyncio.timeout(20):
-        while not consumer.samples:
-            sink.health({})
-            await asyncio.sleep(0.02)
-        await asyncio.sleep(0.1)  # what health is still on its way
+    await eventually(lambda: sink.health({}) or consumer.samples, "health")
+    await asyncio.sleep(0.1)  # what health is still on its way
     consumer.samples.clear()
 
 
@@ -284,7 +282,7 @@ async def test_a_stop_while_it_looks_for_its_router_is_a_stop(endpoint: str, vie
     task = asyncio.create_task(sink.run())
     await asyncio.sleep(0.05)
     task.cancel()
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE):
         with pytest.raises(asyncio.CancelledError):
             await task
     assert task.cancelled()
@@ -354,14 +352,8 @@ async def test_a_peer_that_reaches_nobody_says_so_once(
     caplog.set_level("INFO")
     sink = ZenohSink("zenoh", ZenohSettings(connect=(endpoint,)), view)
     async with serving(sink):
-        async with asyncio.timeout(20):
-            while "no link for" not in caplog.text:
-                sink.health({})
-                await asyncio.sleep(0.05)
+        await eventually(lambda: sink.health({}) or "no link for" in caplog.text, "no link")
         with await asyncio.to_thread(open_session, LinkSettings(listen=(endpoint,))):
-            async with asyncio.timeout(20):
-                while "connected again" not in caplog.text:
-                    sink.health({})
-                    await asyncio.sleep(0.05)
+            await eventually(lambda: sink.health({}) or "connected again" in caplog.text, "the link")
     assert caplog.text.count("no link for") == 1
     assert f"{endpoint}: nobody answers" in caplog.text

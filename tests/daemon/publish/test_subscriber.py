@@ -18,7 +18,8 @@ from cellwatt.publish.link import open_session
 from cellwatt.publish.mark import Mark
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
-from tests.daemon.publish.processes import eventually, free_port
+from tests.daemon.publish.processes import free_port
+from tests.patience import PATIENCE, eventually
 
 RAW = "raw/arm/samples"
 
@@ -70,7 +71,7 @@ async def joined(subscriber: Subscriber) -> None:
 async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Message]:
     """The next messages of a topic."""
     found: list[Message] = []
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(PATIENCE):
         async for message in subscriber:
             if message.topic.startswith(topic):
                 found.append(message)
@@ -204,7 +205,7 @@ async def test_threads_read_with_receive_and_for(cell: Cell) -> None:
             with pytest.raises(TimeoutError):
                 subscriber.receive(0.01)
             ready.set()
-            first = subscriber.receive(20)
+            first = subscriber.receive(PATIENCE)
             found = [first.sequence]
             for message in subscriber:
                 found.append(message.sequence)
@@ -232,7 +233,7 @@ async def test_a_consumer_that_is_slow_gets_all_of_it(cell: Cell) -> None:
             if first % 500 == 0:
                 await asyncio.sleep(0)
         following = 0
-        async with asyncio.timeout(30):
+        async with asyncio.timeout(PATIENCE):
             async for message in subscriber:
                 assert message.sequence == following
                 following += message.count

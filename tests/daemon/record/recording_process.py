@@ -1,6 +1,6 @@
-"""Records at a given rate in real time and says each sample's number before handing it over.
+"""Records at a given rate in real time; says each number before handing it over, and how late it was woken at most.
 
-python recording_process.py FOLDER RATE
+python -m tests.daemon.record.recording_process FOLDER RATE
 """
 
 import asyncio
@@ -12,11 +12,12 @@ import numpy as np
 
 from cellwatt import Batch, Channel, Stream
 from cellwatt.record import Header, Recorder, RecordSettings
+from tests.patience import Machine
 
 STREAM = Stream("rtde", tuple(Channel(f"joint_{i}.position", "rad") for i in range(60)), 500.0, "device")
 
 
-async def main(folder: Path, rate: float) -> None:
+async def main(folder: Path, rate: float, machine: Machine) -> None:
     session = time.time_ns()
     recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "weld-3", session, streams={"arm": (STREAM,)}))
     recorder.start()
@@ -30,7 +31,7 @@ async def main(folder: Path, rate: float) -> None:
             values[0, 0] = number
             stamp = np.array([session + int(number * 1e9 / rate)])
             quality = np.zeros(1, np.uint8)
-            sys.stdout.write(f"{number}\n")
+            sys.stdout.write(f"{number} {machine.late:.3f}\n")
             sys.stdout.flush()
             recorder.batch(
                 Batch("arm", STREAM, number, int(stamp[0]), stamp, np.zeros(1, np.int64), values, quality, stamp)
@@ -39,4 +40,5 @@ async def main(folder: Path, rate: float) -> None:
         await asyncio.sleep(0.5 / rate)
 
 
-asyncio.run(main(Path(sys.argv[1]), float(sys.argv[2])))
+with Machine() as machine:
+    asyncio.run(main(Path(sys.argv[1]), float(sys.argv[2]), machine))

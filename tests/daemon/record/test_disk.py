@@ -13,9 +13,9 @@ import pytest
 from cellwatt.record import Recorder, Recording, RecordSettings, openfile, recover
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART, FileName
+from tests.patience import PATIENCE, eventually
 
 from .making import HEADER, SESSION, batch_of, name_of, write_chunks
-from .test_recorder import until
 
 
 class Disk:
@@ -62,10 +62,10 @@ async def test_nothing_is_lost_while_memory_lasts(tmp_path, monkeypatch, code, s
     recorder.start()
     await record(recorder, range(3))
     assert all(recorder.batch(batch_of(n * 10, 10)) for n in range(3, 20))
-    await until(lambda: recorder.stats()["state"] == state)
+    await eventually(lambda: recorder.stats()["state"] == state)
     assert str(tmp_path) in recorder.stats()["problem"]
     disk.room = 10**9
-    await until(lambda: recorder.stats()["state"] == "ok")
+    await eventually(lambda: recorder.stats()["state"] == "ok")
     await recorder.close()
     assert recorder.stats()["drops"] == {}
     for part in tmp_path.glob(f"*{PART}"):
@@ -84,7 +84,7 @@ async def test_what_finds_no_room_in_memory_is_refused_and_counted(tmp_path, mon
     assert 0 < taken.count(False) < 40
     assert recorder.stats()["drops"] == {"/raw/arm/rtde": 10 * taken.count(False)}
     disk.room = 10**9
-    await until(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
+    await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
     assert recorder.batch(batch_of(400, 10))
     await recorder.close()
     stored = Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist()
@@ -136,7 +136,7 @@ async def test_recordings_are_not_given_for_nothing(tmp_path, monkeypatch):
     recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 10**12))
     recorder.start()
     assert recorder.batch(batch_of(0, 10))
-    await until(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
+    await eventually(lambda: "something else fills it" in recorder.stats()["upkeep_problem"])
     await recorder.close()
     assert len(list(tmp_path.glob("*.mcap"))) == 12
 
@@ -159,9 +159,9 @@ async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch)
         assert recorder.batch(batch_of(next(numbers), 1))
         return recorder.stats()["files"] == 2 and recorder.stats()["state"] == "ok"
 
-    await until(goes_on)
+    await eventually(goes_on)
     sent = next(numbers)
-    await until(lambda: len(list(tmp_path.glob("*.mcap"))) == 1)
+    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 1)
     await recorder.close()
     assert Recording.open(tmp_path).batches("arm", "rtde").sequence.tolist() == list(range(sent))
     assert "nothing lost" in recorder.stats()["recovered"][0]
@@ -195,11 +195,11 @@ async def test_a_really_full_disk_is_survived(small_disk):
         assert recorder.batch(batch_of(next(numbers) * 10, 10))
         return recorder.stats()["state"] == "disk full"
 
-    await until(full)
+    await eventually(full)
     for _ in range(20):
         assert recorder.batch(batch_of(next(numbers) * 10, 10))
     filler.unlink()
-    await until(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
+    await eventually(lambda: recorder.stats()["state"] == "ok" and recorder.stats()["queue"]["items"] == 0)
     await recorder.close()
     for part in small_disk.glob(f"*{PART}"):
         assert recover(part).problem == ""
@@ -214,7 +214,7 @@ async def test_a_ring_on_a_small_disk_goes_on_for_ever(small_disk):
     recorder.start()
     for n in range(60):
         assert recorder.batch(batch_of(n * 250, 250))
-        assert await asyncio.to_thread(recorder.flush, 20)
+        assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await recorder.close()
     assert recorder.stats()["drops"] == {} and recorder.stats()["removed"]["files"] > 5
     for part in small_disk.glob(f"*{PART}"):

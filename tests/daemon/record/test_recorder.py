@@ -11,14 +11,9 @@ from cellwatt.record import Recorder, Recording, RecordSettings
 from cellwatt.record import files as files_module
 from cellwatt.record.header import PART
 from cellwatt.record.summary import survey
+from tests.patience import PATIENCE, eventually
 
 from .making import ARM, HEADER, SESSION, batch_of, frames_of, name_of, same_batch, same_entry, write_chunks
-
-
-async def until(condition, timeout=20.0):
-    async with asyncio.timeout(timeout):
-        while not condition():  # noqa: ASYNC110
-            await asyncio.sleep(0.01)
 
 
 @pytest.fixture
@@ -61,16 +56,16 @@ async def test_a_flush_brings_all_taken_so_far_to_the_file(tmp_path):
     recorder.start()
     assert recorder.batch(batch_of(0, 3))
     assert not list(tmp_path.iterdir())
-    assert await asyncio.to_thread(recorder.flush, 20)
+    assert await asyncio.to_thread(recorder.flush, PATIENCE)
     (back,) = Recording.open(tmp_path / (name_of() + PART)).entries()
     assert same_batch(back, batch_of(0, 3))
-    assert await asyncio.to_thread(recorder.flush, 20)
+    assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await recorder.close()
 
 
 async def test_samples_reach_the_file_without_being_asked_for(recorder, tmp_path):
     assert recorder.batch(batch_of(0, 3))
-    await until(lambda: recorder.stats()["samples"].get("/raw/arm/rtde") == 3)
+    await eventually(lambda: recorder.stats()["samples"].get("/raw/arm/rtde") == 3)
     assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3
 
 
@@ -88,7 +83,7 @@ async def test_a_full_queue_refuses_and_counts(tmp_path, monkeypatch):
     write_chunk = files_module.OpenFile.write_chunk
 
     def slow(file):
-        assert blocked.wait(20)
+        assert blocked.wait(PATIENCE)
         write_chunk(file)
 
     monkeypatch.setattr(files_module.OpenFile, "write_chunk", slow)
@@ -118,7 +113,7 @@ async def test_files_rotate_by_size(tmp_path):
     recorder.start()
     for n in range(30):
         assert recorder.batch(batch_of(n * 100, 100))
-        assert await asyncio.to_thread(recorder.flush, 20)
+        assert await asyncio.to_thread(recorder.flush, PATIENCE)
     await recorder.close()
     files = sorted(tmp_path.iterdir())
     assert len(files) > 3 and all(f.suffix == ".mcap" for f in files)
@@ -134,10 +129,10 @@ async def test_files_rotate_by_age(tmp_path, monkeypatch):
     recorder = Recorder(RecordSettings(folder=tmp_path, file_age=0.05), HEADER)
     recorder.start()
     assert recorder.batch(batch_of(0, 1))
-    await until(lambda: list(tmp_path.glob("*.mcap")))
+    await eventually(lambda: list(tmp_path.glob("*.mcap")))
     assert recorder.stats()["file"] is None
     assert recorder.batch(batch_of(1, 1))
-    await until(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
+    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) == 2)
     await recorder.close()
     assert [b.sequence for b in Recording.open(tmp_path).entries()] == [0, 1]
 
@@ -218,8 +213,7 @@ async def test_recordings_of_several_cells_are_not_mixed(tmp_path):
 
 
 async def test_the_loop_is_never_blocked(recorder):
-    # blockbuster raises where a call on the loop would block.
-    with blockbuster_ctx():
+    with blockbuster_ctx():  # of files, too, which a test may else touch
         for n in range(50):
             assert recorder.batch(batch_of(n * 10, 10))
             recorder.stats()

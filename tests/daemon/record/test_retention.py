@@ -75,7 +75,7 @@ def test_the_oldest_closed_file_makes_room(tmp_path):
     assert remove([]) == 0
 
 
-async def test_a_new_start_keeps_to_the_budget(tmp_path):
+def test_a_new_start_keeps_to_the_budget(tmp_path):
     for number in range(1, 6):
         (tmp_path / name_of(number)).write_bytes(bytes(1000))
         os.utime(tmp_path / name_of(number), (number, number))

@@ -11,6 +11,7 @@ from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.abb import AbbDriver, AbbSettings
 from cellwatt_drivers.abb.controller import Controller, state_stream
+from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
 from .rig import ANGLES, emulated, of, running
@@ -137,7 +138,7 @@ async def test_an_outage_ends_the_source_and_a_new_start_counts_what_was_lost():
         await outlet.until(lambda o: o.account.received > 10)
         emulator.inject(Fault("loss"))
         with pytest.raises(ConnectError, match=r"no EGM packet .* EGMStreamStart"):
-            await asyncio.wait_for(first, 10)
+            await asyncio.wait_for(first, PATIENCE)
         seen = outlet.account.received
         second = asyncio.create_task(driver.run())
         await is_taken(int(str(place["egm_port"])))  # else packets that find no socket are lost, too

@@ -11,6 +11,7 @@ import pytest
 
 from cellwatt.emulation import Fault
 from cellwatt_drivers.abb.emulator import AbbEmulator
+from tests.patience import PATIENCE
 
 from .rig import ANGLES, Steady, emulated
 
@@ -66,7 +67,7 @@ async def test_curl_reads_its_pages_as_the_manual_shows(robotware, scheme):
         child = await asyncio.create_subprocess_exec(
             "curl", "-s", scheme, "-u", "Default User:robotics", url, stdout=asyncio.subprocess.PIPE
         )
-        out, _ = await asyncio.wait_for(child.communicate(), 20)
+        out, _ = await asyncio.wait_for(child.communicate(), PATIENCE)
     assert b"sys-energy-axis-li" in out
 
 

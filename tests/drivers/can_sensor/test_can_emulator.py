@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import time
 
 import can
 import cantools
 import pytest
 
 from cellwatt_drivers.can_sensor.sensor_map import load_decodings
+from tests.patience import wait_until
 
 from .rig import emulated
 
 
 def listen(kind: str, channel: str, count: int, **options: object) -> list[can.Message]:
     with can.Bus(interface=kind, channel=channel, ignore_config=True, **options) as bus:
-        found, end = [], time.monotonic() + 20
-        while len(found) < count and time.monotonic() < end:
+        found = []
+
+        def enough() -> bool:
             frame = bus.recv(0.2)
             if frame is not None and not frame.is_error_frame:
                 found.append(frame)
+            return len(found) >= count
+
+        wait_until(enough, f"{count} frames")
         return found
 
 

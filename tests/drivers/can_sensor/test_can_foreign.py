@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-import time
 
 import can
 import cantools
 import numpy as np
 import pytest
 from can.interfaces.virtual import channels
+
+from tests.patience import wait_until
 
 from .rig import running, settings, virtual
 from .test_can_map import DBC, GOOD
@@ -18,8 +19,7 @@ SPEEDS = np.arange(-30, 30)
 
 
 def played(log: str, channel: str) -> None:
-    while not channels.get(channel):  # who opens a virtual bus later hears nothing of what was sent
-        time.sleep(0.01)
+    wait_until(lambda: channels.get(channel))  # who opens a virtual bus later hears nothing of what was sent
     with can.Bus(interface="virtual", channel=channel) as bus, can.LogReader(log) as reader:
         for message in can.MessageSync(reader, gap=0.002):
             bus.send(message)

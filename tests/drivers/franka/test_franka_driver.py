@@ -17,6 +17,7 @@ from cellwatt.errors import ConfigError, ConnectError, DeviceError, WrongDeviceE
 from cellwatt_drivers.franka import driver as module
 from cellwatt_drivers.franka.driver import FrankaSettings
 from cellwatt_drivers.franka.fields import GROUPS
+from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
 from .rig import ANGLES, driver, emulated, running
@@ -50,7 +51,7 @@ async def test_the_librarys_own_client_reads_the_emulator():
         child = await asyncio.create_subprocess_exec(
             sys.executable, "-c", READ, "127.0.41.1", stdout=asyncio.subprocess.PIPE
         )
-        out, _ = await asyncio.wait_for(child.communicate(), 30)
+        out, _ = await asyncio.wait_for(child.communicate(), PATIENCE)
         assert child.returncode == 0
         assert emulator.counts["commanded"] == 0
     q, torque, x, mode, rising, errors = out.decode().strip().split(";")
@@ -135,7 +136,7 @@ async def test_an_outage_is_an_error_of_the_source_and_counted_at_the_next_start
         await outlet.until(lambda o: o.account.received > 100)
         emulator.inject(fault)
         with pytest.raises(error, match=address):
-            await asyncio.wait_for(first, 15)
+            await asyncio.wait_for(first, PATIENCE)
         emulator.inject(Fault("loss", probability=0))
         seen = outlet.account.received
         second = asyncio.create_task(run_again(arm))
@@ -165,6 +166,7 @@ async def test_the_priority_of_the_reader_is_told():
 
 
 @library
+@pytest.mark.blocks_loop
 async def test_states_of_a_robot_that_was_held_up_do_not_leave_together(monkeypatch):
     async with emulated("127.0.41.33") as emulator, running("127.0.41.33") as (outlet, _):
         await outlet.until(lambda o: o.account.received > 100)

@@ -11,6 +11,7 @@ import numpy as np
 from cellwatt.emulation import Fault
 from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
+from tests.patience import eventually
 
 from ..outlet import CollectingOutlet
 
@@ -76,7 +77,5 @@ async def strike(emulator: KinovaEmulator, fault: Fault) -> None:
     """Let a fault hit one answer."""
     before = emulator.injector.counts[fault.kind]
     emulator.inject(fault)
-    async with asyncio.timeout(20):
-        while emulator.injector.counts[fault.kind] == before:  # noqa: ASYNC110 (an injector has no event to wait for)
-            await asyncio.sleep(0.005)
+    await eventually(lambda: emulator.injector.counts[fault.kind] > before, f"the {fault.kind}")
     emulator.inject(Fault(fault.kind, probability=0))

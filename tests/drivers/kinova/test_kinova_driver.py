@@ -10,6 +10,7 @@ from cellwatt.emulation import ArmSignals, Fault
 from cellwatt.errors import ConfigError, ConnectError, DeviceError
 from cellwatt_drivers.kinova import KinovaSettings
 from cellwatt_drivers.kinova import driver as module
+from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
 from .rig import ANGLES, STILL, driver, emulated, of, running, strike
@@ -86,7 +87,7 @@ async def test_a_closed_port_ends_the_source():
         await outlet.until(lambda o: len(of(o, "motion")) > 5)
         emulator.inject(Fault("disconnect", seconds=30.0))
         with pytest.raises(ConnectError, match="nobody answers"):
-            await asyncio.wait_for(task, 20)
+            await asyncio.wait_for(task, PATIENCE)
     assert outlet.account.missed["connection lost"] > 0
     assert outlet.account.residue == 0
 

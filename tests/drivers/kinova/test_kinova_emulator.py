@@ -9,6 +9,7 @@ import pytest
 
 from cellwatt_drivers.kinova import registers
 from cellwatt_drivers.kinova.emulator import KinovaEmulator
+from tests.patience import eventually
 
 from ..outlet import CollectingOutlet
 from .rig import ANGLES, Steady, driver, emulated, of, running
@@ -72,8 +73,7 @@ async def test_the_driver_reads_a_server_of_pymodbus():
     server = ModbusTcpServer(device, address=("127.0.0.1", port))
     serving = asyncio.create_task(server.serve_forever())
     try:
-        while not server.is_active():  # noqa: ASYNC110 (it has no event to wait for)
-            await asyncio.sleep(0)
+        await eventually(server.is_active)
         async with running(port, read=["arm", "joints", "tool"]) as (outlet, _):
             await outlet.until(lambda o: len(of(o, "motion")) > 3)
     finally:

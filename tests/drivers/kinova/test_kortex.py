@@ -11,6 +11,7 @@ import pytest
 
 from cellwatt.errors import ConfigError, ConnectError, DeviceError
 from cellwatt_drivers.kinova import kortex, registers
+from tests.patience import PATIENCE, eventually
 
 from ..outlet import CollectingOutlet
 from .rig import driver, of, running
@@ -46,7 +47,7 @@ class Arm:
     def call(self, name: str):
         self.said.append(name)
         if self.gate is not None:
-            assert self.gate.wait(20)
+            assert self.gate.wait(PATIENCE)
         if self.failure is not None:
             raise self.failure
         return FEEDBACK
@@ -94,18 +95,11 @@ def arm(monkeypatch) -> Arm:
     return arm
 
 
-async def until(condition) -> None:
-    """Wait for what happens in the session's thread."""
-    async with asyncio.timeout(20):
-        while not condition():  # noqa: ASYNC110 (the library has no event to wait for)
-            await asyncio.sleep(0.01)
-
-
 async def test_feedback_becomes_the_same_streams(arm):
     changes = {"protocol": "kortex", "read": ["arm", "joints", "tool"]}
     async with running(10000, **changes) as (outlet, _):
         await outlet.until(lambda o: len(of(o, "motion")) > 5)
-    await until(lambda: "disconnect" in arm.said)
+    await eventually(lambda: "disconnect" in arm.said)
     assert arm.said[:2] == ["connect 10000", "CreateSession admin"]
     assert arm.said[-2:] == ["CloseSession", "disconnect"]
     assert set(arm.said[2:-2]) == {"RefreshFeedback"}
@@ -144,13 +138,13 @@ async def test_failures_are_the_sources(arm, failure, kind, why):
 async def test_a_blocked_call_holds_up_neither_the_loop_nor_its_end(arm):
     arm.gate = threading.Event()
     task = asyncio.create_task(driver(10000, CollectingOutlet(), protocol="kortex").run())
-    await until(lambda: arm.said)
+    await eventually(lambda: arm.said)
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
     assert arm.said == ["connect 10000"]
     arm.gate.set()
-    await until(lambda: "disconnect" in arm.said)
+    await eventually(lambda: "disconnect" in arm.said)
 
 
 def test_without_the_vendors_library_it_says_so():

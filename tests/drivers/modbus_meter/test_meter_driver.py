@@ -12,6 +12,7 @@ from cellwatt.channel import Quality
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
 from cellwatt_drivers.modbus_meter.meter_map import METERS
+from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
 from .rig import emulated, running, settings
@@ -63,7 +64,7 @@ async def test_an_rtu_exchange_byte_by_byte():
     wanted = settings(f"{host}:{port}", framing="rtu", read=["phase_1.voltage"])
     async with running(wanted) as run:
         await run.outlet.until(lambda o: len(o.readings) >= 2)
-    await asyncio.wait_for(left.wait(), 20)
+    await asyncio.wait_for(left.wait(), PATIENCE)
     assert heard.get_nowait() == bytes.fromhex("01 04 00 00 00 02 71 CB")
     assert run.outlet.values[:, 0] == pytest.approx([230.10] * len(run.outlet.readings), abs=1e-4)
     server.close()
@@ -239,6 +240,6 @@ async def test_a_cancellation_that_meets_an_answer_is_obeyed():
             await asyncio.gather(*(d.outlet.until(lambda o, turn=turn: len(o.readings) > turn) for d in drivers))
             for task in tasks:
                 task.cancel()
-            done, left = await asyncio.wait(tasks, timeout=5)
+            done, left = await asyncio.wait(tasks, timeout=PATIENCE)
             assert not left
             assert all(t.cancelled() for t in done)

@@ -15,6 +15,7 @@ from cellwatt import Account, Identity, Reading, SourceError, Stream
 from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings
 from cellwatt_drivers.power_board.emulator import PowerBoardEmulator
 from tests.drivers.power_board.samples import Slope
+from tests.patience import eventually
 
 
 @dataclass
@@ -61,13 +62,6 @@ class Outlet:
     def device_time(self) -> np.ndarray:
         """All device times, ns."""
         return np.concatenate([r.device_time for r in self.readings])
-
-
-async def until(condition: Callable[[], bool], seconds: float = 30.0) -> None:
-    """Wait until a condition holds, looked at each ms."""
-    async with asyncio.timeout(seconds):
-        while not condition():  # noqa: ASYNC110 - the emulator's counts set no event
-            await asyncio.sleep(0.001)
 
 
 @asynccontextmanager
@@ -128,5 +122,5 @@ async def settled(emulator: PowerBoardEmulator, outlet: Outlet, samples: int) ->
     def even() -> bool:
         return outlet.account.expected == emulator.counts["made"] >= samples
 
-    await until(even)
+    await eventually(even)
     return dict(emulator.counts)

@@ -10,7 +10,8 @@ import pytest
 from cellwatt import Quality
 from cellwatt.emulation import Fault
 from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, wire
-from tests.drivers.power_board.rig import Outlet, cell, emulated, running, settled, until
+from tests.drivers.power_board.rig import Outlet, cell, emulated, running, settled
+from tests.patience import PATIENCE, eventually
 
 FAST = {"rate": "500"}
 
@@ -59,7 +60,7 @@ async def test_fault_is_counted_as_injected(kind: str, mode: str, batch: int) ->
         outlet = supervised.outlet
         await settled(emulator, outlet, 20)
         emulator.inject(Fault(kind, probability=0.3, seconds=0.02))
-        await until(lambda: emulator.counts.get(kind, 0) >= 15)
+        await eventually(lambda: emulator.counts.get(kind, 0) >= 15)
         emulator.inject(Fault(kind, probability=0.0))
         counts = await settled(emulator, outlet, emulator.counts["made"] + 10 * batch)
         account = outlet.account
@@ -102,7 +103,7 @@ async def test_port_vanishes_and_comes_back(tmp_path) -> None:
         await settled(emulator, outlet, 50)
         for n in (1, 2):
             emulator.inject(Fault("disconnect", seconds=0.3))
-            await until(lambda n=n: len(outlet.identities) == n + 1)
+            await eventually(lambda n=n: len(outlet.identities) == n + 1)
         counts = await settled(emulator, outlet, emulator.counts["made"] + 20)
         assert counts["disconnect"] == 2
         assert counts["unheard"] > 100
@@ -121,9 +122,9 @@ async def test_all_faults_together_still_add_up(tmp_path) -> None:
             emulator.inject(Fault(kind, probability=0.05, seconds=0.01))
         for one in (Fault("stall", seconds=0.2), Fault("clock_jump", seconds=7.0), Fault("disconnect", seconds=0.2)):
             emulator.inject(one)
-            await until(lambda one=one: emulator.counts.get(one.kind, 0) == 1)
+            await eventually(lambda one=one: emulator.counts.get(one.kind, 0) == 1)
             more = emulator.counts["sent"] + 400
-            await until(lambda more=more: emulator.counts["sent"] >= more)
+            await eventually(lambda more=more: emulator.counts["sent"] >= more)
         for kind in ("loss", "half_frame", "duplicate", "reorder", "garbage", "delay"):
             emulator.inject(Fault(kind, probability=0.0))
         counts = await settled(emulator, outlet, emulator.counts["made"] + 50)
@@ -140,7 +141,7 @@ async def test_sample_later_than_the_window_is_late_and_missed_once() -> None:
         outlet = supervised.outlet
         await settled(emulator, outlet, 20)
         emulator.inject(Fault("reorder", probability=0.2))
-        await until(lambda: emulator.counts.get("reorder", 0) >= 10)
+        await eventually(lambda: emulator.counts.get("reorder", 0) >= 10)
         emulator.inject(Fault("reorder", probability=0.0))
         counts = await settled(emulator, outlet, emulator.counts["made"] + 20)
         # a packet that is read together with the one that overtook it is still put in order
@@ -156,14 +157,14 @@ async def test_port_is_released_on_cancellation() -> None:
             outlet = Outlet()
             driver = PowerBoardDriver("board", PowerBoardSettings(port=port), outlet)
             async with running(driver.run()):
-                await until(lambda outlet=outlet: outlet.account.received > 0)
+                await eventually(lambda outlet=outlet: outlet.account.received > 0)
 
 
 async def test_identify_says_who_is_there() -> None:
     async with emulated(board="42", phases="2", batch="2", **FAST) as (emulator, port):
         outlet = Outlet()
         driver = PowerBoardDriver("board", PowerBoardSettings(port=port, phases=2), outlet)
-        identity = await asyncio.wait_for(driver.identify(), 20)
+        identity = await asyncio.wait_for(driver.identify(), PATIENCE)
         assert (identity.model, identity.serial) == ("power board 42", "42")
         assert identity.notes["payload"] == "2 phases, 2 samples a packet"
         assert outlet.account.expected == 0

@@ -14,6 +14,7 @@ from cellwatt_drivers.power_board.emulator import SENDER, PowerBoardEmulator
 from cellwatt_drivers.power_board.payload import parse
 from tests.drivers.power_board.rig import emulated
 from tests.drivers.power_board.samples import Slope
+from tests.patience import PATIENCE
 
 
 def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], str]:
@@ -32,7 +33,7 @@ def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], st
     device.open()
     try:
         device.add_data_received_callback(take)
-        assert enough.wait(20), f"only {len(payloads)} packets"
+        assert enough.wait(PATIENCE), f"only {len(payloads)} packets"
         return payloads, senders, device.get_node_id()
     finally:
         device.close()

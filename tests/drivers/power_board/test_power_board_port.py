@@ -15,8 +15,9 @@ from cellwatt_drivers.power_board import PowerBoardDriver, PowerBoardSettings, w
 from cellwatt_drivers.power_board import port as port_module
 from cellwatt_drivers.power_board.payload import build
 from cellwatt_drivers.power_board.virtual_port import VirtualPort
-from tests.drivers.power_board.rig import Outlet, running, until
+from tests.drivers.power_board.rig import Outlet, running
 from tests.drivers.power_board.samples import NETWORK, SENDER, packet
+from tests.patience import PATIENCE, eventually
 
 
 def frame(number: int, *, mode: wire.Mode = "api", **fields) -> bytes:
@@ -36,7 +37,7 @@ def driver(port: str, **settings) -> PowerBoardDriver:
 
 async def failure(running_driver: PowerBoardDriver) -> SourceError:
     with pytest.raises(SourceError) as caught:
-        await asyncio.wait_for(running_driver.run(), 20)
+        await asyncio.wait_for(running_driver.run(), PATIENCE)
     return caught.value
 
 
@@ -45,7 +46,7 @@ async def listening(line: VirtualPort, **settings):
     """A driver that has the port open, and its outlet."""
     made = driver(line.path, silence="20 s", **settings)
     async with running(made.run()):
-        await until(lambda: line.opened and not line.read() and line.flushed)
+        await eventually(lambda: line.opened and not line.read() and line.flushed)
         yield made, made.outlet
 
 
@@ -96,10 +97,11 @@ async def test_silent_port(line: VirtualPort) -> None:
 
 async def feed_until_failure(line: VirtualPort, data: bytes, **settings) -> SourceError:
     failing = asyncio.create_task(failure(driver(line.path, silence="300 ms", **settings)))
-    while not failing.done():
-        if line.opened:
-            line.write(data)
-        await asyncio.sleep(0.01)
+    async with asyncio.timeout(PATIENCE):
+        while not failing.done():
+            if line.opened:
+                line.write(data)
+            await asyncio.sleep(0.01)
     return await failing
 
 
@@ -140,7 +142,7 @@ async def test_board_with_other_phases_is_the_wrong_device(line: VirtualPort) ->
 async def test_first_board_heard_is_the_one(line: VirtualPort) -> None:
     async with listening(line) as (_, outlet):
         line.write(frame(1, board=3) + frame(5, board=4) + frame(2, board=3))
-        await until(lambda: outlet.account.received == 2)
+        await eventually(lambda: outlet.account.received == 2)
         assert outlet.account.counters["other boards"] == 1
         assert outlet.identities[0].model == "power board 3"
 
@@ -152,7 +154,7 @@ async def test_several_boards_share_a_port(line: VirtualPort) -> None:
         line.write(
             frame(10, board=3) + frame(77, board=4) + frame(11, board=3) + frame(80, board=4) + frame(81, board=4)
         )
-        await until(lambda: outlet.account.received == 5)
+        await eventually(lambda: outlet.account.received == 5)
         assert outlet.account.missed == {"gap": 2}
         assert {r.stream.name: len(r.values) for r in outlet.readings[:1]} == {"power_3": 2}
 
@@ -175,7 +177,7 @@ async def test_one_of_several_boards_falls_silent(line: VirtualPort) -> None:
 async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> None:
     async with listening(line) as (_, outlet):
         line.write(frame(50_000) + frame(50_001) + frame(0) + frame(1) + frame(3))
-        await until(lambda: outlet.account.received == 5)
+        await eventually(lambda: outlet.account.received == 5)
         assert outlet.resets == ["it restarted"]
         assert outlet.account.missed == {"gap": 1}
         assert outlet.device_time().tolist()[2:] == [0, 8_130_000, 24_390_000]
@@ -184,7 +186,7 @@ async def test_restarted_board_is_reported_and_goes_on(line: VirtualPort) -> Non
 async def test_gap_is_given_up_without_another_byte(line: VirtualPort) -> None:
     async with listening(line, reorder="30 ms") as (_, outlet):
         line.write(frame(0) + frame(2))
-        await until(lambda: outlet.account.received == 2)
+        await eventually(lambda: outlet.account.received == 2)
         assert outlet.account.missed == {"gap": 1}
 
 
@@ -196,10 +198,10 @@ async def test_what_waits_is_given_when_the_port_goes(line: VirtualPort) -> None
             line.write(frame(0))
         await asyncio.sleep(0.01)
     line.write(frame(2) + b"\x00")
-    await until(lambda: made.outlet.account.counters["garbage bytes"] == 1)
+    await eventually(lambda: made.outlet.account.counters["garbage bytes"] == 1)
     line.unplug()
     with pytest.raises(ConnectError, match="the port is gone"):
-        await asyncio.wait_for(task, 20)
+        await asyncio.wait_for(task, PATIENCE)
     assert made.outlet.account.received == 2
     assert made.outlet.account.missed == {"gap": 1}
 

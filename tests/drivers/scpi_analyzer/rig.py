@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
@@ -21,27 +21,24 @@ from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
 
 @dataclass
 class Outlet:
-    """Keeps readings and events; ``changed`` is set at each. The residue is checked at every one."""
+    """Keeps readings and events. The residue is checked at every one."""
 
     account: Account = field(default_factory=Account)
     readings: list[Reading] = field(default_factory=list)
     events: list[tuple[str, str]] = field(default_factory=list)
     identities: list[Identity] = field(default_factory=list)
     failures: list[SourceError] = field(default_factory=list)
-    changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     def now(self) -> int:
         return time.time_ns()
 
     def connected(self, identity: Identity) -> None:
         self.identities.append(identity)
-        self.changed.set()
 
     def emit(self, reading: Reading) -> None:
         self.account.receive(len(reading.values))
         assert self.account.residue == 0
         self.readings.append(reading)
-        self.changed.set()
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
         raise AssertionError("a polled device has no clock")
@@ -51,19 +48,9 @@ class Outlet:
 
     def event(self, kind: str, text: str, **data: str | float) -> None:
         self.events.append((kind, text))
-        self.changed.set()
 
     def kinds(self) -> list[str]:
         return [kind for kind, _ in self.events]
-
-    async def until(self, condition: Callable[[], bool], seconds: float = 20.0) -> None:
-        """Wait for a condition, looked at after each reading, event and 20 ms."""
-        async with asyncio.timeout(seconds):
-            while not condition():
-                self.changed.clear()
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(0.02):
-                        await self.changed.wait()
 
 
 @dataclass

@@ -11,6 +11,7 @@ from cellwatt.channel import Quality
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import AFTER_RESET
+from tests.patience import eventually
 
 from .rig import Outlet, emulated, running, settings
 
@@ -21,7 +22,7 @@ TRUTH = [230.0, 2.5, 500.0, 575.0, math.sqrt(575.0**2 - 500.0**2), 500.0 / 575.0
 @pytest.mark.parametrize("address", ["127.0.0.1:0", "pty"])
 async def test_values_in_si_units(address):
     async with emulated(address) as (_, place), running(settings(place)) as (_, outlet):
-        await outlet.until(lambda: len(outlet.readings) >= 3)
+        await eventually(lambda: len(outlet.readings) >= 3)
     for reading in outlet.readings:
         assert reading.values[0] == pytest.approx(TRUTH, rel=1e-4)
         assert reading.quality is not None
@@ -36,7 +37,7 @@ async def test_values_in_si_units(address):
 async def test_functions_keep_the_order_of_the_settings():
     wanted = ["LAMB", "PHI", "P", "FU"]
     async with emulated() as (_, place), running(settings(place, functions=wanted)) as (_, outlet):
-        await outlet.until(lambda: len(outlet.readings) >= 2)
+        await eventually(lambda: len(outlet.readings) >= 2)
     expected = [500 / 575, math.acos(500 / 575), 500.0, 50.0]
     assert outlet.readings[0].values[0] == pytest.approx(expected, rel=1e-4)
 
@@ -44,15 +45,15 @@ async def test_functions_keep_the_order_of_the_settings():
 async def test_what_was_selected_before_is_put_back():
     async with emulated() as (emulator, place):
         async with running(settings(place)) as (_, outlet):
-            await outlet.until(lambda: len(outlet.readings) >= 2)
+            await eventually(lambda: len(outlet.readings) >= 2)
             assert emulator.analyzer.functions == DEFAULT
-        await outlet.until(lambda: emulator.analyzer.functions == AFTER_RESET)
+        await eventually(lambda: emulator.analyzer.functions == AFTER_RESET)
 
 
 async def test_without_select_only_queries_leave():
     async with emulated() as (emulator, place):
         async with running(settings(place, select=False, error_check="1 ms")) as (driver, outlet):
-            await outlet.until(lambda: len(outlet.readings) >= 3)
+            await eventually(lambda: len(outlet.readings) >= 3)
             await driver.identify()
         assert set(emulator.lines) == {"*IDN?", "SYST:ERR?", "CHAN1:MEAS:FUNC?", "CHAN1:MEAS:DATA?"}
     assert outlet.readings[0].values[0] == pytest.approx(TRUTH, rel=1e-4)
@@ -63,7 +64,7 @@ async def test_everything_sent_is_on_the_list():
     async with emulated() as (emulator, place):
         wanted = settings(place, functions=["WH", "P"], integrate=True)
         async with running(wanted) as (_, outlet):
-            await outlet.until(lambda: len(outlet.readings) >= 2)
+            await eventually(lambda: len(outlet.readings) >= 2)
             sent = list(emulator.lines)
     assert all(line in told for line in sent), sent
 
@@ -78,11 +79,11 @@ async def test_a_list_that_lacks_a_function_is_refused():
 async def test_energy_counts_only_while_the_integrator_runs():
     async with emulated() as (emulator, place):
         async with running(settings(place, functions=["WH"])) as (_, outlet):
-            await outlet.until(lambda: len(outlet.readings) >= 4)
+            await eventually(lambda: len(outlet.readings) >= 4)
         assert not emulator.analyzer.running
         assert {float(r.values[0, 0]) for r in outlet.readings} == {0.0}
         async with running(settings(place, functions=["WH"], integrate=True)) as (_, outlet):
-            await outlet.until(lambda: len(outlet.readings) >= 12)
+            await eventually(lambda: len(outlet.readings) >= 12)
         assert emulator.analyzer.running
     joules = np.array([r.values[0, 0] for r in outlet.readings])
     assert np.all(np.diff(joules) >= 0)
@@ -94,14 +95,14 @@ async def test_energy_counts_only_while_the_integrator_runs():
 
 async def test_overload_is_flagged_counted_and_told_once():
     async with emulated() as (emulator, place), running(settings(place)) as (_, outlet):
-        await outlet.until(lambda: len(outlet.readings) >= 2)
+        await eventually(lambda: len(outlet.readings) >= 2)
         assert "overload" not in outlet.kinds()
         emulator.analyzer.overload = {"IRMS", "P"}
-        await outlet.until(lambda: outlet.account.counters["overloads"] >= 3)
+        await eventually(lambda: outlet.account.counters["overloads"] >= 3)
         reading = outlet.readings[-1]
         emulator.analyzer.overload = set()
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 1)
+        await eventually(lambda: len(outlet.readings) > seen + 1)
     assert reading.quality is not None
     assert reading.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(reading.values[0]).tolist() == [False, True, True, False, False, False]
@@ -116,7 +117,7 @@ async def test_overload_is_flagged_counted_and_told_once():
 async def test_polling_faster_than_the_analyzer_measures_counts_repeats():
     async with emulated() as (emulator, place), running(settings(place, rate="50 Hz")) as (_, outlet):
         emulator.analyzer.measurements = 0
-        await outlet.until(lambda: len(outlet.readings) >= 30)
+        await eventually(lambda: len(outlet.readings) >= 30)
     # The load stands still, so every answer but the first repeats; none of them is lost.
     assert outlet.account.counters["repeats"] == len(outlet.readings) - 1
     assert outlet.account.received == len(outlet.readings)
@@ -127,9 +128,9 @@ async def test_the_error_queue_is_read():
     async with emulated() as (emulator, place):
         emulator.analyzer.execute("NONSENSE", 0.0)
         async with running(settings(place, error_check="50 ms")) as (_, outlet):
-            await outlet.until(lambda: len(outlet.readings) >= 2)
+            await eventually(lambda: len(outlet.readings) >= 2)
             emulator.analyzer.execute("CHAN1:MEAS:FUNC NONSENSE", 0.0)
-            await outlet.until(lambda: outlet.kinds().count("instrument_error") == 2)
+            await eventually(lambda: outlet.kinds().count("instrument_error") == 2)
     texts = [text for kind, text in outlet.events if kind == "instrument_error"]
     assert "left from before: -113 Undefined header" in texts[0]
     assert "while measuring: -224 Illegal parameter value" in texts[1]

@@ -10,6 +10,7 @@ import pytest
 
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
+from tests.patience import PATIENCE
 
 from .rig import STILL, emulated
 
@@ -134,7 +135,7 @@ async def test_lines_over_tcp_with_either_end():
         host, _, port = place.rpartition(":")
         reader, writer = await asyncio.open_connection(host, int(port))
         writer.write(b"*IDN?\r\nCHAN1:MEAS:FUNC P\nCHAN1:MEAS:DATA?\n")
-        lines = [await asyncio.wait_for(reader.readline(), 5) for _ in range(2)]
+        lines = [await asyncio.wait_for(reader.readline(), PATIENCE) for _ in range(2)]
         writer.close()
         await writer.wait_closed()
         assert lines == [b"Rohde&Schwarz,HMC8015,000000001,HW10000000,SW1.403\n", b"5.0000E+02\n"]

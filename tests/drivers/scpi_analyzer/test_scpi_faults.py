@@ -9,6 +9,7 @@ import pytest
 
 from cellwatt.emulation import Fault
 from cellwatt_drivers.scpi_analyzer.emulator import ScpiAnalyzerEmulator
+from tests.patience import eventually
 
 from .rig import Outlet, emulated, running, settings
 
@@ -22,13 +23,13 @@ async def struck(
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
     changes = {"timeout": "300 ms", "rate": "50 Hz"} | changes
     async with emulated(address) as (emulator, place), running(settings(place, **changes)) as (_, outlet):
-        await outlet.until(lambda: len(outlet.readings) > 3)
+        await eventually(lambda: len(outlet.readings) > 3)
         emulator.inject(fault)
-        await outlet.until(lambda: emulator.injector.counts[fault.kind] >= times)
+        await eventually(lambda: emulator.injector.counts[fault.kind] >= times)
         if fault.kind not in {"stall", "disconnect"}:
             emulator.inject(Fault(fault.kind, probability=0))
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 10)
+        await eventually(lambda: len(outlet.readings) > seen + 10)
         yield emulator, outlet
 
 
@@ -102,11 +103,11 @@ async def test_all_faults_together_leave_the_account_even():
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0.1, seconds=0.5))
         emulator.inject(Fault("disconnect"))
-        await outlet.until(lambda: all(emulator.injector.counts[k] >= 2 for k in kinds))
+        await eventually(lambda: all(emulator.injector.counts[k] >= 2 for k in kinds))
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0))
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 10)
+        await eventually(lambda: len(outlet.readings) > seen + 10)
     counts = emulator.counts
     assert outlet.account.counters["timeouts"] == counts["loss"] + counts["half_frame"] + counts["delay"]
     # Garbage ahead of an answer that was late anyway is never looked at.

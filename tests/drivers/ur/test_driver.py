@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from cellwatt.emulation import EmulatorProcess, Fault, load_signals
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt_drivers.ur import UrDriver, wire
+from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
 from .recordings import COLUMNS, write
@@ -367,7 +368,7 @@ async def somebody(banner: bytes, answer: bytes | None, refuse: bool = False):
         left.set()
 
     server = await asyncio.start_server(serve, "127.0.0.1", 0)
-    async with server, asyncio.timeout(10):
+    async with server, asyncio.timeout(PATIENCE):
         yield "{}:{}".format(*server.sockets[0].getsockname())
         await left.wait()
 
@@ -436,7 +437,7 @@ async def test_only_questions_are_ever_sent(tmp_path):
                 await watched.outlet.until(lambda o: o.account.received > WARM)
                 await emulator.inject(Fault("disconnect"))
                 await finish(emulator, watched.outlet, stamps(table)[-1])
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(PATIENCE):
                 await gone.wait()
     kinds = []
     for item, used in wire.scan(memoryview(bytes(sent)), wire.FROM_CLIENT):
@@ -458,14 +459,11 @@ async def test_cancelling_releases_the_connection():
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as emulator:
         async with watching(emulator.address) as watched:
             await watched.outlet.until(lambda o: o.account.received > 10)
-        before = await emulator.counts()
-        for _ in range(200):
-            after = await emulator.counts()
-            if after == before:
-                return
-            before = after
-            await asyncio.sleep(0.02)
-        pytest.fail("packages are still made for somebody")
+        async with asyncio.timeout(PATIENCE):  # until no package is made for anybody
+            before, after = None, await emulator.counts()
+            while before != after:
+                await asyncio.sleep(0.02)
+                before, after = after, await emulator.counts()
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,14 @@ import pytest
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
 from cellwatt_drivers.yaskawa.payload import Alarm
+from tests.patience import eventually
 
 from .rig import ANGLES, PULSES, RATED, TORQUES, Outlet, emulated, running, settings
 
 
 async def test_counts_become_radians_and_newton_metres():
     async with emulated() as (_, port), running(settings(port, rate="100 Hz")) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("torque")) > 3)
+        await eventually(lambda: len(outlet.of("torque")) > 3)
     # Whole pulses and whole per cent are all that the wire carries.
     half_pulse = np.radians(0.5 / np.abs(PULSES))
     assert np.all(np.abs(outlet.of("position")[0].values[0] - ANGLES) <= half_pulse)
@@ -25,7 +26,7 @@ async def test_counts_become_radians_and_newton_metres():
 
 async def test_each_poll_has_its_own_round_trip():
     async with emulated(answer_ms="4") as (_, port), running(settings(port)) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("torque")) > 3)
+        await eventually(lambda: len(outlet.of("torque")) > 3)
     position, torque = outlet.of("position")[1], outlet.of("torque")[1]
     assert position.asked is not None
     assert torque.asked is not None
@@ -35,7 +36,7 @@ async def test_each_poll_has_its_own_round_trip():
 
 async def test_state_channels_and_identity():
     async with emulated(status_noise="1") as (_, port), running(settings(port)) as (driver, outlet, _):
-        await outlet.until(lambda: bool(outlet.of("state")))
+        await eventually(lambda: bool(outlet.of("state")))
     (identity,) = outlet.identities
     assert (identity.maker, identity.model, identity.firmware) == ("Yaskawa", "YRC1000", "EMULATED")
     assert identity.notes["axes"] == "S L U R B T"
@@ -48,21 +49,21 @@ async def test_state_channels_and_identity():
 
 async def test_an_alarm_is_read_told_once_and_its_end_too():
     async with emulated() as (emulator, port), running(settings(port, status_rate="50 Hz")) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("state")) > 2)
+        await eventually(lambda: len(outlet.of("state")) > 2)
         assert wire.Request(wire.ALARM) not in emulator.asked
         emulator.alarm = Alarm(4315, 3, time="2024/05/06 07:08", name="COLLISION DETECT")
-        await outlet.until(lambda: outlet.of("state")[-1].values[0, -1] == 4315)
+        await eventually(lambda: outlet.of("state")[-1].values[0, -1] == 4315)
         seen = len(outlet.of("state"))
-        await outlet.until(lambda: len(outlet.of("state")) > seen + 3)
+        await eventually(lambda: len(outlet.of("state")) > seen + 3)
         emulator.alarm = Alarm(0)
-        await outlet.until(lambda: outlet.of("state")[-1].values[0, -1] == 0)
+        await eventually(lambda: outlet.of("state")[-1].values[0, -1] == 0)
     assert [kind for kind, _ in outlet.events] == ["controller_alarm", "controller_alarm_cleared"]
     assert "4315 'COLLISION DETECT'" in outlet.events[0][1]
 
 
 async def test_the_tool_pose_in_metres_and_radians():
     async with emulated() as (_, port), running(settings(port, read=["cartesian"])) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("cartesian")) > 1)
+        await eventually(lambda: len(outlet.of("cartesian")) > 1)
     pose = outlet.of("cartesian")[0].values[0]
     assert pose[:3] == pytest.approx([0.123456, -0.05, 0.789012], abs=1e-9)
     assert pose[3:] == pytest.approx([np.pi, -np.pi / 2, 0.0], abs=1e-6)
@@ -71,7 +72,7 @@ async def test_the_tool_pose_in_metres_and_radians():
 @pytest.mark.parametrize("axes", ["6", "7", "8"])
 async def test_short_answers_are_understood(axes):
     async with emulated(answer_axes=axes) as (_, port), running(settings(port)) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("torque")) > 2)
+        await eventually(lambda: len(outlet.of("torque")) > 2)
     assert outlet.of("position")[0].values[0] == pytest.approx(ANGLES, abs=1e-3)
     assert outlet.account.counters["malformed"] == 0
 
@@ -81,7 +82,7 @@ async def test_nothing_but_reads_ever_leaves():
         everything = settings(port, read=["position", "torque", "cartesian", "status", "alarm"], status_rate="50 Hz")
         emulator.alarm = Alarm(1, name="X")
         async with running(everything) as (driver, outlet, _):
-            await outlet.until(lambda: len(outlet.of("state")) > 10)
+            await eventually(lambda: len(outlet.of("state")) > 10)
             await driver.identify()
         sent = set(emulator.asked)
     assert {request.service for request in sent} == {wire.GET_ALL}
@@ -104,7 +105,7 @@ async def test_several_robots_from_one_loop():
         running(settings(first, timeout="500 ms")) as (_, one, _),
         running(settings(second, timeout="500 ms")) as (_, other, _),
     ):
-        await one.until(lambda: len(one.of("torque")) > 10 and len(other.of("torque")) > 10)
+        await eventually(lambda: len(one.of("torque")) > 10 and len(other.of("torque")) > 10)
     assert one.of("torque")[0].values[0, 0] == pytest.approx(24.0)
     assert other.of("torque")[0].values[0, 0] == pytest.approx(1.2 * 200)
     assert one.account.counters["unasked answers"] + other.account.counters["unasked answers"] == 0
@@ -118,7 +119,7 @@ def slow(port):
 async def test_a_slow_controller_loses_slots_not_deadlines():
     # Two answers of 15 ms do not fit 20 ms: every other slot or so is missed, and the reason says why.
     async with emulated(answer_ms="15") as (_, port), slow(port) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("torque")) >= 20)
+        await eventually(lambda: len(outlet.of("torque")) >= 20)
     assert outlet.account.missed["slow answers"] > 0
     assert set(outlet.account.missed) <= {"slow answers", "merged tick"}
     asked = [r.asked for r in outlet.of("position") if r.asked is not None]
@@ -183,7 +184,7 @@ async def test_an_unknown_name_is_said():
 
 async def test_cancelling_frees_the_socket():
     async with emulated() as (_, port), running(settings(port)) as (_, outlet, task):
-        await outlet.until(lambda: len(outlet.readings) > 2)
+        await eventually(lambda: len(outlet.readings) > 2)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task

@@ -9,6 +9,7 @@ import pytest
 
 from cellwatt.emulation import Fault
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
+from tests.patience import PATIENCE
 
 from .rig import PULSES, STILL, emulated
 
@@ -21,7 +22,7 @@ async def ask(port: int, tail: str, number: int = 7) -> bytes:
         client.setblocking(False)
         client.connect(("127.0.0.1", port))
         await loop.sock_sendall(client, bytes.fromhex(REQUEST.format(number=number, tail=tail)))
-        return await asyncio.wait_for(loop.sock_recv(client, 512), 5)
+        return await asyncio.wait_for(loop.sock_recv(client, 512), PATIENCE)
 
 
 async def test_status_is_the_worked_frame():
@@ -77,6 +78,7 @@ async def test_torque_is_whole_per_cent():
 async def test_what_is_no_request_gets_no_answer():
     async with emulated() as (emulator, port):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+            client.setblocking(False)
             client.sendto(b"hello", ("127.0.0.1", port))
             client.sendto(
                 bytes.fromhex(REQUEST.format(number=1, tail="7200 0100 00 01 0000"))[:31], ("127.0.0.1", port)

@@ -12,6 +12,7 @@ from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
 from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
+from tests.patience import PATIENCE, eventually
 
 from .rig import Outlet, emulated, running, settings
 
@@ -21,13 +22,13 @@ async def struck(fault: Fault, *, times: int, **changes: object) -> AsyncIterato
     """A driver and an emulator after a fault has struck ``times`` times and calm has returned."""
     changes = {"timeout": "200 ms", "read": ["position", "torque"], "rate": "100 Hz"} | changes
     async with emulated() as (emulator, port), running(settings(port, **changes)) as (_, outlet, task):
-        await outlet.until(lambda: len(outlet.of("torque")) > 5)
+        await eventually(lambda: len(outlet.of("torque")) > 5)
         emulator.inject(fault)
-        await outlet.until(lambda: emulator.injector.counts[fault.kind] >= times or task.done())
+        await eventually(lambda: emulator.injector.counts[fault.kind] >= times or task.done())
         if fault.kind not in {"stall", "disconnect"}:
             emulator.inject(Fault(fault.kind, probability=0))
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 10 or task.done())
+        await eventually(lambda: len(outlet.readings) > seen + 10 or task.done())
         if task.done():
             await task
         yield emulator, outlet
@@ -39,7 +40,7 @@ def counters(outlet: Outlet) -> dict[str, int]:
 
 async def test_without_faults_nothing_is_counted():
     async with emulated() as (emulator, port), running(settings(port, timeout="500 ms")) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.of("torque")) > 50)
+        await eventually(lambda: len(outlet.of("torque")) > 50)
     assert counters(outlet) == {}
     assert emulator.counts["made"] - emulator.counts["sent"] <= 1  # the last may be on its way
     assert set(outlet.account.missed) <= {"merged tick", "slow answers"}  # of a busy test machine
@@ -85,7 +86,7 @@ async def test_duplicates_are_discarded():
 async def test_late_answers_are_discarded():
     async with struck(Fault("delay", probability=0.1, seconds=0.3), times=10) as (emulator, outlet):
         late = emulator.counts["delay"]
-        await outlet.until(lambda: outlet.account.counters["late answers"] == late)
+        await eventually(lambda: outlet.account.counters["late answers"] == late)
         assert counters(outlet) == {"timeouts": late, "late answers": late}
 
 
@@ -114,16 +115,16 @@ async def test_silence_ends_the_connection_and_the_next_one_counts_the_gap():
         outlet = Outlet()
         driver = YaskawaDriver("arm", settings(port, **changes), outlet)
         first = asyncio.create_task(driver.run())
-        await outlet.until(lambda: len(outlet.readings) > 5)
+        await eventually(lambda: len(outlet.readings) > 5)
         emulator.inject(Fault("loss"))
         with pytest.raises(ConnectError, match=r"no good answer from 127.0.0.1:\d+ for 0.\d s; the last: no answer"):
-            await asyncio.wait_for(first, 10)
+            await asyncio.wait_for(first, PATIENCE)
         before = outlet.account.expected
         emulator.inject(Fault("loss", probability=0))
         await asyncio.sleep(0.1)
         seen = len(outlet.readings)
         second = asyncio.create_task(driver.run())
-        await outlet.until(lambda: len(outlet.readings) > seen + 5)
+        await eventually(lambda: len(outlet.readings) > seen + 5)
         second.cancel()
         with pytest.raises(asyncio.CancelledError):
             await second
@@ -136,7 +137,7 @@ async def test_silence_ends_the_connection_and_the_next_one_counts_the_gap():
 async def test_a_busy_controller_is_asked_again():
     changes = {"read": ["position"], "rate": "20 Hz", "timeout": "100 ms"}
     async with emulated(busy="0.3") as (emulator, port), running(settings(port, **changes)) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.readings) > 30)
+        await eventually(lambda: len(outlet.readings) > 30)
         account, busy = outlet.account, emulator.counts["busy"]
         assert busy > 5
         under_way = {0, 1}
@@ -148,15 +149,15 @@ async def test_a_busy_controller_is_asked_again():
 async def test_all_faults_together_leave_the_account_even():
     kinds = ("loss", "half_frame", "garbage", "duplicate", "delay", "reorder")
     async with emulated(busy="0.05") as (emulator, port), running(settings(port, timeout="200 ms")) as (_, outlet, _):
-        await outlet.until(lambda: len(outlet.readings) > 5)
+        await eventually(lambda: len(outlet.readings) > 5)
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0.03, seconds=0.3))
         emulator.inject(Fault("stall", seconds=0.2))
-        await outlet.until(lambda: all(emulator.injector.counts[k] for k in kinds))
+        await eventually(lambda: all(emulator.injector.counts[k] for k in kinds))
         for kind in kinds:
             emulator.inject(Fault(kind, probability=0))
         seen = len(outlet.readings)
-        await outlet.until(lambda: len(outlet.readings) > seen + 30)
+        await eventually(lambda: len(outlet.readings) > seen + 30)
     late, cut = emulator.counts["delay"] + emulator.counts["reorder"], emulator.counts["half_frame"]
     account = outlet.account
     assert account.counters["malformed"] == emulator.counts["garbage"] + cut

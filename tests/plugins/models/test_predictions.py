@@ -87,7 +87,9 @@ def test_no_frames_give_nothing(tmp_path):
     assert list(made.process(frames(np.empty((0, 5))), ())) == []
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(
     seed=st.integers(0, 2**32 - 1),
     window=st.sampled_from([1, 2, 5]),

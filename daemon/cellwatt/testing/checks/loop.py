@@ -35,6 +35,7 @@ async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
         finally:
             watch.stop()
             beating.cancel()
+            await asyncio.wait([beating])
     require(not watch.culprit, f"the event loop stood still for more than {LONGEST:g} s, in:\n{watch.culprit}")
 
 

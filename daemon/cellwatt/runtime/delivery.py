@@ -1,0 +1,85 @@
+"""One sink at run time: run again when it ends, and contained where it breaks."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from cellwatt.errors import SinkError
+from cellwatt.runtime.source import asked_to_end
+from cellwatt.sink import Item, Sink
+
+log = logging.getLogger(__name__)
+
+FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # s
+STEADY = 15.0
+"""A run that lasted this long, s, counts as one that serves: a session may take 10 s to be refused."""
+
+
+class Delivery:
+    """The daemon's side of one sink: what it raises reaches neither the sources nor the other sinks."""
+
+    def __init__(self, name: str, sink: Sink[Any]) -> None:
+        self.name = name
+        self._sink = sink
+        self._ended: str | None = None
+        self._serves_from = 0.0
+        """When, monotonic s, a run that goes on until then takes back why the one before ended."""
+        self._broke: str | None = None
+        self._told: str | None = None
+
+    def offer(self, item: Item) -> None:
+        """Hand over one item; where the sink breaks at it, it is lost and counted."""
+        self._contained("items lost", lambda: self._sink.offer(item))
+
+    def health(self, status: Mapping[str, Any]) -> None:
+        """Hand over the cell's health."""
+        self._contained("health lost", lambda: self._sink.health(status))
+
+    def _contained(self, what: str, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:
+            self._sink.account.count(what)
+            self._broke = f"{type(error).__name__}: {error}"
+            if self._broke != self._told:
+                self._told = self._broke
+                log.exception("sink %s broke; what it was given is lost", self.name)
+
+    async def run(self) -> None:
+        """Run the sink until cancelled, again after each end."""
+        pause = FIRST_PAUSE / 2
+        while True:
+            began = time.monotonic()
+            self._serves_from = began + STEADY
+            error = await self._once()
+            if time.monotonic() - began > STEADY:
+                pause = FIRST_PAUSE / 2
+            pause = min(2 * pause, LONGEST_PAUSE)
+            self._ended = str(error) if isinstance(error, SinkError) else f"{type(error).__name__}: {error}"
+            self._serves_from = float("inf")
+            log.warning("sink %s: %s; trying again in %.1f s", self.name, self._ended, pause)
+            await asyncio.sleep(pause)
+
+    async def _once(self) -> BaseException:
+        try:
+            await self._sink.run()
+        except SinkError as error:
+            return error
+        except (Exception, asyncio.CancelledError) as error:
+            if asked_to_end(error):
+                raise
+            log.exception("sink %s broke", self.name)
+            return error
+        return SinkError("it ended though nobody stopped it")
+
+    def status(self) -> dict[str, Any]:
+        """Figures for health, JSON-ready; each look also forgets where the sink broke since the one before."""
+        broke, self._broke = self._broke, None
+        if time.monotonic() > self._serves_from:
+            self._ended = None
+        error = self._ended or broke
+        return {"state": "down" if error else "ok", "error": error, **self._sink.account.snapshot()}

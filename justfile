@@ -1,0 +1,29 @@
+python := ".venv/bin/python"
+
+# List the recipes.
+default:
+    @just --list
+
+# Everything a change must pass: all tests but the slow ones, lint, types, import rules.
+test *arguments:
+    {{ python }} -m pytest -n auto {{ arguments }}
+
+# Only what takes longer than ten seconds.
+slow *arguments:
+    {{ python }} -m pytest -m slow {{ arguments }}
+
+# Ruff, mypy --strict, import-linter, clean pins.
+lint:
+    {{ python }} -m pytest -n auto tests/test_quality.py
+
+# The pages of docs/ as a site, every link checked.
+docs:
+    {{ python }} -m mkdocs build --strict
+
+# The figures of docs/performance.md.
+bench *arguments:
+    {{ python }} bench/daemon.py --json {{ arguments }}
+
+# Which lines and branches of the three packages the tests run.
+coverage *arguments:
+    {{ python }} -m pytest -n auto --cov --cov-report=term:skip-covered {{ arguments }}

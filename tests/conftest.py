@@ -1,0 +1,61 @@
+"""What holds for every test: one thread of linear algebra, nothing left behind, no loop held up, its worker."""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Generator
+from typing import Any
+
+import pytest
+
+# Before numpy is imported, and for every child: the tests are many processes already.
+for library in ("OPENBLAS", "OMP", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+from hypothesis import HealthCheck, settings  # noqa: E402
+
+from tests.blocked_loop import _calls_that_block, _loop_goes_on, _steps_timed  # noqa: E402
+from tests.groups import group, turn  # noqa: E402
+from tests.left_behind import _nothing_is_left_behind, _of_the_session  # noqa: E402
+from tests.patience import FACTOR  # noqa: E402
+
+__all__ = ["_calls_that_block", "_loop_goes_on", "_nothing_is_left_behind", "_of_the_session", "_steps_timed"]
+
+
+# A draw that waited for a core is not too slow.
+settings.register_profile("by no clock", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("by no clock")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: turn(item.nodeid))
+    for item in items if FACTOR != 1.0 else ():
+        limit = item.get_closest_marker("timeout")
+        seconds = limit.args[0] if limit else float(config.getini("timeout"))
+        item.add_marker(pytest.mark.timeout(FACTOR * seconds), append=False)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport(call: pytest.CallInfo[None]) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Collects no garbage while a failure is put into words: its finalizers log, which CPython 3.11 fails in."""
+    collects = gc.isenabled()
+    if call.excinfo:
+        gc.disable()
+    try:
+        return (yield)
+    finally:
+        if collects:
+            gc.enable()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    from xdist.scheduler import LoadScopeScheduling
+
+    class InGroups(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group(nodeid)
+
+    config.option.loadscopereorder = False  # by the number of tests; ours is by time
+    return InGroups(config, log)

@@ -1,0 +1,68 @@
+"""The command line in this process, with the parts of the runtime's tests."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from cellwatt import registry
+from cellwatt.commands import main
+from tests.daemon.runtime import fakes
+
+SKELETON = EntryPoint("skeleton", "cellwatt.testing.skeleton:SkeletonDriver", "cellwatt.drivers")
+CELL = """\
+site: plant
+cell: weld
+sources:
+  arm: {driver: fake, host: arm}
+"""
+
+
+class Ended(NamedTuple):
+    """How a call ended. Anything but an exit code would have been raised in the test: a traceback."""
+
+    code: int
+    out: str
+    err: str
+
+
+Call = Callable[..., Ended]
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Call]:
+    """Calls ``cellwatt ARGUMENTS…``."""
+
+    def points(group: str) -> list[EntryPoint]:
+        if group == "cellwatt.commands":
+            return list(entry_points(group=group))
+        return [*fakes.entry_points(group), *([SKELETON] if group == SKELETON.group else [])]
+
+    monkeypatch.setattr(registry, "entry_points", points)
+    registry.available.cache_clear()
+    for parts in (fakes.DEVICES, fakes.JUDGES, fakes.RECEIVERS):
+        parts.clear()
+
+    def run(*arguments: object) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["cellwatt", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert isinstance(ended.value.code, int)
+        return Ended(ended.value.code, *capsys.readouterr())
+
+    yield run
+    registry.available.cache_clear()
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    """The settings file of a cell of one source."""
+    file = tmp_path / "weld.yaml"
+    file.write_text(CELL)
+    return file

@@ -1,0 +1,83 @@
+"""What ``cellwatt demo`` says and ends with, by the summary of its run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cellwatt.commands import demo
+from tests.daemon.commands.calling import Call, call
+
+__all__ = ["call"]
+
+STREAM = {"nominal_hz": 500.0, "rate_hz": 499.98, "jitter_p99_ms": 0.4, "samples": 15000, "delivered": 15000}
+GOOD = {
+    "ok": True,
+    "problems": [],
+    "sources": {"arm": {"lost": 0, "streams": {"rtde": STREAM, "io": STREAM | {"nominal_hz": 0.0, "rate_hz": None}}}},
+}
+FAULT = {
+    "frames": 1500,
+    "intervals": 40,
+    "tasks": 8,
+    "fault": {"statement": "Joint 3 needs more torque than it did.", "delay_s": 1.5},
+    "power": {
+        "measured_mean_w": 210,
+        "rms_w": 12,
+        "rms_after_the_spring_w": 55,
+        "course": {"measured_w": [100.0, 200.0], "predicted_w": [110.0, 190.0]},
+    },
+}
+BAD = GOOD | {"ok": False, "problems": ["arm lost 3 samples"], "left_out": {"franka": "pylibfranka is not installed"}}
+
+
+@pytest.fixture
+def folders(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Runs that give ``summary`` at once; where they were told to keep what they record."""
+    seen: dict[str, Any] = {"summary": GOOD}
+
+    async def run(demonstration: Any) -> dict[str, Any]:
+        seen["folder"] = next(v for v in vars(demonstration).values() if isinstance(v, Path))
+        return seen["summary"]
+
+    for name in ("small", "all"):
+        monkeypatch.setitem(demo.RUNS, name, run)
+    return seen
+
+
+def test_a_good_run(call: Call, folders: dict[str, Any]) -> None:
+    folders["summary"] = GOOD | FAULT
+    ended = call("demo", "--seconds", "20")
+    assert ended.code == 0
+    assert "nothing was lost, and the alarm named the right joint in time" in ended.out
+    assert "alarm 1.5 s after the spring: Joint 3 needs more torque than it did." in ended.out
+    assert "measured − predicted: 12 W" in ended.out
+    assert "499.98 Hz" in ended.out
+    assert "on change" in ended.out
+
+
+def test_a_run_that_lost_something(call: Call, folders: dict[str, Any]) -> None:
+    folders["summary"] = BAD
+    ended = call("demo", "--cell", "all", "--seconds", "1")
+    assert ended.code == 1
+    assert "arm lost 3 samples" in ended.out
+    assert "franka is left out: pylibfranka is not installed" in ended.out
+    assert "nothing was lost" not in ended.out
+
+
+@pytest.mark.parametrize(("summary", "code"), [(GOOD, 0), (BAD, 1)])
+def test_in_json(call: Call, folders: dict[str, Any], summary: dict[str, Any], code: int) -> None:
+    folders["summary"] = summary
+    ended = call("demo", "--json")
+    assert (ended.code, json.loads(ended.out)) == (code, summary)
+
+
+def test_what_is_kept(call: Call, folders: dict[str, Any], tmp_path: Path) -> None:
+    ended = call("demo", "--keep", tmp_path / "kept")
+    assert folders["folder"] == tmp_path / "kept"
+    assert f"try: cellwatt plot {tmp_path / 'kept'}" in ended.out.replace("\n", "")
+    call("demo")
+    assert not folders["folder"].exists(), "nothing is left behind otherwise"

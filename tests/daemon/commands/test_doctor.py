@@ -1,0 +1,123 @@
+"""``cellwatt doctor`` on devices that answer, refuse, hang, break."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cellwatt import Reading, SourceError
+from tests.daemon.commands.calling import CELL, Call, call, cell
+from tests.daemon.runtime.fakes import DEVICES, STEP, STREAM, FakeDriver, drop, fail, give
+
+__all__ = ["call", "cell"]
+
+QUICK = ("--seconds", "0.05", "--patience", "0.05")
+
+
+def look(call: Call, cell: Path) -> tuple[int, dict[str, Any]]:
+    ended = call("doctor", cell, *QUICK, "--json")
+    return ended.code, json.loads(ended.out)["arm"]
+
+
+def test_a_device_as_declared(call: Call, cell: Path) -> None:
+    DEVICES["arm"].tell(give(50))
+    code, found = look(call, cell)
+    assert (code, found["verdict"], found["findings"]) == (0, "ok", [])
+    assert found["status"]["identity"]["model"] == "Model"
+    assert found["status"]["streams"]["supply"]["rate_hz"] == pytest.approx(50.0)
+    voltage, current = found["channels"]
+    assert (voltage["low"], voltage["high"], voltage["unit"]) == (0.0, 49.0, "V")
+    assert (current["low"], current["high"], current["finite"]) == (1.0, 1.0, 1.0)
+    assert DEVICES["arm"].open == 0
+
+
+async def _refuses() -> Any:
+    raise SourceError("the controller has no free connection")
+
+
+async def _hangs() -> Any:
+    await asyncio.Event().wait()
+
+
+async def _breaks() -> Any:
+    raise KeyError("serial")
+
+
+@pytest.mark.parametrize(
+    ("who", "finding"),
+    [
+        (_refuses, "the controller has no free connection"),
+        (_hangs, "no answer within 0 s"),
+        (_breaks, "the fake driver broke: KeyError: 'serial'"),
+    ],
+)
+def test_a_device_that_does_not_say_who_it_is(call: Call, cell: Path, who: Any, finding: str) -> None:
+    DEVICES["arm"].who = who
+    code, found = look(call, cell)
+    assert (code, found["verdict"], found["findings"]) == (1, "failed", [finding])
+    assert not DEVICES["arm"].runs
+
+
+def test_one_that_breaks_leaves_the_others(call: Call, cell: Path) -> None:
+    cell.write_text(CELL + "  board: {driver: fake, host: board}\n")
+    DEVICES["arm"].who = _breaks
+    DEVICES["board"].tell(give(50))
+    ended = call("doctor", cell, *QUICK, "--json")
+    assert {n: e["verdict"] for n, e in json.loads(ended.out).items()} == {"arm": "failed", "board": "ok"}
+
+
+def test_silence(call: Call, cell: Path) -> None:
+    code, found = look(call, cell)
+    assert (code, found["findings"]) == (1, ["supply: no samples came"])
+
+
+def test_a_device_that_is_lost_while_it_is_read(call: Call, cell: Path) -> None:
+    DEVICES["arm"].tell(give(50), fail(SourceError("connection reset")))
+    code, found = look(call, cell)
+    assert (code, found["findings"]) == (1, ["reading stopped: connection reset"])
+
+
+def test_a_driver_that_ends_by_itself(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def ends(self: FakeDriver) -> None:
+        await give(50)(self)
+
+    monkeypatch.setattr(FakeDriver, "run", ends)
+    code, found = look(call, cell)
+    assert (code, found["findings"]) == (1, ["reading stopped: the driver ended though nobody stopped it"])
+
+
+def test_another_rate_and_losses_are_warnings(call: Call, cell: Path) -> None:
+    async def slow(driver: FakeDriver) -> None:
+        for n in range(50):
+            driver.outlet.account.expect()
+            values = np.array([[float(n), np.nan]])
+            driver.outlet.emit(Reading(STREAM, values, 10**18 + 2 * n * STEP))
+
+    DEVICES["arm"].tell(slow, drop(3, "checksum"))
+    code, found = look(call, cell)
+    assert (code, found["verdict"]) == (0, "warning")
+    assert found["findings"] == [
+        "supply: declared 50 Hz, measured 25.0 Hz",
+        "3 of 53 samples lost: 3 checksum",
+        "never a number: bus.current",
+    ]
+
+
+def test_in_words(call: Call, cell: Path) -> None:
+    DEVICES["arm"].tell(give(50), fail(SourceError("connection reset")))
+    ended = call("doctor", cell, *QUICK)
+    assert ended.code == 1
+    text = " ".join(ended.out.split())
+    assert "arm: reading stopped: connection reset" in text
+    assert "arm.bus.voltage: 0 … 49 V" in text
+
+
+def test_a_device_that_never_answered_in_words(call: Call, cell: Path) -> None:
+    DEVICES["arm"].who = _refuses
+    ended = call("doctor", cell, *QUICK)
+    assert "arm: the controller has no free connection" in ended.out

@@ -1,0 +1,43 @@
+"""``cellwatt plot``: one page that needs nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cellwatt.record import Header
+from cellwatt.results import Alarm, Interval
+from tests.daemon.commands.calling import Call, call
+from tests.daemon.record import making
+
+__all__ = ["call"]
+
+START = making.SESSION
+MOVES = Interval("arm", 1, START, START + 400_000_000, (1, 3), (0.5,) * 3, (0.0,) * 3, (0.1,) * 3)
+HEAT = Alarm("heat", "heat", "warning", True, START, START + 200_000_000, "Joint 2 is hot.", source="arm", joint=2)
+
+
+@pytest.fixture
+def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(making, "HEADER", Header("plant", "weld", START, None, "", {"arm": (making.ARM,)}))
+    (tmp_path / "kept").mkdir()
+    making.write_chunks(tmp_path / "kept", [[making.batch_of(0, 50), making.frames_of(0, 25), MOVES, HEAT]])
+    return tmp_path / "kept"
+
+
+def test_a_page(call: Call, recordings: Path, tmp_path: Path) -> None:
+    ended = call("plot", recordings, "--out", tmp_path / "page.html")
+    assert (ended.code, ended.out) == (0, f"wrote {tmp_path / 'page.html'}\n")
+    page = (tmp_path / "page.html").read_text()
+    assert "Joint 2 is hot." in page
+    assert all(f"joint_{n}.position" in page for n in (1, 2, 3))
+    assert "<script src" not in page
+
+
+def test_some_of_it(call: Call, recordings: Path, tmp_path: Path) -> None:
+    out = ("--out", tmp_path / "page.html")
+    assert call("plot", recordings, *out, "--channel", "joint_2", "--from", "0.1", "--to", "0.3").code == 0
+    page = (tmp_path / "page.html").read_text()
+    assert "joint_2.position" in page
+    assert "joint_3.position" not in page

@@ -1,0 +1,184 @@
+"""Mistakes at the command line and in files: an exit code and a line that says what to do, never a traceback."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cellwatt.channel import Channel, Stream
+from cellwatt.record import Header
+from cellwatt.results import Interval
+from tests.daemon.commands.calling import CELL, Call, call, cell
+from tests.daemon.record import making
+
+__all__ = ["call", "cell"]
+
+USAGE, ERROR = 2, 3
+REST = Interval("arm", 1, making.SESSION, making.SESSION + 20_000_000, (), (0.0,), (0.0,), (0.0,))
+CONNECT = ("--site", "plant", "--cell", "weld", "--connect")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a right file and several wrong ones."""
+    place = tmp_path_factory.mktemp("mistakes")
+    (place / "empty").mkdir()
+    (place / "weld.yaml").write_text(CELL)
+    (place / "bad.yaml").write_text("site: [\n")
+    (place / "unknown.yaml").write_text(CELL.replace("fake", "fakes"))
+    (place / "off.yaml").write_text(CELL + "zenoh: off\n")
+    (place / "unwritable.yaml").write_text(CELL + "record: {folder: weld.yaml/recordings}\n")
+    (place / "nonsense.mcap").write_bytes(b"nonsense" * 100)
+    (place / "untimed.csv").write_text("a,b\n1,2\n")
+    header = Header("plant", "weld", making.SESSION, None, "", {"arm": (making.ARM,)})
+    (place / "recordings").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "HEADER", header)
+        making.write_chunks(place / "recordings", [[making.batch_of(0, 15), making.frames_of(0, 10), REST]])
+    return place
+
+
+FILES = ("run", "check", "doctor", "record", "watch")
+
+
+@pytest.mark.parametrize("command", FILES)
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("absent.yaml", "absent.yaml: cannot be read: no such file or directory"),
+        ("empty", "empty: cannot be read: is a directory"),
+        ("bad.yaml", "bad.yaml:2:1: not valid YAML"),
+        ("unknown.yaml", "unknown.yaml:4:17: sources.arm.driver: no driver named 'fakes'; did you mean 'fake'?"),
+    ],
+)
+def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, file: str, words: str) -> None:
+    ended = call(command, place / file)
+    assert ended.code == USAGE
+    assert words in ended.out + ended.err
+    assert (ended.out + ended.err).count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        # nothing and unknown things
+        (("rn",), USAGE, "No such command 'rn'"),
+        (("run",), USAGE, "Missing argument 'FILE'"),
+        (("run", "weld.yaml", "--speed", "2"), USAGE, "No such option"),
+        (("watch",), USAGE, "give a cell's FILE, or --connect, --site and --cell"),
+        (("watch", "--connect", "tcp/192.0.2.1:7447"), USAGE, "give a cell's FILE, or --connect, --site and --cell"),
+        (("replay",), USAGE, "Missing argument 'RECORDING...'"),
+        (("export", "recordings"), USAGE, "Missing option '--out'"),
+        (("emulate", "skeletn"), USAGE, "no driver named 'skeletn'; did you mean 'skeleton'?"),
+        (("drivers", "skeletn"), USAGE, "no driver, stage or sink named 'skeletn'; did you mean 'skeleton'?"),
+        # places that are not there
+        (("replay", "absent"), USAGE, "'absent' does not exist"),
+        (("export", "absent", "--out", "out"), USAGE, "'absent' does not exist"),
+        (("plot", "absent"), USAGE, "'absent' does not exist"),
+        (("replay", "empty"), ERROR, "cellwatt: empty: no recordings (*.mcap) there"),
+        (("export", "empty", "--out", "out"), ERROR, "cellwatt: empty: no recordings (*.mcap) there"),
+        (("plot", "empty"), ERROR, "cellwatt: empty: no recordings (*.mcap) there"),
+        (("replay", "nonsense.mcap"), ERROR, "nonsense.mcap: holds nothing that is a recording"),
+        (("replay", "recordings", "--settings", "absent.yaml"), USAGE, "absent.yaml: cannot be read"),
+        (("replay", "recordings", "--settings", "bad.yaml"), USAGE, "bad.yaml:2:1: not valid YAML"),
+        # places that cannot be written
+        (("export", "recordings", "--out", "weld.yaml/out"), ERROR, "weld.yaml/out cannot be made: Not a directory"),
+        (("plot", "recordings", "--out", "absent/a.html"), ERROR, "absent/a.html cannot be written: No such file"),
+        (("new-driver", "my_meter", "--folder", "weld.yaml/x"), ERROR, "x/my_meter cannot be written: Not a directory"),
+        (("demo", "--keep", "weld.yaml/kept"), ERROR, "weld.yaml/kept cannot be made: Not a directory"),
+        (("run", "unwritable.yaml"), ERROR, "weld.yaml/recordings cannot be made: Not a directory"),
+        (("record", "unwritable.yaml"), ERROR, "weld.yaml/recordings cannot be made: Not a directory"),
+        (("record", "weld.yaml", "--out", "bad.yaml/x"), ERROR, "bad.yaml/x cannot be made: Not a directory"),
+        # values that are none
+        (("record", "weld.yaml"), USAGE, "FILE has no record section: say where to record with --out"),
+        (("plot", "recordings", "--channel", "torque"), ERROR, "nothing to draw: no such channels"),
+        (("plot", "recordings", "--from", "1000"), ERROR, "nothing to draw: no such channels, or no frames in that"),
+        (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
+        (("watch", *CONNECT, "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint; expected protocol/host:port, like"),
+        (("watch", "weld.yaml", "--connect", "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint"),
+        (("watch", "weld.yaml", "--topic", "powers"), USAGE, "'powers' is not one of"),
+        (("new-driver", "My-Meter"), USAGE, "found 'My-Meter' as a name, expected small letters"),
+        (("new-driver", "skeleton"), USAGE, "there is a driver named 'skeleton' already"),
+        (("demo", "--seconds", "3"), USAGE, "at least 20 s are needed"),
+        (("demo", "--cell", "all", "--seconds", "0.5"), USAGE, "at least 1 s is needed"),
+        (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column named timestamp, t or time"),
+        (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
+        (("emulate", "skeleton", "--option", "noise=1"), USAGE, "has no options, found noise"),
+        (("emulate", "skeleton", "--fault", "loss"), USAGE, "found 'loss' as a fault, expected a JSON object"),
+        (("emulate", "skeleton", "--fault", '["loss"]'), USAGE, "expected a JSON object with kind"),
+        (("emulate", "skeleton", "--fault", '{"kind": "fire"}'), USAGE, "cannot inject fire; it can:"),
+        (("emulate", "skeleton", "--listen", "everywhere"), USAGE, "the address is HOST:PORT"),
+        (("emulate", "skeleton", "--listen", "192.0.2.1:1"), ERROR, "annot assign requested address"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
+)
+def test_a_mistake(
+    call: Call, place: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], code: int, words: str
+) -> None:
+    monkeypatch.chdir(place)
+    ended = call(*arguments)
+    assert ended.code == code
+    assert words in " ".join(ended.err.split())
+    assert ended.out == ""
+
+
+@pytest.fixture
+def forbidden() -> Iterator[Path]:
+    """A folder that may not be written, with a file that may not be read, for a user who is not root."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as name:  # that of the test run is root's alone
+        folder = Path(name)
+        (folder / "weld.yaml").write_text(CELL)
+        (folder / "weld.yaml").chmod(0)
+        (folder / "open.yaml").write_text(CELL + "record: {folder: recordings}\n")
+        folder.chmod(0o555)
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(65534)
+        yield folder
+        if root:
+            os.seteuid(0)
+        folder.chmod(0o755)
+
+
+@pytest.mark.parametrize("command", FILES)
+def test_a_file_that_may_not_be_read(call: Call, forbidden: Path, command: str) -> None:
+    ended = call(command, forbidden / "weld.yaml")
+    assert (ended.code, ended.out + ended.err) == (
+        USAGE,
+        f"{forbidden / 'weld.yaml'}: cannot be read: permission denied\n",
+    )
+
+
+@pytest.mark.parametrize("command", ["run", "record"])
+def test_a_folder_that_may_not_be_made(call: Call, forbidden: Path, command: str) -> None:
+    ended = call(command, forbidden / "open.yaml")
+    assert ended.code == ERROR
+    assert f"record.folder {forbidden / 'recordings'} cannot be made: Permission denied" in ended.err
+
+
+def test_sources_that_change_within_a_session(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    board = Stream("power", (Channel("bus.power", "W"),), 50.0, "host")
+    arm_only = Header("plant", "weld", making.SESSION, None, "", {"arm": (making.ARM,)})
+    both = Header("plant", "weld", making.SESSION, None, "", {"arm": (making.ARM,), "board": (board,)})
+    monkeypatch.setattr(making, "HEADER", arm_only)
+    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]], number=1)
+    monkeypatch.setattr(making, "HEADER", both)
+    board_batch = making.batch_of(0, 15, stream=board, source="board", device=False)
+    making.write_chunks(tmp_path, [[making.batch_of(15, 15), board_batch]], number=2)
+    ended = call("replay", tmp_path)
+    assert ended.code == ERROR
+    assert "the sources change within these recordings (board.power): replay them one by one" in ended.err
+    assert call("replay", sorted(tmp_path.glob("*.mcap"))[1]).code == 0
+
+
+def test_frames_that_came_from_the_environment(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "frames: {rate: '${RATE}'}\n"
+    monkeypatch.setattr(making, "HEADER", Header("p", "w", making.SESSION, None, text, {"arm": (making.ARM,)}))
+    making.write_chunks(tmp_path, [[making.batch_of(0, 15)]])
+    ended = call("replay", tmp_path)
+    assert ended.code == ERROR
+    assert "the frames of the recording came from the environment: give them by --settings" in ended.err

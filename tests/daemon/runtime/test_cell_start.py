@@ -1,0 +1,230 @@
+"""A cell that starts with some of its parts away, and one that cannot start."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from cellwatt import Alarm, ConfigError, ConnectError, Event, RecordingError, SinkError
+from cellwatt.record import Recording
+from tests.daemon.runtime.fakes import (
+    DEVICES,
+    JUDGES,
+    RECEIVERS,
+    FakeSink,
+    alarm,
+    answer,
+    config_of,
+    drop,
+    fail,
+    give,
+    hang,
+    look,
+    miss,
+    running,
+    sources,
+    stages,
+    until,
+)
+
+NOBODY = ConnectError("nobody answers at 192.0.2.1:30004")
+
+
+def test_each_source_is_on_its_own(at_once):
+    async def main():
+        DEVICES["arm"].tell(answer, give(5))
+        DEVICES["board"].tell(*[fail(NOBODY)] * 1000)
+        DEVICES["meter"].tell(hang)
+        async with running(config_of(sources=sources("arm", "board", "meter"))) as cell:
+            await DEVICES["arm"].done()
+            states = {name: s["state"] for name, s in (await look(cell))["sources"].items()}
+            assert states == {"arm": "ok", "board": "retrying", "meter": "starting"}
+            assert cell.status()["state"] == "amber"
+            assert RECEIVERS["bus"].values == [0, 1, 2, 3, 4]
+
+    at_once(main())
+
+
+def test_a_cell_that_hears_nobody_is_red_and_says_who_is_away(at_once):
+    async def main():
+        DEVICES["arm"].tell(*[fail(NOBODY)] * 1000)
+        async with running(config_of()) as cell:
+            await until(lambda: DEVICES["arm"].runs)
+            status = await look(cell, 4)
+            assert status["state"] == "red"
+            (found,) = RECEIVERS["bus"].of(Alarm)
+            assert found.statement == f"Source arm is down: {NOBODY}"
+            assert [a["id"] for a in status["alarms"]] == ["source_down:arm"]
+
+    at_once(main())
+
+
+def test_a_source_that_comes_back_clears_its_alarm(at_once, no_jitter):
+    async def main():
+        DEVICES["arm"].tell(fail(NOBODY))
+        async with running(config_of()) as cell:
+            await until(lambda: "lost" in RECEIVERS["bus"].told)
+            while not RECEIVERS["bus"].of(Alarm):
+                await look(cell)
+                DEVICES["arm"].tell(fail(NOBODY))
+            while not DEVICES["arm"].orders.empty():
+                DEVICES["arm"].orders.get_nowait()
+            DEVICES["arm"].tell(answer)
+            while len(RECEIVERS["bus"].of(Alarm)) < 2:
+                await asyncio.sleep(10.0)
+                await look(cell)
+            assert [a.active for a in RECEIVERS["bus"].of(Alarm)] == [True, False]
+            assert (cell.status()["alarms"], cell.status()["state"]) == ([], "green")
+
+    at_once(main())
+
+
+def test_health_tells_the_account_of_a_source(at_once):
+    async def main():
+        DEVICES["arm"].tell(answer, give(4), miss(2, "gap"), drop(1, "checksum"))
+        async with running(config_of()) as cell:
+            await DEVICES["arm"].done()
+            arm = (await look(cell, 4))["sources"]["arm"]
+            assert arm["expected"] == 7
+            assert arm["received"] + sum(arm["missed"].values()) + sum(arm["dropped"].values()) == 7
+            assert RECEIVERS["bus"].of(Alarm) == []
+
+    at_once(main())
+
+
+def test_samples_nobody_accounts_for_are_an_alarm(at_once):
+    async def forgets(driver):
+        driver.outlet.account.expect(3)
+
+    async def main():
+        DEVICES["arm"].tell(answer, give(4), forgets)
+        async with running(config_of()) as cell:
+            await DEVICES["arm"].done()
+            await look(cell, 4)
+            (found,) = RECEIVERS["bus"].of(Alarm)
+            assert found.statement == "Source arm: 3 samples are not accounted for."
+            assert (found.evidence["expected"], found.evidence["received"]) == (7, 4)
+
+    at_once(main())
+
+
+async def test_an_alarm_of_a_stage_reaches_sinks_record_and_health(tmp_path):
+    raised, cleared = alarm("heat"), alarm("heat", active=False)
+    JUDGES["judge"].give = lambda frames, _: {2: [raised], 4: [raised], 6: [cleared]}.get(frames.sequence, ())
+    async with running(config_of(stages=stages("judge"), record=tmp_path)) as cell:
+        DEVICES["arm"].tell(answer, give(4))
+        await until(lambda: RECEIVERS["bus"].of(Alarm))
+        assert [a["id"] for a in (await look(cell))["alarms"]] == ["heat"]
+        DEVICES["arm"].tell(give(5))
+        await until(lambda: len(RECEIVERS["bus"].of(Alarm)) == 3)
+        assert (await look(cell))["alarms"] == []
+        assert cell.status()["results"] == 3
+    assert list(Recording.open(tmp_path).results()) == [raised, raised, cleared]
+
+
+async def test_a_stage_that_breaks_is_an_alarm_and_the_data_go_on():
+    def breaks(*_):
+        raise KeyError("joint_7")
+
+    JUDGES["judge"].give = breaks
+    async with running(config_of(stages=stages("judge"))) as cell:
+        DEVICES["arm"].tell(answer, give(10))
+        await until(lambda: RECEIVERS["bus"].of(Alarm))
+        assert RECEIVERS["bus"].of(Alarm)[0].statement == "Stage judge broke: KeyError: 'joint_7'"
+        assert cell.status()["state"] == "amber"
+        assert RECEIVERS["bus"].values == list(range(10))
+
+
+async def test_a_stage_that_is_too_slow_is_an_alarm_and_the_data_go_on():
+    JUDGES["judge"].gate.clear()
+    async with running(config_of(stages=stages("judge"))) as cell:
+        DEVICES["arm"].tell(answer, give(3))
+        await until(JUDGES["judge"].inside.is_set)
+        DEVICES["arm"].tell(give(600))
+        await DEVICES["arm"].done()
+        await until(lambda: RECEIVERS["bus"].of(Alarm))
+        figures = (await look(cell))["stages"]["judge"]
+        assert RECEIVERS["bus"].of(Alarm)[0].statement.startswith("Stage judge is too slow: ")
+        assert RECEIVERS["bus"].values == list(range(603))
+        JUDGES["judge"].gate.set()
+    assert figures["waiting"] == 500
+    assert len(JUDGES["judge"].seen) + figures["dropped"] == len(RECEIVERS["bus"].frames)
+
+
+async def test_what_is_recorded_is_what_was_given(tmp_path):
+    async with running(config_of(record=tmp_path)):
+        DEVICES["arm"].tell(answer, give(25), fail(NOBODY), answer, give(5))
+        await DEVICES["arm"].done()
+    recording = Recording.open(tmp_path)
+    values = [int(v) for b in recording.entries() if hasattr(b, "values") for v in b.values[:, 0]]
+    assert values == RECEIVERS["bus"].values == list(range(30))
+    assert [n for f in recording.frames() for n in range(f.sequence, f.sequence + len(f))] == RECEIVERS["bus"].frames
+    assert [e.kind for e in recording.events()] == ["connected", "lost", "reconnected"]
+
+
+async def test_a_cell_may_ask_what_it_is():
+    async with running(config_of()) as cell:
+        schema = cell.schema()
+        assert [s["name"] for s in schema["streams"]["arm"]] == ["supply"]
+        assert [c["name"] for c in schema["frame"]["channels"]] == ["arm.bus.voltage", "arm.bus.current"]
+        assert cell.config()["sources"]["arm"]["host"] == "arm"
+        assert (cell.recordings(), cell.history("arm", "supply", cell.session, 0, 10)) == ((), ())
+
+
+async def test_history_of_a_cell_that_records(tmp_path):
+    async with running(config_of(record=tmp_path)) as cell:
+        DEVICES["arm"].tell(answer, give(20))
+        await DEVICES["arm"].done()
+        found = await asyncio.to_thread(cell.history, "arm", "supply", cell.session, 5, 10)
+        assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
+
+
+# what cannot start ------------------------------------------------------------------------------------
+
+
+async def start(config):
+    async with running(config):
+        pytest.fail("started")
+
+
+async def test_a_folder_that_cannot_be_made_is_told_as_it_is(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match=r"record\.folder .* cannot be made: Not a directory"):
+        await start(config_of(record=tmp_path / "file" / "recordings"))
+    assert not DEVICES["arm"].runs
+
+
+async def test_a_stage_that_cannot_be_made_is_told_with_its_place():
+    JUDGES["judge"].refuse = ConfigError("the model is of another robot")
+    with pytest.raises(ConfigError, match=r"stages\.judge: the model is of another robot"):
+        await start(config_of(stages=stages("judge")))
+    assert not DEVICES["arm"].runs
+
+
+async def test_a_sink_that_cannot_be_made_is_told(monkeypatch):
+    def refuses(self, *_):
+        raise SinkError("no certificate at plant.pem")
+
+    monkeypatch.setattr(FakeSink, "__init__", refuses)
+    with pytest.raises(SinkError, match=r"no certificate at plant\.pem"):
+        await start(config_of())
+
+
+async def test_a_mistake_of_ours_stays_a_traceback(monkeypatch):
+    def breaks(self, *_):
+        raise AttributeError("colour")
+
+    monkeypatch.setattr(FakeSink, "__init__", breaks)
+    with pytest.raises(ExceptionGroup) as caught:
+        await start(config_of())
+    assert caught.group_contains(AttributeError, match="colour")
+
+
+async def test_a_clock_set_while_it_runs_is_told(monkeypatch):
+    async with running(config_of()) as cell:
+        monkeypatch.setattr(cell.clock, "discipline", lambda: 2_500_000_000)
+        await until(lambda: RECEIVERS["bus"].of(Event))
+        (found, *_) = RECEIVERS["bus"].of(Event)
+        assert (found.kind, found.data) == ("wall_clock_step", {"step_s": 2.5})
+        assert "set by +2.500 s" in found.text

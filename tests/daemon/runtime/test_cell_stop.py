@@ -1,0 +1,201 @@
+"""A stop: sources first, then what is queued, then sinks and record; and nobody can hold it up for ever."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+
+from cellwatt import Alarm, Frames
+from cellwatt.record import Recording
+from cellwatt.runtime import cell as runtime_cell
+from tests.daemon.runtime.fakes import (
+    DEVICES,
+    JUDGES,
+    RECEIVERS,
+    FakeDriver,
+    FakeSink,
+    alarm,
+    answer,
+    config_of,
+    fail,
+    give,
+    prediction,
+    running,
+    sources,
+    stages,
+    until,
+)
+
+
+async def test_everything_accepted_is_judged_published_and_recorded(tmp_path):
+    judge = JUDGES["judge"]
+    judge.give = lambda frames, _: [prediction("judge", frames.sequence)]
+    judge.last = lambda: [alarm("at the end")]
+    judge.gate.clear()
+    async with running(config_of(stages=stages("judge"), record=tmp_path)) as cell:
+        DEVICES["arm"].tell(answer, give(200))
+        await DEVICES["arm"].done()
+        await until(judge.inside.is_set)
+        cell.stop()
+        await until(lambda: not DEVICES["arm"].open)
+        assert not judge.seen, "the stage still has everything before it"
+        judge.gate.set()
+    bus, recording = RECEIVERS["bus"], Recording.open(tmp_path)
+    recorded = [int(v) for b in recording.entries() if hasattr(b, "values") for v in b.values[:, 0]]
+    assert recorded == bus.values == list(range(200))
+    assert judge.seen == bus.frames == list(range(len(bus.frames)))
+    assert len(judge.seen) >= 199
+    results = list(recording.results())
+    assert [r.sequence for r in results[:-1]] == judge.seen
+    assert results[-1] == alarm("at the end")
+    assert bus.of(Alarm) == [alarm("at the end")]
+    assert not list(tmp_path.glob("*.part")), "the file is closed"
+
+
+def test_frames_that_waited_for_a_silent_source_are_given_at_the_end(at_once):
+    def newest():
+        frames = RECEIVERS["bus"].of(Frames)
+        return max(np.nanmax(f.values[:, f.layout.index("arm.bus.voltage")]) for f in frames)
+
+    async def main():
+        DEVICES["board"].tell(answer, give(1))
+        async with running(config_of(sources=sources("arm", "board"))):
+            await DEVICES["board"].done()
+            DEVICES["arm"].tell(answer, give(20))
+            await DEVICES["arm"].done()
+            assert newest() < 16, "the last 100 ms wait"
+        assert newest() > 18, "up to the last sample, 19 V"
+
+    at_once(main())
+
+
+def test_sinks_are_open_until_the_last_item(at_once, monkeypatch):
+    offered = []
+    offer = FakeSink.offer
+
+    def noting(self, item):
+        offered.append(RECEIVERS[self.name].open)
+        offer(self, item)
+
+    monkeypatch.setattr(FakeSink, "offer", noting)
+
+    async def main():
+        DEVICES["arm"].tell(answer, give(5))
+        async with running(config_of()):
+            await DEVICES["arm"].done()
+        assert set(offered) == {1}
+        assert RECEIVERS["bus"].open == 0
+
+    at_once(main())
+
+
+def test_sources_give_nothing_once_it_stops(at_once):
+    async def main():
+        async with running(config_of()) as cell:
+            DEVICES["arm"].tell(answer, give(3))
+            await DEVICES["arm"].done()
+            cell.stop()
+            await until(lambda: not RECEIVERS["bus"].open)
+            DEVICES["arm"].tell(give(3))
+        assert RECEIVERS["bus"].values == [0, 1, 2]
+
+    at_once(main())
+
+
+def test_health_is_told_once_more_at_the_end(at_once):
+    async def main():
+        async with running(config_of()) as cell:
+            DEVICES["arm"].tell(answer, give(3))
+            await DEVICES["arm"].done()
+        assert cell.status()["sources"]["arm"]["received"] == 3
+        assert RECEIVERS["bus"].health[-1]["sources"]["arm"]["received"] == 3
+
+    at_once(main())
+
+
+def test_a_sink_that_never_drains_is_cut_off(at_once, monkeypatch, caplog):
+    async def hangs(self):
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.Event().wait()
+
+    monkeypatch.setattr(FakeSink, "run", hangs)
+
+    async def main():
+        async with asyncio.timeout(60):
+            async with running(config_of()):
+                pass
+
+    at_once(main())
+    assert "sink bus did not end within 5 s" in caplog.text
+
+
+def test_a_driver_that_does_not_let_go_is_cut_off(at_once, monkeypatch, caplog):
+    async def stays(self):
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.Event().wait()
+
+    monkeypatch.setattr(FakeDriver, "run", stays)
+
+    async def main():
+        async with asyncio.timeout(60):
+            async with running(config_of()):
+                pass
+        assert RECEIVERS["bus"].health, "the rest is ended in order"
+
+    at_once(main())
+    assert "source arm did not end within 5 s" in caplog.text
+
+
+async def test_a_stage_that_never_ends_is_cut_off_and_the_record_is_closed(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(runtime_cell, "DRAIN", 0.05)
+    judge = JUDGES["judge"]
+    judge.gate.clear()
+    async with running(config_of(stages=stages("judge"), record=tmp_path)):
+        DEVICES["arm"].tell(answer, give(30))
+        await DEVICES["arm"].done()
+        await until(judge.inside.is_set)
+    judge.gate.set()
+    assert "stages judge still busy after 0 s: what it had queued is lost" in caplog.text
+    assert not list(tmp_path.glob("*.part"))
+    assert sum(len(f) for f in Recording.open(tmp_path).frames()) == len(RECEIVERS["bus"].frames) >= 29
+
+
+def test_a_cell_that_is_cancelled_lets_its_devices_go(at_once):
+    async def main():
+        async with running(config_of()) as cell:
+            task = next(t for t in asyncio.all_tasks() if "Cell.run" in repr(t.get_coro()))
+            await until(lambda: DEVICES["arm"].open)
+            task.cancel()
+            await asyncio.wait([task])
+            assert task.cancelled()
+            assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)
+            assert cell.status()["state"]
+
+    with pytest.raises(asyncio.CancelledError):
+        at_once(main())
+
+
+def test_stopped_while_a_source_pauses(at_once):
+    async def main():
+        DEVICES["arm"].tell(fail(OSError("gone")))
+        async with running(config_of()):
+            await until(lambda: "lost" in RECEIVERS["bus"].told)
+        assert len(DEVICES["arm"].runs) == 1
+
+    at_once(main())
+
+
+def test_stopped_before_it_is_ready(at_once):
+    async def main():
+        cell = runtime_cell.Cell(config_of())
+        cell.stop()
+        await cell.run()
+        assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)
+
+    at_once(main())

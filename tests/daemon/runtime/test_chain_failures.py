@@ -1,0 +1,109 @@
+"""A stage that breaks pauses longer each time, by the time of the frames, and is made anew."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from cellwatt import CellInfo
+from cellwatt.runtime.chain import Chain
+from tests.daemon.runtime.fakes import JUDGES, LAYOUT, AfterStage, FakeStage, JudgeSettings, alarm, frames_of
+
+LONGEST = 60
+
+
+def chain_of(**classes: type[FakeStage]) -> Chain:
+    def maker(name, stage):
+        return lambda: stage(name, JudgeSettings(), LAYOUT, CellInfo("plant", "weld", None, None))
+
+    makers = {name: maker(name, stage) for name, stage in classes.items()}
+    return Chain(makers, {name: make() for name, make in makers.items()})
+
+
+def breaks(*_):
+    raise ValueError("a singular matrix")
+
+
+def seconds_of_tries(chain, until):
+    """Whole seconds at which the stage was given frames; it breaks each time."""
+    tries = []
+    for second in range(until):
+        before = chain.status()["judge"]["failures"]
+        chain.process(frames_of(50 * second, second=second))
+        if chain.status()["judge"]["failures"] > before:
+            tries.append(second)
+    return tries
+
+
+def test_each_pause_is_twice_the_one_before_up_to_a_minute():
+    chain = chain_of(judge=FakeStage)
+    JUDGES["judge"].give = breaks
+    tries = seconds_of_tries(chain, 300)
+    pauses = [b - a for a, b in pairwise(tries)]
+    assert pauses == [1, 2, 4, 8, 16, 32, LONGEST, LONGEST, LONGEST]
+
+
+def test_one_that_cannot_be_made_anew_is_tried_again(caplog):
+    chain = chain_of(judge=FakeStage)
+    JUDGES["judge"].give = breaks
+    chain.process(frames_of(0, second=0.0))
+    JUDGES["judge"].refuse = FileNotFoundError("model.onnx")
+    chain.process(frames_of(1, second=1.0))
+    assert "stage judge cannot be made anew: model.onnx" in caplog.text
+    assert chain.status()["judge"]["error"] == "FileNotFoundError: model.onnx"
+    JUDGES["judge"].refuse, JUDGES["judge"].give = None, lambda *_: [alarm()]
+    assert chain.process(frames_of(2, second=2.9)) == [], "its pause is 2 s now"
+    assert chain.process(frames_of(3, second=3.0)) == [alarm()]
+    assert chain.status()["judge"] | {"state": "ok", "error": None, "failures": 2} == chain.status()["judge"]
+
+
+def test_it_is_made_anew_and_not_used_on():
+    chain = chain_of(judge=FakeStage)
+    broken = chain.stages["judge"]
+    JUDGES["judge"].give = breaks
+    chain.process(frames_of(0, second=0.0))
+    JUDGES["judge"].give = lambda *_: ()
+    chain.process(frames_of(1, second=1.0))
+    assert chain.stages["judge"] is not broken
+    assert JUDGES["judge"].made == 2
+
+
+def test_frames_that_broke_it_do_not_count_as_judged():
+    chain = chain_of(judge=FakeStage)
+    chain.process(frames_of(0, 5))
+    JUDGES["judge"].give = breaks
+    chain.process(frames_of(5, 5))
+    figures = chain.status()["judge"]
+    assert (figures["frames"], figures["results"], figures["failures"]) == (5, 0, 1)
+
+
+def test_one_that_needs_a_broken_one_gets_nothing_of_it():
+    seen = []
+    chain = chain_of(judge=FakeStage, after=AfterStage)
+    JUDGES["judge"].give = lambda *_: [alarm()]
+    JUDGES["after"].give = lambda _, upstream: seen.append(list(upstream)) or ()
+    chain.process(frames_of(0, second=0.0))
+    JUDGES["judge"].give = breaks
+    chain.process(frames_of(1, second=0.02))
+    assert seen == [[alarm()], []]
+
+
+def test_at_the_end_each_is_asked_though_another_breaks(caplog):
+    chain = chain_of(judge=FakeStage, after=AfterStage)
+    JUDGES["judge"].last = breaks
+    JUDGES["after"].last = lambda: [alarm()]
+    assert chain.close() == [alarm()]
+    assert chain.status()["judge"]["error"] == "a singular matrix"
+    assert "stage judge broke at the end" in caplog.text
+
+
+@pytest.mark.parametrize(("n", "mean"), [(0, None), (4, float)])
+def test_time_a_frame(n, mean):
+    chain = chain_of(judge=FakeStage)
+    if n:
+        chain.process(frames_of(0, n))
+    figures = chain.status()["judge"]
+    assert figures["mean_us_per_frame"] is None if mean is None else isinstance(figures["mean_us_per_frame"], mean)
+    if n:
+        assert figures["slowest_ms"] * 1000 == pytest.approx(n * figures["mean_us_per_frame"], rel=0.1, abs=n)
