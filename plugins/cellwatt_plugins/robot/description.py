@@ -67,6 +67,10 @@ class RobotDescription(BaseModel):
     """Hz of its recordings; found in the recording where absent."""
     standby_power: NonNegative = 0.0
     """W."""
+    converter_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the supply's power that reaches the drives."""
+    regeneration: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Share of braking power that comes back to the supply."""
     tolerances: Tolerances = Tolerances()
 
     @model_validator(mode="after")

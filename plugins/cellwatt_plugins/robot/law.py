@@ -34,5 +34,7 @@ def copper_loss(robot: RobotDescription, torque: Float) -> Float:
 
 
 def nominal_power(robot: RobotDescription, torque: Float, qd: Float) -> Float:
-    """Supply power (N,) W: standby, mechanical power and copper loss."""
-    return np.asarray(robot.standby_power + np.sum(torque * qd + copper_loss(robot, torque), axis=1))
+    """Supply power (N,) W: standby, and what the drives take or give back, mechanical power and copper loss."""
+    drives = np.sum(torque * qd + copper_loss(robot, torque), axis=1)
+    passed = np.where(drives > 0, drives / robot.converter_efficiency, drives * robot.regeneration)
+    return np.asarray(robot.standby_power + passed)

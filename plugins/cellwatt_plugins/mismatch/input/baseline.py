@@ -38,6 +38,8 @@ FINE = 1e-3
 """Share of a torque's size to which a law is fitted to it."""
 NO_WORSE = 1.1
 """A number is the description's, or 0, where the rms left with that is no more than this times what it is without."""
+LOSSIEST = 0.4
+"""Efficiency of a converter at least."""
 SLOW = 0.03
 """rad/s below which simulators turn friction over each in its own way."""
 FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
@@ -141,8 +143,9 @@ def _with_friction(said: Simulated, robot: RobotDescription, body: RigidBody) ->
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
         if np.all(moved > 0):
             found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
-            near = np.abs(found - own) * moved < FINE * np.maximum(own * moved, 1e-9)
-            own = np.where(near, own, found)
+            small = FINE * float(np.sqrt(np.mean(said.torque[:, i] ** 2)))
+            found = np.where(found * moved < small, 0.0, found)
+            own = np.where(np.abs(found - own) * moved < small, own, found)
         joints.append(joint.model_copy(update=dict(zip(FRICTION, own.tolist(), strict=True))))
     return robot.model_copy(update={"joints": tuple(joints)})
 
@@ -218,13 +221,27 @@ def _supply(said: Simulated, robot: RobotDescription) -> RobotDescription:
     left = said.power - nominal_power(robot, said.torque, said.plan.velocity)
     if np.sqrt(np.mean(left**2)) < SAME * np.sqrt(np.mean(said.power**2)):
         return robot
-    columns = np.column_stack([np.ones(len(said.power)), np.square(said.torque)])
-    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
-    drawn = said.power - np.sum(said.torque * said.plan.velocity, axis=1)
-    standby, *gains = (nnls(columns / scale, drawn)[0] / scale).tolist()
-    # R / K² is what heats: where K is not known it is taken as 1 Nm/A.
+    drives = np.sum(said.torque * said.plan.velocity, axis=1)
+    plain = _drawn(said, np.column_stack([np.ones_like(drives), np.square(said.torque)]), said.power - drives)
+    ways = np.column_stack([np.ones_like(drives), np.maximum(drives, 0.0), np.minimum(drives, 0.0)])
+    lossy = _drawn(said, np.column_stack([ways, np.square(said.torque)]), said.power)
+    if lossy[1] > LINKS * plain[1] or not 1 <= lossy[0][1] < 1 / LOSSIEST:
+        (standby, *gains), gain, back = plain[0].tolist(), 1.0, 1.0
+    else:
+        standby, gain, back, *gains = lossy[0].tolist()
     joints = []
-    for joint, gain in zip(robot.joints, gains, strict=True):
+    for joint, heat in zip(robot.joints, gains, strict=True):
+        # R / K² is what heats: where K is not known it is taken as 1 Nm/A.
         constant = joint.torque_constant or 1.0
-        joints.append(joint.model_copy(update={"torque_constant": constant, "winding_resistance": gain * constant**2}))
-    return robot.model_copy(update={"standby_power": standby, "joints": tuple(joints)})
+        ohms = heat / gain * constant**2
+        joints.append(joint.model_copy(update={"torque_constant": constant, "winding_resistance": ohms}))
+    supply = {"standby_power": standby, "converter_efficiency": 1 / gain, "regeneration": min(back, 1.0)}
+    return robot.model_copy(update={**supply, "joints": tuple(joints)})
+
+
+def _drawn(said: Simulated, columns: Float, power: Float) -> tuple[Float, float]:
+    """Coefficients, none negative and small ones 0, that make ``power`` (N,) W of columns (N, m); mean square left."""
+    scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+    found = nnls(columns / scale, power)[0]
+    found = np.where(found < FINE * float(np.sqrt(np.mean(power**2))), 0.0, found) / scale
+    return found, float(np.mean(np.square(power - columns @ found)))

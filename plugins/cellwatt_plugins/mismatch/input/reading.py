@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
@@ -190,9 +191,10 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
     gaps = np.interp(run.time, when, source.gaps) > 0
     if run.gaps is not None:
         gaps |= run.gaps
+    time = np.clip(run.time, when[0], when[-1])
     plan = Plan(
-        onto(run.time, when, planned.position),
-        onto(run.time, when, planned.velocity),
+        np.asarray(CubicHermiteSpline(when, planned.position, planned.velocity)(time)),
+        np.asarray(CubicHermiteSpline(when, planned.velocity, planned.acceleration)(time)),
         onto(run.time, when, planned.acceleration),
     )
     more = [f"{run.name}: {note}"] if note else []
