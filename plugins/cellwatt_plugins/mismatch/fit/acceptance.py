@@ -25,6 +25,8 @@ AGAINST = 0.3
 """Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
 RISE = 1.001
 """Factor on a held-out error that is a rise."""
+SMALLEST = 0.2
+"""Of the supply's noise that a term must change its power by."""
 STEADY = 2.5
 """Standard errors by which the error on blocks left out must fall on average, near the noise."""
 OFF_SCALE = 0.35
@@ -46,6 +48,8 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds) -> str 
         return "is too small to be told from how the motion was sampled"
     if term.effect.acceptance.several_channels and not seen_by_several(before, after.block(term)[0]):
         return "only one channel asks for it"
+    if after.problem.side == "supply" and _spread(after, term) < SMALLEST:
+        return "is too small to be of use"
     chi2, left = before.problem.chi2(before.residual), after.problem.chi2(after.residual)
     at = slice(None) if term.joint is None else slice(term.joint, term.joint + 1)
     drop = float(np.sum((chi2 - left)[at]))
@@ -59,6 +63,13 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds) -> str 
     if not term.effect.form.intermittent and not lowers_held_out_error(before, after, thresholds):
         return "hardly lowers the error on data left out"
     return None
+
+
+def _spread(solution: Solution, term: Term) -> float:
+    """Standard deviation of what a term adds to the supply, in units of its noise; infinite for a constant."""
+    added = solution.block(term)[0].times(solution.coefficients(term), 1)[:, 0]
+    spread = float(np.std(added))
+    return spread / float(solution.problem.floor[0]) if spread > 1e-9 * float(np.max(np.abs(added))) else np.inf
 
 
 def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
