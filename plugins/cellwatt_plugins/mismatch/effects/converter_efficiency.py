@@ -23,7 +23,7 @@ class ConverterEfficiency(Effect):
     name = "converter_efficiency"
     acts_on = "supply"
     depends_on = "fitted torque"
-    acceptance = Acceptance(above=0.005)
+    acceptance = Acceptance(above=0.015)
     confusions = (
         Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
         Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),

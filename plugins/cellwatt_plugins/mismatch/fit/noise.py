@@ -19,7 +19,7 @@ FEWEST = 3
 """Windows that a spectrum is made of at least."""
 STANDS_OUT = 5.0
 """Power of a line over the level on both of its sides."""
-LEVELS_SEEN = 0.02
+LEVELS_SEEN = 0.2
 """Different values of a channel, as a share of all, up to which it comes in steps."""
 LONGEST = 1.0
 """s over which a residual's autocorrelation is followed."""
