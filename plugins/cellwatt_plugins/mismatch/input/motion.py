@@ -27,7 +27,7 @@ ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0)
 much there is."""
 OWN_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """The same of a motion whose plan is not known; the first is kept as it is."""
-FASTEST_BAND = 0.3
+FASTEST_BAND = 0.35
 """Bandwidth times step of the fastest octave that the sampling has."""
 SURE = 2.0
 """Times its noise by which an octave's power must exceed 0 to be kept at all."""
