@@ -106,4 +106,5 @@ def sockets() -> Left:
 
 
 def temporary() -> Left:
-    return {path: f"temporary {path}" for path in Path(tempfile.gettempdir()).iterdir()}
+    paths = Path(tempfile.gettempdir()).iterdir()
+    return {path: f"temporary {path}" for path in paths if path.name != ".ses"}  # of onnxruntime, one for all runs
