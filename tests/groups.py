@@ -18,26 +18,27 @@ TOGETHER = {
 FIRST = [
     TYPES,
     "timing",
-    "tests/plugins/models/power/test_train_command.py",
-    "tests/plugins/faults",
-    "tests/science/test_power_model.py",
-    "tests/daemon/test_clock.py",
-    "tests/plugins/faults/cycles",
-    "tests/science/test_energy_coverage.py",
-    "tests/plugins/models/power/test_training.py",
-    "tests/drivers/ur/test_emulator.py",
-    "tests/plugins/mismatch/test_report.py",
+    "tests/plugins/mismatch/test_stage_explanation.py",
     "tests/daemon/publish/test_link_cut.py",
-    "tests/plugins/models/static/test_training.py",
-    "tests/drivers/ur/test_driver.py",
     "tests/drivers/test_conformance.py",
-    "tests/plugins/mismatch/test_suggest.py",
-    "tests/plugins/mismatch/test_explain.py",
-    "tests/drivers/ur/test_library.py",
-    "tests/daemon/publish/test_processes.py",
+    "tests/drivers/ur/test_driver.py",
+    "tests/plugins/faults",
+    "tests/plugins/models/power/test_training.py",
+    "tests/plugins/models/static/test_training.py",
+    "tests/plugins/models/power/test_train_command.py",
     "tests/daemon/testing/test_examples.py",
+    "tests/daemon/testing/test_new_driver.py",
+    "tests/science/test_power_model.py",
+    "tests/plugins/mismatch/test_report.py",
+    "tests/plugins/faults/cycles",
+    "tests/daemon/publish/test_processes.py",
+    "tests/plugins/energy",
+    "tests/drivers/ur/test_library.py",
+    "tests/daemon/test_clock.py",
+    "tests/daemon/test_align.py",
+    "tests/plugins/mismatch/test_explain.py",
 ]
-"""What takes longer than 20 s, longest first: whoever is done with it takes the small rest."""
+"""What takes longer than 15 s, longest first: whoever is done with it takes the small rest."""
 
 
 def group(nodeid: str) -> str:

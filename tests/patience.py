@@ -11,11 +11,14 @@ import os
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 FACTOR = float(os.environ.get("CELLWATT_TEST_PATIENCE", "1"))
 PATIENCE = 60.0 * FACTOR
 """s; far above what an idle machine needs, so that only what never happens runs into it."""
+
+PAUSE = 0.02
 
 
 def wait_until(condition: Callable[[], Any], what: str = "what is waited for", seconds: float = PATIENCE) -> Any:
@@ -37,10 +40,14 @@ async def eventually(condition: Callable[[], Any], what: str = "what is waited f
 
 
 class Machine:
-    """How late this machine wakes a thread, at most, while the context lasts: what a bound in time must be granted."""
+    """How late this machine wakes a thread that then syncs a file in ``folder``, at most, while the context lasts.
 
-    def __init__(self) -> None:
+    A bound in time must be granted that. In s.
+    """
+
+    def __init__(self, folder: Path) -> None:
         self.late = 0.0
+        self._file = folder / "machine"
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
@@ -50,11 +57,12 @@ class Machine:
 
     def __exit__(self, *_: object) -> None:
         self._over.set()
-        self._thread.join()
 
     def _watch(self) -> None:
-        while True:
+        with self._file.open("wb", buffering=0) as file:
             began = time.monotonic()
-            if self._over.wait(0.01):
-                return
-            self.late = max(self.late, time.monotonic() - began - 0.01)
+            while not self._over.wait(PAUSE):
+                file.write(b".")
+                os.fsync(file.fileno())
+                self.late = max(self.late, time.monotonic() - began - PAUSE)
+                began = time.monotonic()

@@ -16,10 +16,11 @@ from types import TracebackType
 from typing import Any
 
 from cellwatt.batch import Batch
+from cellwatt.errors import SinkError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Event
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, eventually
 
 
 def free_port() -> int:
@@ -90,7 +91,8 @@ class Audience:
     """Everything a subscriber got, with conditions to wait for."""
 
     def __init__(self, daemon: Daemon, topics: tuple[str, ...] = EVERYTHING) -> None:
-        self._subscriber = Subscriber("test", "test", daemon.link, want=topics)
+        self._daemon = daemon
+        self._topics = topics
         self.batches: defaultdict[str, list[Batch]] = defaultdict(list)
         self.frames: list[Frames] = []
         self.results: defaultdict[str, list[Any]] = defaultdict(list)
@@ -102,9 +104,19 @@ class Audience:
         self._changed = asyncio.Event()
 
     async def __aenter__(self) -> Audience:
-        await self._subscriber.__aenter__()
+        await eventually(self._open, "the daemon's endpoint")
         self._task = asyncio.create_task(self._listen())
         return self
+
+    async def _open(self) -> bool:
+        """Whether the daemon is up so far that it takes a subscriber."""
+        assert self._daemon.process is None or self._daemon.process.returncode is None, "the daemon has ended"
+        self._subscriber = Subscriber("test", "test", self._daemon.link, want=self._topics)
+        try:
+            await self._subscriber.__aenter__()
+        except SinkError:
+            return False
+        return True
 
     async def __aexit__(self, *_: object) -> None:
         self._task.cancel()

@@ -5,7 +5,6 @@ Each runs at both speeds of Fig. 19. The quickest one is part of every run, the 
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +24,6 @@ from cellwatt_plugins.faults.paper.following import courses_of
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.reference import load
-from tests.patience import PATIENCE
 from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Move, Run, period, run
 from tests.plugins.faults.watching import learned
@@ -122,25 +120,8 @@ stages:
   segment: {{}}
   faults: {{stage: faults_by_paper, reference: reference.yaml, power: board.supply.power, {network}}}
 """
-        async with Daemon(folder, text) as daemon:
-            await listening(daemon)
-            async with Audience(daemon, ("alarm", "health")) as audience:
-                return await told_faults(scenario, audience)
-
-
-async def listening(daemon: Daemon) -> None:
-    """Until somebody answers at the daemon's endpoint."""
-    host, port = daemon.endpoint.removeprefix("tcp/").split(":")
-    async with asyncio.timeout(PATIENCE):
-        while True:
-            try:
-                _, writer = await asyncio.open_connection(host, int(port))
-            except ConnectionError:
-                await asyncio.sleep(0.05)
-            else:
-                writer.close()
-                await writer.wait_closed()
-                return
+        async with Daemon(folder, text) as daemon, Audience(daemon, ("alarm", "health")) as audience:
+            return await told_faults(scenario, audience)
 
 
 async def told_faults(scenario: Scenario, audience: Audience) -> list[Alarm]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from urllib.parse import urlparse
 from urllib.request import url2pathname
@@ -30,7 +31,8 @@ async def test_a_stiff_joint_is_located_and_the_friction_named(tmp_path: Path) -
     robot = tmp_path / "bench"
     robot.mkdir()
     write_robot(robot, viscous_friction=0.0)
-    table = write_rtde(tmp_path / "arm.parquet", recorded(150, 125, viscous=FRICTION, since=SINCE))
+    table = tmp_path / "arm.parquet"
+    await asyncio.to_thread(lambda: write_rtde(table, recorded(150, 125, viscous=FRICTION, since=SINCE)))
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0", "--recording", str(table)) as device:
         host, port = device.address.split(":")
         channels = "[actual_q, actual_qd, actual_current, target_q, target_qd, target_qdd]"

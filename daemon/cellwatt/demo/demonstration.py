@@ -20,7 +20,7 @@ from cellwatt.demo.summary import delivery_problems, sources_of, summary, summar
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.errors import CellwattError
 
-START = 30.0
+START = 60.0
 """Longest time, s, until everything runs."""
 STOP = 15.0
 """Longest time, s, that the daemon may take to drain, and then the last messages to the subscriber."""

@@ -18,6 +18,9 @@ from typing import Any
 from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
+ANSWER = 60.0
+"""Longest time, s, for an answer, the first one after its start included."""
+
 
 class EmulatorProcess:
     """``cellwatt emulate DRIVER …`` as a child; use as an async context manager.
@@ -38,7 +41,11 @@ class EmulatorProcess:
         self._child = await asyncio.create_subprocess_exec(
             *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
         )
-        answer = await self._read()
+        try:
+            answer = await self._read()
+        except BaseException:
+            await self._end()
+            raise
         if "ready" not in answer:
             await self._end()
             raise CellwattError(f"the {self.driver} emulator did not start: {answer.get('error', answer)}")
@@ -76,7 +83,10 @@ class EmulatorProcess:
 
     async def _read(self) -> dict[str, Any]:
         assert self._child is not None and self._child.stdout is not None
-        line = await asyncio.wait_for(self._child.stdout.readline(), 20)
+        try:
+            line = await asyncio.wait_for(self._child.stdout.readline(), ANSWER)
+        except TimeoutError:
+            raise CellwattError(f"the {self.driver} emulator said nothing for {ANSWER:.0f} s") from None
         if not line:
             return {"error": f"ended with exit code {await self._child.wait()}"}
         answer: dict[str, Any] = json.loads(line)

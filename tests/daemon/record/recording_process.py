@@ -40,5 +40,5 @@ async def main(folder: Path, rate: float, machine: Machine) -> None:
         await asyncio.sleep(0.5 / rate)
 
 
-with Machine() as machine:
+with Machine(Path(sys.argv[1]).parent) as machine:
     asyncio.run(main(Path(sys.argv[1]), float(sys.argv[2]), machine))

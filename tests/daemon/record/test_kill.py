@@ -20,7 +20,8 @@ ALLOWED = RATE // 10
 @pytest.mark.parametrize("number", range(10))
 def test_a_killed_recorder_loses_at_most_100_ms(number, tmp_path):
     wanted = random.Random(number).randint(20, 300)
-    command = [sys.executable, "-m", "tests.daemon.record.recording_process", tmp_path, str(RATE)]
+    folder = tmp_path / "record"
+    command = [sys.executable, "-m", "tests.daemon.record.recording_process", folder, str(RATE)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:
@@ -31,15 +32,15 @@ def test_a_killed_recorder_loses_at_most_100_ms(number, tmp_path):
         for line in process.stdout:
             if line.endswith("\n"):
                 said, late = line.split()
-    parts = list(tmp_path.glob(f"*{PART}"))
+    parts = list(folder.glob(f"*{PART}"))
     reports = [recover(part) for part in parts]
     stored = 0
     if any(report and report.result for report in reports):
-        recording = Recording.open(tmp_path)
+        recording = Recording.open(folder)
         samples = recording.batches("arm", "rtde")
         stored = len(samples)
         assert samples.sequence.tolist() == list(range(stored))
         assert np.array_equal(samples.values[:, 0], np.arange(stored))
         assert not recording.damage
-    # A machine that is busy wakes the recorder late: once to write, and once while it does.
+    # A busy machine wakes the recorder late: once to write, and once while it does.
     assert int(said) + 1 - stored <= ALLOWED + 2 * RATE * float(late)

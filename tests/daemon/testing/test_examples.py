@@ -52,5 +52,6 @@ def test_a_cell_with_both_is_checked_like_any_other(site, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["mqtt_meter", "demand_stage"])
-def test_their_own_tests_pass(site, name):
-    assert "passed" in call(site, "-m", "pytest", "-q", "-p", "no:cacheprovider", cwd=site.parent / name)
+def test_their_own_tests_pass(site, name, tmp_path):
+    options = ("-q", "-p", "no:cacheprovider", f"--basetemp={tmp_path / 'base'}")
+    assert "passed" in call(site, "-m", "pytest", *options, cwd=site.parent / name)

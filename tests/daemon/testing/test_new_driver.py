@@ -26,7 +26,8 @@ def test_the_package_installs_is_listed_and_passes_its_tests(tmp_path):
     made = tmp_path / "torque_sensor"
     site = install(made, tmp_path / "site")
     assert "torque_sensor: a meter over TCP" in call(site, "-m", "cellwatt.commands", "drivers")
-    assert "passed" in call(site, "-m", "pytest", "-q", "-p", "no:cacheprovider", cwd=made)
+    options = ("-q", "-p", "no:cacheprovider", f"--basetemp={tmp_path / 'base'}")
+    assert "passed" in call(site, "-m", "pytest", *options, cwd=made)
 
 
 @pytest.mark.parametrize("tool", [["check", "--ignore", "I001"], ["format", "--check"]], ids=["lint", "format"])

@@ -30,7 +30,7 @@ def multicast_or_skip() -> None:
 @pytest.mark.parametrize("address", [None, "pty", GROUP])
 async def test_samples_in_si_units_on_the_bus_time(address):
     if address == GROUP:
-        multicast_or_skip()
+        await asyncio.to_thread(multicast_or_skip)
     async with emulated(address) as (_, place), running(settings(place)) as run:
         await run.outlet.until(lambda o: o.account.received >= 30)
     assert run.stream("current")[:, 0] == pytest.approx(-2.5)

@@ -39,6 +39,7 @@ def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], st
         device.close()
 
 
+@pytest.mark.leaves_behind  # the library keeps a pool of threads for what it calls back
 @pytest.mark.parametrize("mode", ["api", "api_escaped"])
 async def test_digi_library_opens_it_and_receives_our_payloads(mode: str) -> None:
     async with emulated(mode=mode, rate="200", batch="2", phases="3") as (emulator, port):

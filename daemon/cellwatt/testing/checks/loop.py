@@ -33,7 +33,7 @@ async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
             async with running(rig, device.address) as source:
                 await source.until(lambda: source.failures, "a SourceError while the device is off")
         finally:
-            watch.stop()
+            await asyncio.to_thread(watch.stop)
             beating.cancel()
             await asyncio.wait([beating])
     require(not watch.culprit, f"the event loop stood still for more than {LONGEST:g} s, in:\n{watch.culprit}")
