@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,6 +10,10 @@ from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion,
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.regression import Prior
+
+NEAR = 1.5
+"""rad about the middle of the joint's motion within which a spring is expected to rest."""
 
 
 class SpringLoad(Effect):
@@ -25,6 +29,13 @@ class SpringLoad(Effect):
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         return np.column_stack([run.q[:, joint], np.ones(len(run.time))])
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """A spring at rest near where the joint works, wherever its angles count from."""
+        q = np.concatenate([run.q[:, joint] for run in runs])
+        middle, stiffness = float(np.mean(q)), size[joint or 0] / max(float(np.std(q)), 1e-3)
+        covariance = np.array([[1.0, -middle], [-middle, middle**2 + NEAR**2]])
+        return Prior(np.zeros(2), stiffness**2 * covariance)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         stiffness, constant = estimate.coefficients[:2]

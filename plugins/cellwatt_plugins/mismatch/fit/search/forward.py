@@ -12,7 +12,7 @@ from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 
-BEST = 3
+BEST = 2
 """Candidates at one place (a joint, the whole arm) that are looked at closely in a step."""
 RIVALS = 3
 """Other names that are fitted in a term's place."""
