@@ -18,7 +18,7 @@ TOGETHER = {
 FIRST = [
     TYPES,
     "timing",
-    "tests/plugins/mismatch/test_stage_explanation.py",
+    "tests/plugins/mismatch/live/test_explanation.py",
     "tests/daemon/publish/test_link_cut.py",
     "tests/drivers/test_conformance.py",
     "tests/drivers/ur/test_driver.py",
@@ -29,7 +29,7 @@ FIRST = [
     "tests/daemon/testing/test_examples.py",
     "tests/daemon/testing/test_new_driver.py",
     "tests/science/test_power_model.py",
-    "tests/plugins/mismatch/test_report.py",
+    "tests/plugins/mismatch/report/test_page.py",
     "tests/plugins/faults/cycles",
     "tests/daemon/publish/test_processes.py",
     "tests/plugins/energy",

@@ -15,7 +15,8 @@ from tests.plugins.mismatch.emulated_arm import recorded, write_rtde
 from tests.plugins.mismatch.recorded_arm import write_robot
 from tests.system.running import Audience, Daemon, balanced, running
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(420)]
+# The stage and its explanation are in every run: tests/plugins/mismatch/live/test_explanation.py.
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(420)]
 
 FRICTION = 30.0
 """Nm s/rad that joint 2 has from then on …"""

@@ -83,6 +83,7 @@ def undisturbed(source: dict[str, object]) -> bool:
     return not counters.get("restarts") and not source["dropped"]
 
 
+@pytest.mark.slow  # all of them together are in every run
 @pytest.mark.timeout(200)
 @pytest.mark.parametrize("name", list(KINDS))
 async def test_each_fault_alone(tmp_path: Path, name: str) -> None:
