@@ -139,7 +139,9 @@ def without_times(result: str) -> dict:
     return found
 
 
-def test_a_run_that_was_killed_goes_on_and_comes_to_the_same_figures(bench, tmp_path):
+def test_a_run_that_was_killed_goes_on_and_comes_to_the_same_figures(bench, tmp_path, monkeypatch):
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))  # who is killed leaves its own behind
     (tmp_path / "kill").touch()
     stopped = small_run(bench, tmp_path, tmp_path / "work")
     assert stopped.returncode == -signal.SIGKILL

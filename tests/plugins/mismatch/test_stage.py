@@ -19,7 +19,7 @@ from cellwatt.stage import CellInfo
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.motion import QUICK_OCTAVES, moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.live.settings import BandSettings, MismatchSettings
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, predict_states, save_model
@@ -286,7 +286,7 @@ def test_live_is_what_offline_says_of_the_whole_recording(robot, healthy):
     body = RigidBody(described.urdf, tuple(j.name for j in described.joints))
     time, values = np.arange(len(healthy)) / 50, healthy.values
     whole = Run("whole", time, values[:, :6], values[:, 6:12], values[:, 12:18])
-    states = States("whole", -1, time, moved(whole), described, body)
+    states = States("whole", -1, time, moved(whole, QUICK_OCTAVES), described, body)
     said = predict_states(Model(described, Retuned.nothing(6)), states)
     error = np.abs(live[:, :6] - said.torque[rows])
     fast = np.abs(states.qd[rows]) > 0.05

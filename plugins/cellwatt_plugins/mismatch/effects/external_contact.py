@@ -22,6 +22,8 @@ BLOW = 0.045
 """s: a collision, tried where stops are kept apart anyway."""
 SHORTEST = 0.05
 """s: what is shorter may be a stop."""
+OF_FRICTION = 0.25
+"""Share of Coulomb friction that a push must exceed."""
 PEAKS = 2
 """Places tried per run and width."""
 
@@ -37,6 +39,10 @@ class ExternalContact(Effect):
         Confusion("unknown", "repeat the same program: a contact does not repeat"),
         Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),
     )
+
+    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+        """Less than a share of the friction is how friction turns over at a stop."""
+        return abs(float(coefficients[0])) > OF_FRICTION * robot.joints[joint or 0].coulomb_friction
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
         return [

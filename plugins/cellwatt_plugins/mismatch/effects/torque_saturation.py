@@ -15,8 +15,6 @@ BELOW = (0.0, 1.0, 2.0, 3.0)
 """Standard deviations below the greatest measured torque at which the limit is tried."""
 CLIPPED = 10
 """Samples that must be clipped."""
-FOLLOWS = 0.7
-"""Correlation of read and asked torque from which nothing is clipped."""
 AMONG = (10, 20, 40)
 """Greatest asked torques over whose readings the limit is also tried: clipped ones all read about the same."""
 
@@ -40,7 +38,7 @@ class TorqueSaturation(Effect):
         levels = [float(np.max(read)) - below * spread for below in BELOW]
         greatest = np.argsort(-asked)[: max(AMONG)]
         levels += [float(np.median(read[greatest[:count]])) for count in AMONG]
-        return [(level,) for level in levels if level > 0 and _flat(read, asked, level)]
+        return [(level,) for level in levels if level > 0 and np.count_nonzero(asked > level) >= CLIPPED]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         torque = run.torque[:, joint]
@@ -54,13 +52,3 @@ class TorqueSaturation(Effect):
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
         return f"The torque measured at {who.lower()} is clipped at {said(parameters['limit'])}."
-
-
-def _flat(read: Float, asked: Float, level: float) -> bool:
-    """Whether enough torque beyond a level is asked for, and what is read there no longer follows it."""
-    beyond = asked > level
-    if np.count_nonzero(beyond) < CLIPPED:
-        return False
-    spreads = np.std(read[beyond]) * np.std(asked[beyond])
-    alike = np.mean((read[beyond] - np.mean(read[beyond])) * (asked[beyond] - np.mean(asked[beyond])))
-    return bool(alike < FOLLOWS * max(float(spreads), 1e-12))

@@ -27,12 +27,14 @@ ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0)
 much there is."""
 OWN_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """The same of a motion whose plan is not known; the first is kept as it is."""
+QUICK_OCTAVES = (10.0, 20.0)
+"""The same for who cannot wait: what is slow enough to be told from noise takes seconds before and after."""
 FASTEST_BAND = 0.35
 """Bandwidth times step of the fastest octave that the sampling has."""
 SURE = 2.0
 """Times its noise by which an octave's power must exceed 0 to be kept at all."""
-TURNS = 0.0004
-"""rad/s to which it is known where friction turns over: at rest it is not as simple as the law."""
+CLEAR = 3.0
+"""Times its noise from which an octave that is not kept is doubt."""
 OWN_BANDWIDTH = 10.0
 """Hz kept where a file's derivatives are missing."""
 SHORTEST_LAG, LONGEST_LAG = 0.0005, 0.2
@@ -63,10 +65,13 @@ class Moved:
     """Standard deviation of the acceleration, rad/s², where it had to be differentiated from encoders alone."""
 
 
-def moved(run: Run) -> Moved:
-    """The motion of a run: planned motion plus smoothed tracking error, or smoothed encoders where no plan is."""
+def moved(run: Run, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
+    """The motion of a run: planned motion plus smoothed tracking error, or smoothed encoders where no plan is.
+
+    ``octaves``, Hz, are those of smoothed encoders.
+    """
     if run.plan is None:
-        return _from_encoders(run)
+        return _from_encoders(run, octaves)
     plan = _followed(run)
     error = run.position - plan.position
     noise = encoder_noise(error)
@@ -153,11 +158,11 @@ def differentiate(values: Float, step: float) -> tuple[Float, Float]:
     return first, second
 
 
-def _from_encoders(run: Run) -> Moved:
+def _from_encoders(run: Run, wanted: Sequence[float]) -> Moved:
     noise = encoder_noise(run.position)
-    octaves = _octaves(run.step, OWN_OCTAVES)
+    octaves = _octaves(run.step, wanted)
     base = smooth(run.position, run.step, octaves[0])
-    kept = _in_octaves(run.position - base, noise, run.step, octaves)
+    kept = _in_octaves(run.position, noise, run.step, octaves, base)
     speed, gain = differentiate(base, run.step)
     position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
     sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, run.step)
@@ -170,8 +175,7 @@ def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> t
     Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
     """
     wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
-    doubt = expected_sign(velocity, np.hypot(wide, TURNS))[1]
-    return expected_sign(velocity, spread)[0], doubt, wide
+    return expected_sign(velocity, spread)[0], expected_sign(velocity, wide)[1], wide
 
 
 @dataclass(frozen=True)
@@ -185,16 +189,19 @@ class _Kept:
     acceleration_spread: Float
 
 
-def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float]) -> _Kept:
+def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float], base: Float | None = None) -> _Kept:
     """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
 
     Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
-    last octave leaves out is none of the motion and counts as doubt.
+    last octave leaves out is none of the motion and counts as doubt. ``base``: what the first octave keeps of the
+    values, where that is taken as it is.
     """
     parts = [np.zeros_like(values) for _ in range(3)]
     squares = [np.zeros_like(values) for _ in range(3)]
-    lower = np.zeros_like(values)
+    lower = np.zeros_like(values) if base is None else base
     for i, bandwidth in enumerate(octaves):
+        if i == 0 and base is not None:
+            continue
         upper = smooth(values, step, bandwidth)
         band = (upper - lower, *differentiate(upper - lower, step))
         gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
@@ -204,7 +211,7 @@ def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[floa
             last = i == len(octaves) - 1
             share = np.zeros_like(part) if last else np.clip(1 - SURE * own / np.maximum(power, 1e-300), 0.0, 1.0)
             parts[order] += share * part
-            squares[order] += share * own + np.square(1 - share) * np.maximum(power - own, 0.0)
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - CLEAR * own, 0.0)
         lower = upper
     return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.input.motion import exact, moved
+from cellwatt_plugins.mismatch.input.motion import QUICK_OCTAVES, exact, moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
 from cellwatt_plugins.robot import RigidBody, load_robot
@@ -57,7 +57,7 @@ class Simulation:
     def run(self, time: Float, position: Float, velocity: Float | None, temperature: Float | None) -> Simulated:
         """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends."""
         recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
-        states = States("live", -1, time, moved(recorded), self.model.robot, self._body, temperature)
+        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self.model.robot, self._body, temperature)
         said = predict_states(self.model, states)
         return Simulated(said.torque, said.power)
 

@@ -246,11 +246,11 @@ class TestSuggestion:
         write_suggestion(suggested.motion, path)
         header = path.read_text().splitlines()[0]
         assert header == "t,q_1,q_2,qd_1,qd_2,qdd_1,qdd_2"
-        read = read_motion(path, arm(folder)[0])
+        run, read = read_motion(path, None, arm(folder)[0])
         assert np.allclose(read.position, suggested.motion.position, atol=1e-6)
         assert np.allclose(read.velocity, suggested.motion.velocity, atol=1e-6)
         assert np.allclose(read.acceleration, suggested.motion.acceleration, atol=1e-6)
-        assert read.time[1] - read.time[0] == pytest.approx(0.01)
+        assert run.step == pytest.approx(0.01)
 
     def test_words_say_what_how_long_and_what_for(self, suggested):
         words = suggestion_in_words(suggested, Path("next.csv"))
@@ -291,7 +291,7 @@ def test_command_writes_the_motion_and_says_so(folder, tmp_path):
     done = CliRunner().invoke(explain_command, [*words, "--out", str(tmp_path / "out"), "--no-report"])
     assert done.exit_code == 0, done.output
     assert "suggested: " in done.output
-    motion = read_motion(tmp_path / "next.csv", arm(folder)[0])
+    motion, _ = read_motion(tmp_path / "next.csv", None, arm(folder)[0])
     assert len(motion.time) > 1000
     assert np.allclose(np.diff(motion.time), 0.01)
 

@@ -24,7 +24,7 @@ from tests.plugins.mismatch.recorded_arm import (
 CASES = Path(__file__).resolve().parents[4] / ".." / "shared" / "concealed" / "dev"
 DEGREES = 57.29577951308232
 MOTIONS = {"excitation": excitation, "points": points}
-PLAN = ("position", "velocity", "acceleration", "torque", "power")
+PLAN = ("position", "velocity", "acceleration")
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,9 @@ def ordered(order, *names):
 
 def simulated(factor, *names):
     def change(run):
-        return replace(run, plan=replace(run.plan, **{name: getattr(run.plan, name) * factor for name in names}))
+        plan = replace(run.plan, **{name: getattr(run.plan, name) * factor for name in names if name in PLAN})
+        told = {name: getattr(run.simulated, name) * factor for name in names if name not in PLAN}
+        return replace(run, plan=plan, simulated=replace(run.simulated, plan=plan, **told))
 
     return change
 

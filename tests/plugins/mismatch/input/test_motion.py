@@ -129,7 +129,8 @@ def test_where_only_encoder_noise_differs_the_plan_stands():
     noise = 1e-4 * np.random.default_rng(5).standard_normal(q.shape)
     found = moved(Run("run_01", time, q + noise, None, np.zeros_like(q), plan=Plan(q, qd, qdd)))
     plain = moved(Run("run_01", time, q + noise, None, np.zeros_like(q)))
-    assert np.std(found.velocity - qd) < 0.1 * np.std(plain.velocity - qd)
+    assert np.std(found.velocity - qd) < 0.25 * np.std(plain.velocity - qd)
+    assert np.std(found.velocity - qd) < 0.02 * np.std(np.gradient(noise, STEP, axis=0))
 
 
 def test_the_sign_is_doubtful_at_stops_and_certain_at_speed():
@@ -137,7 +138,8 @@ def test_the_sign_is_doubtful_at_stops_and_certain_at_speed():
     _, qd, _ = plant.moves(6, 24.0)(run.time - plant.LAG)
     found = moved(run)
     fast, still = np.abs(qd) > 0.2, np.abs(qd) < 1e-4
-    assert np.mean(found.sign_spread[still]) > 0.1
+    assert np.mean(found.sign_spread[still]) > 10 * np.mean(found.sign_spread[fast])
+    assert np.mean(np.abs(found.sign[still])) < 0.2
     assert np.mean(found.sign_spread[fast]) < 0.01
     assert np.array_equal(np.sign(found.sign[fast]), np.sign(qd[fast]))
 
