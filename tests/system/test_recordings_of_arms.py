@@ -5,6 +5,7 @@ The real ones (a UR10e and a UR3e) are read where they lie beside the checkout; 
 
 from __future__ import annotations
 
+import asyncio
 import time
 from pathlib import Path
 
@@ -75,7 +76,7 @@ CASES = {
 @pytest.mark.parametrize("case", list(CASES))
 async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) -> None:
     find, fields = CASES[case]
-    path = find(tmp_path)
+    path = await asyncio.to_thread(find, tmp_path)
     truth = load_signals(path)
     for lead in (8.0, 24.0, 72.0):  # s that a machine may need to start a daemon
         if heard := await played(fresh(tmp_path, f"{lead:.0f}"), path, truth, fields, lead):
