@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.mismatch.effects.declaration import Acceptance, Confusion, Form, Uncertainty
 from cellwatt_plugins.mismatch.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.input.run import FAST
@@ -22,7 +22,7 @@ BLOW = 0.045
 """s: a collision, tried where stops are kept apart anyway."""
 SHORTEST = 0.05
 """s: what is shorter may be a stop."""
-OF_FRICTION = 0.25
+OF_FRICTION = 0.5
 """Share of Coulomb friction that a push must exceed."""
 PEAKS = 2
 """Places tried per run and width."""
@@ -35,6 +35,7 @@ class ExternalContact(Effect):
     depends_on = "residual"
     form = Form(intermittent=True)
     acceptance = Acceptance(least_rate=FAST, inside_bounds=True)
+    uncertainty = Uncertainty(inherited={"torque": 0.03, "width": 0.08})
     confusions = (
         Confusion("unknown", "repeat the same program: a contact does not repeat"),
         Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),

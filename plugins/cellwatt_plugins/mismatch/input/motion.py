@@ -33,7 +33,9 @@ FASTEST_BAND = 0.35
 """Bandwidth times step of the fastest octave that the sampling has."""
 SURE = 2.0
 """Times its noise by which an octave's power must exceed 0 to be kept at all."""
-CLEAR = 3.0
+TURNS = 0.0004
+"""rad/s to which it is known where friction turns over: at rest it is not as simple as the law."""
+CLEAR = 1.0
 """Times its noise from which an octave that is not kept is doubt."""
 OWN_BANDWIDTH = 10.0
 """Hz kept where a file's derivatives are missing."""
@@ -175,7 +177,8 @@ def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> t
     Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
     """
     wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
-    return expected_sign(velocity, spread)[0], expected_sign(velocity, wide)[1], wide
+    doubt = expected_sign(velocity, np.hypot(wide, TURNS))[1]
+    return expected_sign(velocity, spread)[0], doubt, wide
 
 
 @dataclass(frozen=True)
