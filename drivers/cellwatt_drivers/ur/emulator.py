@@ -155,7 +155,8 @@ class UrEmulator(Emulator):
         if begins := self._timeline is None:
             self._begin(0.0)
         assert self._timeline is not None
-        self.advance()
+        now = time.monotonic()  # one for both, or a row that falls due between is nobody's
+        self.advance(now)
         stride = decimation(self._timeline.rate, client.rate) if self._timeline.rate else 1
         place = next((p for p in self._places if p.lost), None)
         if place is None:
@@ -165,7 +166,7 @@ class UrEmulator(Emulator):
             place.client.place = None
         place.client, place.stride = client, stride
         place.forget()
-        start = 0 if begins else max(self._timeline.due(time.monotonic() - self._began), place.next)
+        start = 0 if begins else max(self._timeline.due(now - self._began), place.next)
         place.next = -(-start // stride) * stride
         client.place = place
         self._wake.set()
@@ -220,9 +221,9 @@ class UrEmulator(Emulator):
         for client in list(self.clients):
             client.end()
 
-    def advance(self) -> None:
+    def advance(self, now: float | None = None) -> None:
         """Let happen what is due: holds end, one-shot faults strike, packages are made and sent."""
-        now = time.monotonic()
+        now = time.monotonic() if now is None else now
         for client in list(self.clients):
             self.tally["sent"] += client.release(now)
         if self._timeline is None:

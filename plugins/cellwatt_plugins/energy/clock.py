@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.accumulate import Accumulated
 from cellwatt_plugins.energy.recordings import Reading
+from cellwatt_plugins.robot.accumulate import Accumulated
 
 Float = NDArray[np.float64]
 

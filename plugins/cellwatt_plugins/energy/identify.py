@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
-from cellwatt_plugins.energy.accumulate import Accumulated
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.clock import Offset, align, inside, refine, windows
 from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, motion_features, supply_power
 from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.robot.accumulate import Accumulated
 
 Float = NDArray[np.float64]
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.accumulate import Accumulated
 from cellwatt_plugins.energy.clock import windows
 from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power
 from cellwatt_plugins.energy.identify import Observed, modelled, residual
 from cellwatt_plugins.energy.repetitions import Repetition
+from cellwatt_plugins.robot.accumulate import Accumulated
 
 Float = NDArray[np.float64]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.states import States, states_of
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
@@ -80,11 +81,13 @@ def explain(
         until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
         progress=progress,
     )
-    supplied = supply_problem(runs, *_torque_for_power(runs, torque))
+    driven, doubt = _torque_for_power(runs, torque)
+    meter = metering(runs, driven)
+    supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     progress("looking for effects in the supply")
     supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until, progress=progress)
     progress("judging by data left out")
-    findings = _findings(runs, torque, supply, notes)
+    findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
     return Explained(findings, model_of(torque, supply), torque, supply, nominal)
 
 
@@ -94,7 +97,8 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     chi2 = problem.chi2(torque.residual)
     poor = chi2 > POORLY
     unexplained = problem.floor * np.where(poor, 1.0, np.sqrt(np.maximum(chi2 - 1.0, 0.0)))
-    doubt = [np.sqrt(unexplained**2 + np.maximum(v - problem.floor**2, 0.0)) for v in problem.variance]
+    variance = problem.every_sample(np.concatenate(problem.variance))
+    doubt = [np.sqrt(unexplained**2 + np.maximum(v - problem.floor**2, 0.0)) for v in variance]
     out = []
     for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
         best = states.torque.copy()
@@ -175,6 +179,17 @@ def channel(problem: Problem, index: int) -> tuple[str, str]:
     return ("power", "W") if problem.side == "supply" else (f"tau_{index + 1}", "N*m")
 
 
+def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:
+    if meter is None:
+        return ()
+    if isinstance(meter, Unknown):
+        return (
+            f"Power comes every {meter.interval:.2g} s and does not tell when each value was measured: "
+            "the supply was not judged. Record a longer motion, or a faster meter.",
+        )
+    return (f"Power is from a slow meter ({meter.meter.told}): it was compared with means over the same times.",)
+
+
 def _verdict(named: bool, left: bool) -> Verdict:
     if named:
         return "partly_explained" if left else "explained"
@@ -185,7 +200,7 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
     notes = []
     if torque.spent or (supply is not None and supply.spent):
         notes.append("The time was up before all was tried: what is said is sound, more may be found with --time")
-    if supply is None:
+    if not any(run.power is not None for run in runs):
         notes.append("No supply power was recorded: what only the supply shows could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)
     if longest < 100:

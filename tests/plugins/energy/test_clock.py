@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.accumulate import Accumulated
 from cellwatt_plugins.energy.clock import align, refine
 from cellwatt_plugins.energy.recordings import Reading
+from cellwatt_plugins.robot.accumulate import Accumulated
 
 STEP = 0.01
 

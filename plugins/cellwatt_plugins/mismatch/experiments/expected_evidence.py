@@ -143,7 +143,7 @@ class ExpectedEvidence:
 def _variance(solution: Solution, states: States) -> Float:
     """Variance (M, C) of an experiment's samples; its rows count by the time that they stand for."""
     problem = solution.problem
-    recorded = problem.states[0].step * problem.thin
+    recorded = problem.rows[0].step
     variance = np.broadcast_to(np.square(problem.floor), (len(states.time), len(problem.floor)))
     if problem.side == "torque":
         turning = column(states.robot, "coulomb_friction") + _turning(solution, problem)

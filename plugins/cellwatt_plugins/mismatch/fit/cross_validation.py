@@ -95,7 +95,7 @@ def blocks_of(problem: Problem) -> NDArray[np.intp]:
     """Number of the block of each fitted row, (N,): about ``BLOCK`` s each, counted over all runs."""
     out, first = [], 0
     for states, part in zip(problem.states, problem.target, strict=True):
-        rows = len(part[:: problem.thin])
+        rows = len(part)
         count = max(1, round((states.time[-1] - states.time[0]) / BLOCK))
         out.append(first + np.minimum(np.arange(rows) * count // max(rows, 1), count - 1))
         first += count

@@ -12,8 +12,10 @@ from scipy.ndimage import uniform_filter1d
 
 from cellwatt_plugins.mismatch.effects.effect import Effect, Shape
 from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
+from cellwatt_plugins.mismatch.fit.rows import Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.regression import Block, Design, Regression
@@ -61,8 +63,11 @@ class Problem:
     side: str
     """``torque`` or ``supply``."""
     states: tuple[States, ...]
+    rows: tuple[Rows, ...]
+    """What is fitted of each run; states are simulated at all samples."""
     target: tuple[Float, ...]
     variance: tuple[Float, ...]
+    """(M, C) of each run's rows."""
     floor: Float
     """Noise floor (C,)."""
     size: Float
@@ -71,25 +76,21 @@ class Problem:
     measured: Float
     """Standard deviation (C,) of what was measured."""
 
-    thin: int = 1
-    """Every how many samples one is fitted; states are simulated at all."""
-
     simulated: dict[tuple[object, ...], list[Float]] = field(default_factory=dict)
     """Columns of terms that depend on the motion alone."""
 
     def stack(self, parts: Sequence[Float]) -> Float:
         """One array (each run's samples, …) per run to the fitted rows of all runs."""
-        return np.concatenate([part[:: self.thin] for part in parts])
+        return np.concatenate([rows.of(part) for rows, part in zip(self.rows, parts, strict=True)])
 
     def split(self, stacked: Float) -> list[Float]:
         """Fitted rows of all runs back to each run."""
-        ends = np.cumsum([len(part[:: self.thin]) for part in self.target])[:-1]
+        ends = np.cumsum([len(part) for part in self.target])[:-1]
         return np.split(stacked, ends)
 
     def every_sample(self, stacked: Float) -> list[Float]:
         """Fitted rows (N, C) back to all samples of each run, interpolated between them."""
-        parts = zip(self.split(stacked), self.target, strict=True)
-        return [_between(part, np.arange(len(whole)) / self.thin) for part, whole in parts]
+        return [rows.samples(part) for rows, part in zip(self.rows, self.split(stacked), strict=True)]
 
     def block(self, term: Term) -> Block:
         """The columns of a term over all runs, with their prior."""
@@ -114,11 +115,11 @@ class Problem:
     def design(self) -> Design:
         """Target and nominal parameters of all runs, ready to be fitted."""
         blocks = [Block(self.stack(np.split(b.columns, self._ends)), b.channel, b.prior) for b in self.nuisance]
-        return Design(self.stack(self.target), self.stack(self.variance), blocks)
+        return Design(np.concatenate(self.target), np.concatenate(self.variance), blocks)
 
     @property
     def _ends(self) -> NDArray[np.intp]:
-        return np.cumsum([len(part) for part in self.target])[:-1]
+        return np.cumsum([len(states.time) for states in self.states])[:-1]
 
     def course(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> list[Float]:
         """Torque (N, n) of each run at all samples: nominal law, nominal parameters off by ``nuisance``, and terms."""
@@ -152,8 +153,7 @@ class Problem:
 
     def factor(self, residual: Float) -> Float:
         """Correlation factor (C,) of a residual (N, C)."""
-        steps = [s.step * self.thin for s in self.states]
-        return correlation_factor(self.split(residual * self.design.root), steps)
+        return correlation_factor(self.split(residual * self.design.root), [rows.step for rows in self.rows])
 
     def chi2(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise."""
@@ -162,8 +162,8 @@ class Problem:
     def fast_chi2(self, residual: Float) -> Float:
         """The same of what is faster than ``SLOW``: a spring rings and a gap clacks, friction does not."""
         parts = []
-        for states, part in zip(self.states, self.split(residual * self.design.root), strict=True):
-            width = max(3, round(SLOW / (states.step * self.thin)))
+        for rows, part in zip(self.rows, self.split(residual * self.design.root), strict=True):
+            width = max(3, round(SLOW / rows.step))
             parts.append((part - uniform_filter1d(part, width, axis=0)) / np.sqrt(1 - 1 / width))
         return np.asarray(np.mean(np.square(np.concatenate(parts)), axis=0))
 
@@ -198,55 +198,67 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
     )
     variance = tuple(_without_gaps(v, run) for v, run in zip(variance, runs, strict=True))
     size = np.maximum(column(robot, "coulomb_friction"), 0.1 * np.std(measured, axis=0))
+    rows = thinned(runs)
     return Problem(
-        "torque",
-        tuple(states),
-        target,
-        variance,
-        noise,
-        size,
-        torque_nuisance(states),
-        np.std(measured, axis=0),
-        thinning(target, runs),
+        side="torque",
+        states=tuple(states),
+        rows=rows,
+        target=tuple(r.of(part) for r, part in zip(rows, target, strict=True)),
+        variance=tuple(r.of(part) for r, part in zip(rows, variance, strict=True)),
+        floor=noise,
+        size=size,
+        nuisance=torque_nuisance(states),
+        measured=np.std(measured, axis=0),
     )
 
 
-def supply_problem(runs: Sequence[Run], states: Sequence[States], doubt: Sequence[Float]) -> Problem | None:
+def supply_problem(
+    runs: Sequence[Run], states: Sequence[States], doubt: Sequence[Float], meter: Metering | None = None
+) -> Problem | None:
     """The supply's power of the runs that have it; None where no run has power.
 
-    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm.
+    States carry the torque that moves the arm, known to within ``doubt`` (N, n) Nm. What a slow ``meter`` showed is
+    compared with the mean over the time that it stands for.
     """
-    triples = [(run, s, d) for run, s, d in zip(runs, states, doubt, strict=True) if run.power is not None]
-    pairs = [(run, s) for run, s, _ in triples]
-    if not pairs:
+    kept = [(i, run.power) for i, run in enumerate(runs) if run.power is not None]
+    if not kept:
         return None
-    target = tuple((run.power - s.nominal_power)[:, None] for run, s in pairs if run.power is not None)
-    noise = floor(target, [run.step for run, _ in pairs])
-    unsure = [np.square(s.qd * d) + np.square(s.torque * s.moved.velocity_spread) for _, s, d in triples]
-    variance = tuple(
-        _without_gaps(noise[0] ** 2 + np.sum(u, axis=1, keepdims=True), run)
-        for (run, _, _), u in zip(triples, unsure, strict=True)
-    )
-    power = np.concatenate([run.power for run, _ in pairs if run.power is not None])
+    chosen = tuple(states[i] for i, _ in kept)
+    rows: tuple[Rows, ...]
+    shown: Sequence[Float]
+    if meter is None:
+        rows, shown = thinned([runs[i] for i, _ in kept]), [power for _, power in kept]
+        target = [(power - s.nominal_power)[:, None] for power, s in zip(shown, chosen, strict=True)]
+        noise = floor(target, [runs[i].step for i, _ in kept])
+        target = [r.of(part) for r, part in zip(rows, target, strict=True)]
+    else:
+        rows, shown = meter.rows, meter.values
+        target = [(power - r.of(s.nominal_power))[:, None] for power, r, s in zip(shown, rows, chosen, strict=True)]
+        noise = floor(target, [r.step for r in rows])
+    variance = []
+    for (i, _), r, s in zip(kept, rows, chosen, strict=True):
+        unsure = np.square(s.qd * doubt[i]) + np.square(s.torque * s.moved.velocity_spread)
+        variance.append(r.of(_without_gaps(noise[0] ** 2 + np.sum(unsure, axis=1, keepdims=True), runs[i])))
+    power = np.concatenate(shown)
     size = np.array([max(0.1 * float(np.std(power)), 0.03 * float(np.mean(power)), noise[0])])
-    kept = tuple(s for _, s in pairs)
-    thin = thinning(target, runs)
     return Problem(
-        "supply", kept, target, variance, noise, size, supply_nuisance(kept), np.array([np.std(power)]), thin
+        side="supply",
+        states=chosen,
+        rows=tuple(rows),
+        target=tuple(target),
+        variance=tuple(variance),
+        floor=noise,
+        size=size,
+        nuisance=supply_nuisance(chosen),
+        measured=np.array([np.std(power)]),
     )
 
 
-def thinning(target: Sequence[Float], runs: Sequence[Run]) -> int:
-    """Every how many samples are fitted so that about ``ROWS`` are, at ``LEAST_RATE`` or more."""
-    most = sum(len(part) for part in target) / ROWS
-    return max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
-
-
-def _between(rows: Float, places: Float) -> Float:
-    """Rows (M, C) at ``places`` (N,) between them, counted in rows; the last is held."""
-    before = places.astype(np.intp)
-    share = (places - before)[:, None]
-    return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
+def thinned(runs: Sequence[Run]) -> tuple[Thinned, ...]:
+    """Every so many samples, so that about ``ROWS`` are fitted, at ``LEAST_RATE`` or more."""
+    most = sum(len(run.time) for run in runs) / ROWS
+    every = max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))
+    return tuple(Thinned(len(run.time), every, run.step) for run in runs)
 
 
 def _without_gaps(variance: Float, run: Run) -> Float:

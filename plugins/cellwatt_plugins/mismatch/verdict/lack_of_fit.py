@@ -72,8 +72,8 @@ def _windows(solution: Solution, channel: int, limits: Limits) -> list[Float]:
     problem = solution.problem
     squared = np.square(solution.residual * problem.design.root)
     out = []
-    for states, part in zip(problem.states, problem.split(squared), strict=True):
-        width = max(1, round(limits.window / (states.step * problem.thin)))
+    for rows, part in zip(problem.rows, problem.split(squared), strict=True):
+        width = max(1, round(limits.window / rows.step))
         count = len(part) // width
         out.append(part[: count * width, channel].reshape(count, width))
     return out
@@ -83,11 +83,12 @@ def _place(solution: Solution, channel: int, strong: NDArray[np.bool_], limits: 
     problem = solution.problem
     squared = solution.residual[:, channel] ** 2
     spans, positions, speeds, at = [], [], [], 0
-    for states, windows in zip(problem.states, _windows(solution, channel, limits), strict=True):
-        width = windows.shape[1] * problem.thin
+    every = zip(problem.states, problem.rows, _windows(solution, channel, limits), strict=True)
+    for states, rows, windows in every:
+        width = windows.shape[1]
         for i in range(len(windows)):
             if strong[at + i]:
-                part = slice(i * width, (i + 1) * width)
+                part = rows.span(slice(i * width, (i + 1) * width))
                 spans.append(Span(states.name, float(states.time[part][0]), float(states.time[part][-1])))
                 if problem.side == "torque":
                     positions.append(states.q[part, channel])

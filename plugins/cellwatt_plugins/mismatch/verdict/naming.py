@@ -115,7 +115,7 @@ def _unknown(solution: Solution, left: LackOfFit, held: CrossValidation, joint: 
     elif left.times:
         where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
     parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
-    tone = hum(parts, [s.step * solution.problem.thin for s in solution.problem.states])
+    tone = hum(parts, [rows.step for rows in solution.problem.rows])
     if tone is not None:
         where += f"; it hums at {tone:.1f} Hz"
     return Finding(

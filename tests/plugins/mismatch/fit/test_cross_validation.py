@@ -41,7 +41,7 @@ def test_blocks_are_seconds_long_so_that_neighbours_tell_nothing(problem):
     lengths = []
     for part in problem.split(blocks_of(problem)):
         edges = np.flatnonzero(np.diff(part)) + 1
-        lengths += list(np.diff([0, *edges, len(part)]) * problem.states[0].step * problem.thin)
+        lengths += list(np.diff([0, *edges, len(part)]) * problem.rows[0].step)
     assert min(lengths) > 0.5 * BLOCK
 
 

@@ -7,7 +7,8 @@ from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.acceptance import collinear, tension
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
-from cellwatt_plugins.mismatch.fit.problem import Term, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
 from cellwatt_plugins.mismatch.input.motion import moved
@@ -19,11 +20,18 @@ def arm(tmp_path_factory):
     return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
 
 
+def thinner(problem: Problem, every: int) -> Problem:
+    """The same with every so many of its samples."""
+    rows = tuple(Thinned(len(states.time), every, states.step) for states in problem.states)
+    parts = {name: tuple(part[::every] for part in getattr(problem, name)) for name in ("target", "variance")}
+    return replace(problem, rows=rows, **parts)
+
+
 def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
     runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
     states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
     return search(
-        lambda turning: replace(torque_problem(runs, states, turning), thin=thin),
+        lambda turning: thinner(torque_problem(runs, states, turning), thin),
         plant.JOINTS,
         thresholds or Thresholds(),
         [BY_NAME[name] for name in names],
@@ -194,10 +202,9 @@ def test_a_delay_of_one_joint_alone_is_no_delay_of_the_recording(arm):
 @pytest.mark.parametrize("thin", [1, 2, 3])
 def test_what_is_fitted_is_known_between_the_fitted_samples(arm, thin):
     run = plant.record("run_01", 1, plant.NOTHING)
-    states = States(run.name, 0, run.time, moved(run), *arm)
-    problem = replace(torque_problem([run], [states]), thin=thin)
+    rows = Thinned(len(run.time), thin, run.step)
     slope = np.outer(run.time, 1.0 + np.arange(plant.JOINTS))
-    (back,) = problem.every_sample(problem.stack([slope]))
+    back = rows.samples(rows.of(slope))
     inner = slice(0, (len(run.time) - 1) // thin * thin + 1)
     np.testing.assert_allclose(back[inner], slope[inner], atol=1e-9)
     assert len(back) == len(run.time)

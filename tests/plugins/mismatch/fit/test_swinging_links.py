@@ -75,7 +75,7 @@ def test_what_is_left_while_it_swings_is_its_own(problem):
 
 def test_next_to_a_swinging_link_bare_noise_counts(problem):
     """Near stops a sample is not known well; there the shaking of a neighbour is not to hide."""
-    wide = np.sqrt(problem.stack(problem.variance))
+    wide = np.sqrt(np.concatenate(problem.variance))
     found = solved(problem, 0.9 * wide)
     bare = np.mean(np.square(0.9 * wide), axis=0) / problem.floor**2
     assert swinging_channels(found) - {1}

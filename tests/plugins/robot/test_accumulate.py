@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.accumulate import Accumulated
+from cellwatt_plugins.robot.accumulate import Accumulated
 
 
 def test_integrals_between_any_times():

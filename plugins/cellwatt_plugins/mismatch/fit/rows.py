@@ -1,0 +1,82 @@
+"""The rows that a run is fitted by: every so many samples, or what a meter shows of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot.meter import Windows
+
+Float = NDArray[np.float64]
+
+
+class Rows(Protocol):
+    """M rows made of N samples."""
+
+    @property
+    def step(self) -> float:
+        """Seconds from row to row."""
+
+    def of(self, samples: Float) -> Float:
+        """Samples (N, …) as rows (M, …)."""
+
+    def samples(self, rows: Float) -> Float:
+        """Rows (M, C) as samples (N, C), interpolated between them."""
+
+    def span(self, rows: slice) -> slice:
+        """The samples that some rows stand for."""
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """Every so many of ``count`` samples."""
+
+    count: int
+    every: int
+    sample_step: float
+
+    @property
+    def step(self) -> float:
+        """See ``Rows``."""
+        return self.sample_step * self.every
+
+    def of(self, samples: Float) -> Float:
+        """See ``Rows``."""
+        return samples[:: self.every]
+
+    def samples(self, rows: Float) -> Float:
+        """See ``Rows``."""
+        places = np.arange(self.count) / self.every
+        before = places.astype(np.intp)
+        share = (places - before)[:, None]
+        return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
+
+    def span(self, rows: slice) -> slice:
+        """See ``Rows``."""
+        return slice(rows.start * self.every, rows.stop * self.every)
+
+
+@dataclass(frozen=True)
+class Metered:
+    """The mean of the samples at ``time`` (N,) s over what each value of a meter stands for."""
+
+    time: Float
+    windows: Windows
+    step: float
+
+    def of(self, samples: Float) -> Float:
+        """See ``Rows``."""
+        return self.windows.means(self.time, samples)
+
+    def samples(self, rows: Float) -> Float:
+        """See ``Rows``."""
+        return np.column_stack([np.interp(self.time, self.windows.middle, column) for column in rows.T])
+
+    def span(self, rows: slice) -> slice:
+        """See ``Rows``."""
+        first, last = self.windows.start[rows.start], self.windows.end[rows.stop - 1]
+        begin, end = np.searchsorted(self.time, [first, last]).tolist()
+        return slice(begin, max(end, begin + 1))

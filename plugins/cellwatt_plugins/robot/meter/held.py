@@ -1,0 +1,77 @@
+"""Recognises the power of a slow meter in the rows of a faster recording: each of its values is held until the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot.meter.model import Readings
+
+Float = NDArray[np.float64]
+
+SHORTEST: Final = 2
+"""Rows that nearly every value is held for at least, where the meter is slower than the rows."""
+SELDOM: Final = 0.1
+"""Share of values that may be held for less."""
+FEWEST: Final = 8
+"""Changes from which something can be said."""
+EVEN: Final = 1.0
+"""Rows by which values of a meter with a beat of its own come off that beat, at most: rows see it with such a delay."""
+
+
+def held(segments: Sequence[tuple[Float, Float]]) -> list[Readings] | None:
+    """The values of a slow meter, for each segment of rows: times (N,) s, evenly spaced, and power (N,) W.
+
+    A value counts from the row that it is first seen in; the one that a segment begins with is left out, as nobody
+    saw when it came. None where power is a meter's that is as fast as the rows.
+    """
+    changes = [_changes(power) for _, power in segments]
+    lasting = np.concatenate([np.empty(0), *(np.diff(each) for each in changes)])
+    if len(lasting) < FEWEST or np.mean(lasting < SHORTEST) > SELDOM:
+        return None
+    step = float(np.median(np.concatenate([np.diff(time) for time, _ in segments])))
+    interval = _interval([time[each] for (time, _), each in zip(segments, changes, strict=True)], step)
+    pairs = zip(segments, changes, strict=True)
+    return [_on_beat(time, power, each, interval, step) for (time, power), each in pairs]
+
+
+def _changes(power: Float) -> NDArray[np.intp]:
+    """Rows with another value than the row before."""
+    return np.flatnonzero(np.diff(power)) + 1
+
+
+def _interval(times: Sequence[Float], step: float) -> float:
+    """s from one value to the next: the beat that all changes are multiples of, values that repeat among them."""
+    gaps = np.concatenate([np.diff(each) for each in times])
+    interval = float(np.median(gaps))
+    for _ in range(3):
+        counts, spans = 0.0, 0.0
+        for each in times:
+            if len(each) < 2:
+                continue
+            number = np.cumsum(np.maximum(1, np.round(np.diff(each) / interval)))
+            # Slope of the least squares line through when each came, all segments together.
+            x, y = np.concatenate([[0.0], number]), each - each[0]
+            x, y = x - x.mean(), y - y.mean()
+            counts, spans = counts + float(x @ x), spans + float(x @ y)
+        interval = max(spans / counts, step)
+    return interval
+
+
+def _on_beat(time: Float, power: Float, changes: NDArray[np.intp], interval: float, step: float) -> Readings:
+    """The values of a segment; those that repeat the one before are told by the beat, where there is one."""
+    if not len(changes):
+        return Readings(np.empty(0), np.empty(0), interval)
+    seen = time[changes] - step / 2  # it came between this row and the one before
+    number = np.concatenate([[0.0], np.cumsum(np.maximum(1, np.round(np.diff(seen) / interval)))])
+    first = float(np.mean(seen - number * interval))
+    if np.abs(seen - first - number * interval).max() > EVEN * step:
+        return Readings(seen, power[changes], interval)
+    came = first + interval * np.arange(number[-1] + 1)
+    rows = np.clip(np.searchsorted(time, came + step), 0, len(time) - 1)
+    values = power[rows]
+    values[number.astype(np.intp)] = power[changes]
+    return Readings(came, values, interval)

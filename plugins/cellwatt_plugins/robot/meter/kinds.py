@@ -1,0 +1,36 @@
+"""What the power of an arm consists of, as far as its motion and torques say: kinds whose weights are not known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+MOVES: Final = 0.01
+"""rad/s above which a joint moves."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Kinds of power along a segment of rows."""
+
+    time: Float
+    """(N,) s, evenly spaced."""
+    kinds: Float
+    """(N, k)."""
+
+
+def kinds_of_power(torque: Float, qd: Float) -> Float:
+    """Kinds (N, 3 n + 3) from torques (N, n) Nm and velocities (N, n) rad/s.
+
+    Of each joint mechanical power, heat by torque squared, and what grows with its speed; of the bus what it takes and
+    what comes back; and brakes that are held open while the arm moves.
+    """
+    mechanical = torque * qd
+    bus = mechanical.sum(axis=1)
+    moving = np.any(np.abs(qd) > MOVES, axis=1)
+    return np.column_stack([mechanical, torque**2, np.abs(qd), np.maximum(bus, 0), np.minimum(bus, 0), moving])
