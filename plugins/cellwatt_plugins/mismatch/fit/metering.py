@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.fit.rows import Metered
+from cellwatt_plugins.mismatch.fit.rows import Metered, Rows
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.meter import Course, Meter, find, held, kinds_of_power
 
@@ -21,7 +21,7 @@ class Metering:
     """A slow meter, and the values of each run that has power."""
 
     meter: Meter
-    rows: tuple[Metered, ...]
+    rows: tuple[Rows, ...]
     values: tuple[Float, ...]
     """(M,) W of each."""
 

@@ -254,7 +254,7 @@ def supply_problem(
     )
 
 
-def thinned(runs: Sequence[Run]) -> tuple[Thinned, ...]:
+def thinned(runs: Sequence[Run]) -> tuple[Rows, ...]:
     """Every so many samples, so that about ``ROWS`` are fitted, at ``LEAST_RATE`` or more."""
     most = sum(len(run.time) for run in runs) / ROWS
     every = max(1, min(round(most), int(1 / (runs[0].step * LEAST_RATE))))

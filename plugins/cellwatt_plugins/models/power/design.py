@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, STRIBECK_SPEEDS, TORQUE, WARM, Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
@@ -42,13 +43,13 @@ class Rows:
     """(N, n) each."""
     torque: Float
     """(N, n) Nm: current times stated torque constant; NaN where not measured."""
-    power: Float
-    """(N,) W; NaN where not measured."""
     move: NDArray[np.int64]
     payload: Float | None
     """(N,) kg."""
     warmth: Float | None
     """(N, n): joint temperature beyond its mean, in ``PER_WARMTH``."""
+    shown: Shown
+    """What was measured of the power, of all of the rows."""
 
     def __len__(self) -> int:
         return len(self.q)
@@ -60,8 +61,9 @@ class Rows:
         kept = np.flatnonzero(smoother.whole(moves) if whole else np.ones(len(moves), bool))
         if not len(kept):
             kept = np.arange(len(moves))
-        kept = kept[:: -(-len(kept) // most)]
-        rows = cls(q, qd, qdd, moves.current * constant, moves.power, moves.move, moves.payload, None).part(kept)
+        kept = kept[:: spacing(moves, most, len(kept))]
+        torque = moves.current * constant
+        rows = cls(q, qd, qdd, torque, moves.move, moves.payload, None, Shown.of(moves, kept)).part(kept)
         if moves.temperature is None:
             return rows
         return rows.with_temperature(moves.temperature[kept], mean_temperature(moves.temperature))
@@ -75,7 +77,7 @@ class Rows:
         kept: dict[str, Any] = {}
         for each in fields(self):
             value = getattr(self, each.name)
-            kept[each.name] = None if value is None else value[rows]
+            kept[each.name] = value[rows] if isinstance(value, np.ndarray) else value
         return Rows(**kept)
 
 

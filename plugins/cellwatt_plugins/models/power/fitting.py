@@ -74,10 +74,10 @@ def structure_of(moves: Moves, robot: RobotDescription, body: RigidBody, tuning:
     problem, effects, doubt = _effects(problem, fold)
     losses: tuple[str, ...] = ()
     sharing: Sharing = "bus"
-    if (known := np.isfinite(rows.power)).any():
+    if len((shown := rows.shown).power):
         torque = problem.solution(effects).torque(problem.design)
-        drive = problem.drive(torque[known], rows.qd[known])
-        losses, sharing = supplies.select(drive, rows.power[known], fold[known], problem.stated)
+        drive = problem.drive(torque[shown.rows], rows.qd[shown.rows])
+        losses, sharing = supplies.select(drive, shown.power, fold[shown.at], problem.stated, shown.matrix)
     structure = Structure(effects, losses, sharing, doubt)
     return replace(structure, network=_network_helps(moves, robot, body, tuning, structure))
 
@@ -121,7 +121,7 @@ def fit(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, 
         problem = problem.reweighed(structure.effects)
     chosen = problem.chosen(structure.effects)
     torque, supply, errors = problem.solution(structure.effects), None, np.empty(0)
-    if np.isfinite(problem.rows.power).any():
+    if len(problem.rows.shown.power):
         found = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
         torque, supply, errors = found.torque, found.supply, found.errors
     warmth = moves.temperature if WARM in structure.effects else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.models.tables import channel_of, read_table
+from cellwatt_plugins.robot.meter import Meter
 
 Float = NDArray[np.float64]
 
@@ -44,6 +46,10 @@ class Moves:
     """(N,) kg at the flange, where it was recorded."""
     temperature: Float | None = None
     """(N, n) °C of the joints, where it was recorded."""
+    came: Float | None = None
+    """(N,) s when a row's power came, of a slow meter; NaN in rows that repeat a value."""
+    meter: Meter | None = None
+    """The slow meter that power is from."""
 
     def __len__(self) -> int:
         return int(self.time.size)
@@ -71,9 +77,10 @@ class Moves:
 
     def where(self, rows: NDArray[np.bool_]) -> Moves:
         """Some whole moves, numbered anew."""
-        kept = {f.name: value[rows] for f in fields(self) if (value := getattr(self, f.name)) is not None}
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        kept: dict[str, Any] = {name: value[rows] for name, value in values.items() if isinstance(value, np.ndarray)}
         kept["move"] = np.unique(kept["move"], return_inverse=True)[1].astype(np.int64)
-        return Moves(**kept)
+        return replace(self, **kept)
 
     def only(self, moves: Iterable[int]) -> Moves:
         """Some moves."""
@@ -96,7 +103,8 @@ def read_moves(paths: Sequence[Path], joints: int) -> Moves:
     step = float(np.median([part.step for part in parts]))
     numbered = [replace(part, move=np.full(len(part), i)) for i, part in enumerate(_even(p, step) for p in parts)]
     names = [f.name for f in fields(Moves) if getattr(numbered[0], f.name) is not None]
-    return Moves(**{name: np.concatenate([getattr(part, name) for part in numbered]) for name in names})
+    whole: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in numbered]) for name in names}
+    return Moves(**whole)
 
 
 def _parts(path: Path, joints: int) -> list[Moves]:
@@ -157,7 +165,7 @@ def _even(part: Moves, step: float) -> Moves:
         return np.column_stack(columns).reshape(len(time), *values.shape[1:])
 
     names = [f.name for f in fields(Moves) if f.name not in ("move", "time") and getattr(part, f.name) is not None]
-    values = {name: interpolated(getattr(part, name)) for name in names}
+    values: dict[str, Any] = {name: interpolated(getattr(part, name)) for name in names}
     return Moves(move=np.zeros(len(time), np.int64), time=time, **values)
 
 

@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.perceptron import Perceptron
+from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
@@ -92,19 +93,18 @@ class Nls:
         fitted = [_joint(j, moves.current[kept, j], seen, kept, robot) for j in range(moves.joints)]
         joints = np.array([values for values, _ in fitted])
         columns = _power_columns(_currents(joints, seen), seen)
-        known = kept[np.isfinite(moves.power[kept])]
-        if not len(known):
+        shown = Shown.of(moves, np.arange(0, len(moves), spacing(moves, ROWS, len(moves))))
+        if not len(shown.power):
             size = columns.shape[1]
             return cls(joints, np.full(size, np.nan), (np.array([e for _, e in fitted]), np.full(size, np.nan)))
         n = moves.joints
         stated = column(robot, "winding_resistance")
         constants = column(robot, "torque_constant")
-        start = np.concatenate([[np.median(moves.power[known])], np.zeros(n), stated, constants])
+        start = np.concatenate([[np.median(shown.power)], np.zeros(n), stated, constants])
         low = np.concatenate([[0.0], np.full(n, -1.0), np.zeros(n), 0.3 * constants])
         high = np.concatenate([[np.inf], np.full(n, 1.0), np.full(n, OHM), 3 * constants])
-        values, errors = _solved(
-            lambda x: columns[known] @ x - moves.power[known], lambda x: columns[known], start, low, high
-        )
+        known = shown.seen(columns[:: spacing(moves, ROWS, len(moves))])
+        values, errors = _solved(lambda x: known @ x - shown.power, lambda x: known, start, low, high)
         return cls(joints, values, (np.array([e for _, e in fitted]), errors))
 
     def predict(self, seen: Seen) -> tuple[Float, Float]:
@@ -182,7 +182,14 @@ class Scg:
         terms = _supply_inputs(cls(currents, None)._currents(seen), seen)
         groups = terms.std(axis=0).reshape(-1, moves.joints + 1)
         least = ALIKE * np.repeat(np.median(groups, axis=1), moves.joints + 1)
-        return cls(currents, train(terms, moves.power[:, None], least))
+        if moves.meter is None:
+            return cls(currents, train(terms, moves.power[:, None], least))
+        shown = Shown.of(moves, np.arange(len(moves)))
+        held = moves.move[shown.at] % every == every - 1
+        inputs_shown = shown.seen(terms)
+        return cls(
+            currents, Perceptron.train(inputs_shown, shown.power[:, None], held, NEURONS, ITERATIONS, seed, least)
+        )
 
     def predict(self, seen: Seen) -> tuple[Float, Float]:
         """Power (N,) W and currents (N, n) A."""

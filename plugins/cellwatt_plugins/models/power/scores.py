@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.shown import readings_of
 
 Float = NDArray[np.float64]
 
@@ -43,12 +44,23 @@ class Score:
     @classmethod
     def of(cls, moves: Moves, power: Float, current: Float) -> Score:
         """Of predicted power (N,) and currents (N, n)."""
-        energy = tuple(_energy_error(moves.power[a:b], power[a:b]) for a, b in moves.bounds())
-        left = _rms(power - moves.power)
+        pairs = [_compared(moves, power, a, b) for a, b in moves.bounds()]
+        energy = tuple(_energy_error(measured, predicted) for measured, predicted in pairs)
+        left = _rms(np.concatenate([predicted - measured for measured, predicted in pairs]))
         rms = tuple(_rms(each) for each in (current - moves.current).T)
         spread = [_rms(each - np.nanmean(each)) if np.isfinite(each).any() else None for each in moves.current.T]
         relative = tuple(None if r is None or not s else r / s for r, s in zip(rms, spread, strict=True))
         return cls(energy, left, relative, rms)
+
+
+def _compared(moves: Moves, power: Float, first: int, end: int) -> tuple[Float, Float]:
+    """Measured and predicted power of one move: row by row, or as a slow meter shows it."""
+    if moves.meter is None:
+        return moves.power[first:end], power[first:end]
+    readings, time = readings_of(moves, first, end), moves.time[first:end]
+    windows = moves.meter.windows(readings)
+    inside = windows.inside(time)
+    return readings.value[inside], windows.part(inside).means(time, power[first:end])
 
 
 def _energy_error(measured: Float, predicted: Float) -> float | None:

@@ -12,6 +12,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from cellwatt_plugins.models.power.terms import DRIVE, DRIVE_ALWAYS, LOSSES, Drive
 
@@ -135,14 +136,19 @@ def believed(drive: Drive, power: Float, effects: Sequence[str], sharing: Sharin
     return Believed(mean, np.concatenate([fixed, np.concatenate(spreads)]))
 
 
-def fit(drive: Drive, power: Float, belief: Believed, noise: float | None = None) -> tuple[Supply, float]:
-    """Gauss–Newton with the prior; and the rms of what is left, W, which is also the noise where none is given."""
+def fit(
+    drive: Drive, power: Float, belief: Believed, noise: float | None = None, meter: csr_array | None = None
+) -> tuple[Supply, float]:
+    """Gauss–Newton with the prior; and the rms of what is left, W, which is also the noise where none is given.
+
+    ``power`` (M,) W is of the N rows, or what a slow ``meter`` (M, N) makes of them.
+    """
     mean = belief.mean.vector()
     x, size = mean.copy(), noise or float(np.std(power)) + 1e-9
     for _ in range(ROUNDS):
         supply = belief.mean.with_vector(x)
-        left = power - supply.power(drive)[:, 0]
-        jacobian = supply.slopes(drive)[0] / size * belief.spread
+        left = power - through(meter, supply.power(drive))[:, 0]
+        jacobian = through(meter, supply.slopes(drive)[0]) / size * belief.spread
         step = np.linalg.solve(
             jacobian.T @ jacobian + np.eye(len(x)), jacobian.T @ (left / size) - (x - mean) / belief.spread
         )
@@ -153,19 +159,31 @@ def fit(drive: Drive, power: Float, belief: Believed, noise: float | None = None
         if np.abs(step).max() < 1e-6:
             break
     supply = belief.mean.with_vector(x)
-    return supply, float(np.sqrt(np.mean((power - supply.power(drive)[:, 0]) ** 2)))
+    return supply, float(np.sqrt(np.mean((power - through(meter, supply.power(drive))[:, 0]) ** 2)))
 
 
-def select(drive: Drive, power: Float, fold: NDArray[np.int64], stated: Stated) -> tuple[tuple[str, ...], Sharing]:
-    """Losses that lower the held-out error, and how drives share what comes back."""
+def through(meter: csr_array | None, rows: Float) -> Float:
+    """Rows (N, k) as a slow meter (M, N) shows them."""
+    return rows if meter is None else np.asarray(meter @ rows)
+
+
+def select(
+    drive: Drive, power: Float, fold: NDArray[np.int64], stated: Stated, meter: csr_array | None = None
+) -> tuple[tuple[str, ...], Sharing]:
+    """Losses that lower the held-out error, and how drives share what comes back; ``power`` as in ``fit``."""
+
+    def part(kept: NDArray[np.bool_]) -> tuple[Drive, csr_array | None]:
+        return (rows_of(drive, kept), None) if meter is None else (drive, meter[kept])
 
     def score(effects: Sequence[str], sharing: Sharing) -> Float:
         belief = believed(drive, power, effects, sharing, stated)
         out = []
         for k in np.unique(fold):
             kept = fold != k
-            supply, _ = fit(rows_of(drive, kept), power[kept], belief)
-            out.append(np.mean((power[~kept] - supply.power(rows_of(drive, ~kept))[:, 0]) ** 2))
+            own, seen = part(kept)
+            supply, _ = fit(own, power[kept], belief, meter=seen)
+            own, seen = part(~kept)
+            out.append(np.mean((power[~kept] - through(seen, supply.power(own))[:, 0]) ** 2))
         return np.array(out)
 
     def grown(sharing: Sharing) -> tuple[list[str], Float]:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
@@ -58,6 +59,7 @@ class _Step:
     """(N, n, count): torque for 1 of each number, in the rows with power."""
     qd: Float
     power: Float
+    meter: csr_array | None
     matrix: Float
     vector: Float
     """Of the currents' least squares: (count, count), (count,)."""
@@ -70,19 +72,20 @@ class _Step:
         cls, problem: Problem, chosen: list[int], start: Solution, losses: tuple[str, ...], sharing: Sharing
     ) -> _Step:
         rows, design = problem.rows, problem.design
-        known = np.isfinite(rows.power)
+        shown, known = rows.shown, rows.shown.rows
         joints, shared, terms = problem.body.joints, len(start.shared), len(chosen)
         drive = problem.drive(start.torque(design)[known], rows.qd[known])
-        belief = supplies.believed(drive, rows.power[known], losses, sharing, problem.stated)
+        belief = supplies.believed(drive, shown.power, losses, sharing, problem.stated)
         matrix, vector = torques.layout(problem.everything(), shared, chosen)
         mean, spread = torques.believed(problem.belief, chosen)
-        columns = np.zeros((int(known.sum()), joints, len(mean)))
+        columns = np.zeros((len(known), joints, len(mean)))
         columns[:, :, :shared] = design.shared[known]
         for j in range(joints):
             columns[:, j, shared + j * terms : shared + (j + 1) * terms] = design.own[known, j][:, chosen]
         mean = np.concatenate([mean, belief.mean.vector()])
         spread = np.concatenate([spread, belief.spread])
-        return cls(problem, belief, columns, rows.qd[known], rows.power[known], matrix, vector, mean, spread)
+        measured = shown.power, shown.matrix
+        return cls(problem, belief, columns, rows.qd[known], *measured, matrix, vector, mean, spread)
 
     @property
     def count(self) -> int:
@@ -92,7 +95,7 @@ class _Step:
         """All numbers, the supply's fitted to the torques."""
         x = np.concatenate([torque.shared, torque.own.T.ravel()])
         drive = self.problem.drive(self.columns @ x, self.qd)
-        return np.concatenate([x, supplies.fit(drive, self.power, self.belief)[0].vector()])
+        return np.concatenate([x, supplies.fit(drive, self.power, self.belief, meter=self.meter)[0].vector()])
 
     def supply(self, x: Float) -> Supply:
         return self.belief.mean.with_vector(x[self.count :])
@@ -101,11 +104,12 @@ class _Step:
         """The next numbers, their standard errors, and the largest step in prior standard deviations."""
         count, supply = self.count, self.supply(x)
         drive = self.problem.drive(self.columns @ x[:count], self.qd)
-        left = self.power - supply.power(drive)[:, 0]
+        left = self.power - supplies.through(self.meter, supply.power(drive))[:, 0]
         noise = float(np.sqrt(np.mean(left**2))) + 1e-9
         by_number, by_taken = supply.slopes(drive)
         by_torque = by_taken * self._taken_by_torque(supply, drive)
-        jacobian = np.concatenate([np.einsum("nj,njp->np", by_torque, self.columns), by_number], axis=1) / noise
+        jacobian = np.concatenate([np.einsum("nj,njp->np", by_torque, self.columns), by_number], axis=1)
+        jacobian = supplies.through(self.meter, jacobian) / noise
         gradient = jacobian.T @ (left / noise)
         gradient[:count] += self.vector - self.matrix @ x[:count]
         normal = jacobian.T @ jacobian

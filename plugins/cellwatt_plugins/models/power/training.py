@@ -16,10 +16,12 @@ from cellwatt_plugins.models.power.folds import FEW, TURNS, folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.paper import Nls, Scg, Seen
 from cellwatt_plugins.models.power.scores import Score
+from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.smoothing import noise_of
 from cellwatt_plugins.models.power.tuning import Tuning, tune
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.meter import Meter
 
 Float = NDArray[np.float64]
 Advance = Callable[[float, str], None]
@@ -49,6 +51,8 @@ class Trained:
     """W: white noise of the measured power; NaN where not measured."""
     current_noise: Float
     """(n,) A."""
+    meter: Meter | None
+    """The slow meter that power is from."""
 
 
 def train(
@@ -57,6 +61,7 @@ def train(
     """Chooses, fits, and judges by leaving moves out. The same moves and seed give the same model."""
     check_known(robot)
     tell = advance or (lambda share, text: None)
+    moves = through_its_meter(moves, robot, body)
     tell(0.0, "smoothing of the encoders")
     tuning = tune(moves, robot, body, AHEAD)
     tell(0.15, "effects")
@@ -83,14 +88,16 @@ def train(
         scores=_scores(moves, predictions, np.ones(len(moves), bool)),
         faster=_scores(moves, predictions, fold == TURNS + 1) if many else {},
         slower=_scores(moves, predictions, fold == TURNS) if many else {},
-        power_noise=float(noise_of(moves, moves.power[:, None])[0]),
+        power_noise=float(noise_of(moves, moves.power[:, None])[0]) if moves.meter is None else np.nan,
         current_noise=noise_of(moves, moves.current),
+        meter=moves.meter,
     )
 
 
 def model_of(moves: Moves, robot: RobotDescription, body: RigidBody) -> Fitted:
     """The best model alone, without judging it: for short recordings and the demonstration, in seconds."""
     check_known(robot)
+    moves = through_its_meter(moves, robot, body)
     tuning = tune(moves, robot, body, AHEAD)
     return fit(moves, robot, body, tuning, structure_of(moves, robot, body, tuning))
 

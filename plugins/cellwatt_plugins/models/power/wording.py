@@ -122,6 +122,8 @@ def _findings(trained: Trained) -> list[str]:
             f"  supply: {supply.standby:.1f} W standing by, efficiency {1 / supply.up:.3f}, {100 * share:.0f} % of the "
             f"energy that drives give back is used"
         )
+    if trained.meter is not None:
+        lines.append(f"  power is from a slow meter ({trained.meter.told}): compared with means over the same times")
     if np.isfinite(trained.power_noise):
         lines.append(f"  noise of the measured power: {trained.power_noise:.2f} W")
     return lines

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from cellwatt_plugins.robot.accumulate import Accumulated
+from scipy.sparse import csr_array
 
 Float = NDArray[np.float64]
 
@@ -39,10 +38,23 @@ class Windows:
 
     def means(self, time: Float, samples: Float) -> Float:
         """Mean of evenly spaced ``samples`` (N,) or (N, k) at ``time`` (N,) s over each window: (M,) or (M, k)."""
-        step = (time[-1] - time[0]) / (len(time) - 1)
-        sums = Accumulated(float(time[0]), float(step), samples).between(self.start, self.end)
-        width = self.end - self.start
-        return np.asarray(sums / width.reshape(-1, *([1] * (samples.ndim - 1))))
+        return np.asarray(self.weights(time) @ samples)
+
+    def weights(self, time: Float) -> csr_array:
+        """(M, N): how much each of the evenly spaced samples at ``time`` (N,) s counts for the mean of each window.
+
+        A sample holds for half a step either side; the first and the last one hold beyond.
+        """
+        step = float((time[-1] - time[0]) / (len(time) - 1))
+        begin, end = ((edge - time[0]) / step + 0.5 for edge in (self.start, self.end))
+        first, last = (np.floor(edge).astype(np.intp) for edge in (begin, end))
+        count = last - first + 1
+        window = np.repeat(np.arange(len(first)), count)
+        row = np.arange(len(window)) - np.repeat(np.cumsum(count) - count, count) + first[window]
+        share = np.minimum(row + 1, end[window]) - np.maximum(row, begin[window])
+        share = share / (end - begin)[window]
+        within = np.clip(row, 0, len(time) - 1)
+        return csr_array((share, (window, within)), shape=(len(first), len(time)))
 
     def inside(self, time: Float) -> NDArray[np.bool_]:
         """Which (M,) lie within ``time`` (N,) s."""

@@ -1,0 +1,113 @@
+"""What was measured of the power, beside the rows of a fit: in a row, or the mean that a slow meter showed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.meter import Course, Readings, find, held, kinds_of_power
+
+Float = NDArray[np.float64]
+
+PER_WINDOW: Final = 3
+"""Rows that a window has at least, where the recording has them."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """M values of power, and the rows that they are of."""
+
+    power: Float
+    """(M,) W."""
+    rows: NDArray[np.intp]
+    """(R,) of the fit that matter."""
+    at: NDArray[np.intp]
+    """(M,) a row of the move that each is from."""
+    matrix: csr_array | None
+    """(M, R): weight of each row in each value; None where they are one to one."""
+
+    @classmethod
+    def of(cls, moves: Moves, kept: NDArray[np.intp]) -> Shown:
+        """Of the rows of some moves that are ``kept`` for a fit, evenly spread in each move."""
+        if moves.meter is None:
+            known = np.flatnonzero(np.isfinite(moves.power[kept]))
+            return cls(moves.power[kept][known], known, known, None)
+        blocks, values, at = [], [], []
+        for first, end in moves.bounds():
+            own = np.flatnonzero((kept >= first) & (kept < end))
+            readings = readings_of(moves, first, end)
+            if len(own) < 2 or not len(readings.time):
+                blocks.append(csr_array((0, len(own))))
+                continue
+            windows = moves.meter.windows(readings)
+            inside = windows.inside(moves.time[kept[own]])
+            block = windows.part(inside).weights(moves.time[kept[own]])
+            blocks.append(block)
+            values.append(readings.value[inside])
+            at.append(np.full(int(inside.sum()), own[0]))
+        matrix = _diagonal(blocks, len(kept))
+        return cls(np.concatenate(values), np.arange(len(kept)), np.concatenate(at), matrix)
+
+    def seen(self, rows: Float) -> Float:
+        """Rows (N, k) of the fit as they were measured: (M, k)."""
+        return rows[self.rows] if self.matrix is None else np.asarray(self.matrix @ rows)
+
+
+def _diagonal(blocks: list[csr_array], columns: int) -> csr_array:
+    """Blocks one below the other, each right of the one before."""
+    out, left = [], 0
+    for block in blocks:
+        place = csr_array((block.data, block.indices + left, block.indptr), shape=(block.shape[0], columns))
+        out.append(place)
+        left += block.shape[1]
+    return csr_array(vstack(out))
+
+
+def readings_of(moves: Moves, first: int, end: int) -> Readings:
+    """The values of a slow meter in some rows of one move."""
+    assert moves.came is not None
+    rows = first + np.flatnonzero(np.isfinite(moves.came[first:end]))
+    came = moves.came[rows]
+    return Readings(came, moves.power[rows], float(np.median(np.diff(came))) if len(came) > 1 else np.inf)
+
+
+def spacing(moves: Moves, most: int, rows: int) -> int:
+    """Every how many rows are kept so that about ``most`` are; a slow meter's windows keep some each."""
+    every = -(-rows // most)
+    if moves.meter is None:
+        return every
+    return max(1, min(every, int(moves.meter.window / PER_WINDOW / moves.step)))
+
+
+def through_its_meter(moves: Moves, robot: RobotDescription, body: RigidBody) -> Moves:
+    """The same with its meter, where power is from a slow one.
+
+    Raises ``RecordingError`` where the motion does not tell what its values stand for.
+    """
+    bounds = moves.bounds()
+    readings = held([(moves.time[a:b], moves.power[a:b]) for a, b in bounds])
+    if readings is None or moves.meter is not None:
+        return moves
+    torque = moves.current * column(robot, "torque_constant")
+    if not np.isfinite(torque).all():
+        torque = body.inverse_dynamics(moves.q, moves.qd, np.gradient(moves.qd, moves.step, axis=0))
+    kinds = kinds_of_power(torque, moves.qd)
+    meter = find(readings, [Course(moves.time[a:b], kinds[a:b]) for a, b in bounds])
+    if meter is None:
+        raise RecordingError(
+            f"power comes every {readings[0].interval:.2g} s, and the motion does not tell when each value was "
+            "measured: record more moves, or use a faster meter"
+        )
+    came = np.full(len(moves), np.nan)
+    for (a, b), each in zip(bounds, readings, strict=True):
+        rows = np.clip(a + np.searchsorted(moves.time[a:b], each.time), a, b - 1)
+        came[rows] = each.time
+    return replace(moves, came=came, meter=meter)
