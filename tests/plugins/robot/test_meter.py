@@ -131,7 +131,7 @@ def test_windows_average_what_lies_in_them():
 
 
 def test_what_is_told():
-    assert Meter(0.1, 0.15, 0.002, 0.001).told == "means over 100 ± 4 ms, 150 ± 2 ms late"
-    assert Meter(0.1, 0.15).told == "means over 100 ms, 150 ms late"
+    assert Meter(0.1, 0.15, 0.1, 0.002, 0.001).told == "means over 100 ± 4 ms, 150 ± 2 ms late"
+    assert Meter(0.1, 0.15, 0.1).told == "means over 100 ms, 150 ms late"
     readings = Readings(np.array([2.0]), np.array([1.0]), 0.1)
-    assert Meter(0.1, 0.15).windows(readings).start.tolist() == pytest.approx([1.75])
+    assert Meter(0.1, 0.15, 0.1).windows(readings).start.tolist() == pytest.approx([1.75])

@@ -26,23 +26,31 @@ class Whitener:
     axes: Float
     shrink: Float
     log_det: float
+    group: int
+    """So many points after each other make one value: their mean."""
 
     def __call__(self, columns: Float) -> Float:
         """Σ^(-½) of one (N,) or several columns (N, k)."""
-        scaled = (columns.T / self.noise).T
+        scaled = (means(columns, self.group).T / self.noise).T
         shared = self.axes.T @ scaled
         return np.asarray(scaled - self.axes @ (self.shrink * shared.T).T)
 
 
-def whitener(noise: Float, harmless: Float) -> Whitener:
-    """Σ^(-½) for ``noise`` (N,) and ``harmless`` columns (N, h)."""
-    scaled = harmless / noise[:, None]
+def means(points: Float, group: int) -> Float:
+    """Mean of each ``group`` of points (N,) or (N, k)."""
+    return points if group == 1 else points.reshape(-1, group, *points.shape[1:]).mean(axis=1)
+
+
+def whitener(noise: Float, harmless: Float, group: int = 1) -> Whitener:
+    """Σ^(-½) for ``noise`` (N,) and ``harmless`` columns (N, h) at points, of which ``group`` make one value each."""
+    noise = means(noise, group)
+    scaled = means(harmless, group) / noise[:, None]
     tall = scaled.shape[0] >= scaled.shape[1]
     strength, turn = np.linalg.eigh(scaled.T @ scaled if tall else scaled @ scaled.T)
     strong = strength > max(FAINT, 1e-12 * strength.max(initial=0.0))
     strength, turn = strength[strong], turn[:, strong]
     axes = (scaled @ turn) / np.sqrt(strength) if tall else turn
-    return Whitener(noise, axes, 1.0 - 1.0 / np.sqrt(1.0 + strength), float(np.log1p(strength).sum()))
+    return Whitener(noise, axes, 1.0 - 1.0 / np.sqrt(1.0 + strength), float(np.log1p(strength).sum()), group)
 
 
 @dataclass(frozen=True)
@@ -64,9 +72,9 @@ class Fit:
     error: Float
 
 
-def gram(residual: Float, columns: Float, noise: Float, harmless: Float) -> Gram:
+def gram(residual: Float, columns: Float, noise: Float, harmless: Float, group: int = 1) -> Gram:
     """Products for ``residual`` (N,), candidate ``columns`` (N, k), ``noise`` (N,), ``harmless`` columns (N, h)."""
-    white = whitener(noise, harmless)
+    white = whitener(noise, harmless, group)
     return products(white(residual), white(columns))
 
 

@@ -143,5 +143,5 @@ def _warm(arm: Arm, samples: Samples, best: Answer, left: Float) -> float:
     """Share by which friction of all joints was higher, 0 where that is not certain."""
     column = WARM * warm_up(arm.parameters, best.reading.load)
     harmless = np.column_stack([samples.harmless, best.reading.doubt])
-    found = fit(gram(left, column[:, None], samples.sigma, harmless), np.array([0]))
+    found = fit(gram(left, column[:, None], samples.sigma, harmless, samples.group), np.array([0]))
     return WARM * float(found.sizes[0]) if abs(found.sizes[0]) > CERTAIN * found.error[0] else 0.0

@@ -83,7 +83,7 @@ def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float, fault_o
     ]
     effects += part_effects(arm, reading.load, inside)
     shared = [samples.harmless, reading.doubt, WARM * warm_up(arm.parameters, reading.load)[:, None]]
-    white = whitener(samples.sigma, np.column_stack(shared))
+    white = whitener(samples.sigma, np.column_stack(shared), samples.group)
     search = _Search(arm, reading, white, effects, MOST_FAULTS - len(reading.stopped), fault_odds)
     best: tuple[int, ...] = ()
     while (better := search.extended(best)) is not None:
@@ -100,7 +100,7 @@ def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float, fault_o
         likelihood=found.gain - 0.5 * float(search.residual @ search.residual) - 0.5 * white.log_det,
         odds=search.odds(best),
         rivals=tuple(search.rivals(best, k) for k in best if not effects[k].harmless),
-        misfit=found.misfit / max(1, len(reading.residual)),
+        misfit=found.misfit / max(1, len(search.residual)),
     )
 
 

@@ -73,6 +73,7 @@ class CycleFinding:
 
 def judge_recording(recording: Recording, known: Known) -> list[CycleFinding]:
     """Every cycle in order: those of known tasks judged, those of others said to be new."""
+    recording = replace(recording, meter=known.meter)
     runs = find_runs(recording)
     matches = find_cycles(recording, runs, known.patterns)
     out = [judge_cycle(recording, match, known) for match in matches]

@@ -13,6 +13,7 @@ from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, nominal
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.meter import Windows
 
 Float = NDArray[np.float64]
 
@@ -74,23 +75,32 @@ class _Problem:
     """The patterns as equations in parameters scaled by ``width`` (k,), one standard deviation each."""
 
     def __init__(self, body: RigidBody, patterns: Sequence[Pattern], width: Float) -> None:
-        self.body, self.width = body, width
+        self.body, self.width, self.patterns = body, width, patterns
         self.motions = [Motion(p.position, *p.rates) for p in patterns]
         self.variance = np.concatenate([_variance(p) for p in patterns])
         thin = [np.full(len(p.power), min(1.0, p.step / ALIKE)) for p in patterns]
         self.weight = np.concatenate(thin) / self.variance
-        self.measured = np.concatenate([p.power for p in patterns])
+        self.measured = np.concatenate([_seen(p, p.power) for p in patterns])
 
     def normal(self, values: Float) -> tuple[Float, Float]:
         """Normal matrix (k, k) with the prior's, and the pull (k,) of the measurement."""
         now = Parameters.unpacked(values, self.body.joints)
         loads = [load_of(self.body, now, motion) for motion in self.motions]
-        slope = np.concatenate([load.slope(now) for load in loads]) * self.width
-        misfit = self.measured - np.concatenate([load.power for load in loads])
+        pairs = list(zip(self.patterns, loads, strict=True))
+        slope = np.concatenate([_seen(p, load.slope(now)) for p, load in pairs]) * self.width
+        misfit = self.measured - np.concatenate([_seen(p, load.power) for p, load in pairs])
         # Where the patterns hold more than the model knows (a part that is gripped on the way), they count for less.
         weight = self.weight / max(1.0, float(np.mean(misfit**2 / self.variance)))
         normal = (slope * weight[:, None]).T @ slope + np.eye(len(values))
         return normal, slope.T @ (weight * misfit)
+
+
+def _seen(pattern: Pattern, samples: Float) -> Float:
+    """Samples (T,) or (T, k) of a pattern as the meter that it was learnt from shows them."""
+    if not pattern.window:
+        return samples
+    half = pattern.window / 2
+    return Windows(pattern.time - half, pattern.time + half).means(pattern.time, samples)
 
 
 def _variance(pattern: Pattern) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -10,10 +10,12 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.arm import Parameters
 from cellwatt_plugins.faults.cycles.identify import Arm, identify, with_covariance
 from cellwatt_plugins.faults.cycles.learn import learn_patterns
+from cellwatt_plugins.faults.cycles.metering import with_meter
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredModel
+from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredMeter, StoredModel
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.meter import Meter
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Known:
     arm: Arm
     patterns: tuple[Pattern, ...]
     false_alarms: float = 1e-4
+    meter: Meter | None = None
+    """The slow meter that power is from."""
 
 
 def body_of(robot: RobotDescription) -> RigidBody:
@@ -37,8 +41,10 @@ def learn_known(recording: Recording, robot: RobotDescription) -> Known:
     """Learn from healthy running. Raises ``ModelError`` where the arm is another or nothing recurs."""
     if recording.joints != len(robot.joints):
         raise ModelError(f"the recording has {recording.joints} joints, robot {robot.robot} has {len(robot.joints)}")
+    body = body_of(robot)
+    recording = with_meter(recording, robot, body)
     patterns = learn_patterns(recording)
-    return Known(identify(robot, body_of(robot), patterns), tuple(patterns))
+    return Known(identify(robot, body, patterns), tuple(patterns), meter=recording.meter)
 
 
 def stored(known: Known, robot: RobotDescription) -> tuple[StoredModel, tuple[StoredCycle, ...]]:
@@ -56,7 +62,7 @@ def stored(known: Known, robot: RobotDescription) -> tuple[StoredModel, tuple[St
         )
         for j, joint in enumerate(robot.joints)
     )
-    model = StoredModel(p.standby, p.drive, p.regenerate, joints)
+    model = StoredModel(p.standby, p.drive, p.regenerate, joints, _stored_meter(known.meter))
     return model, tuple(_stored_cycle(pattern) for pattern in known.patterns)
 
 
@@ -76,8 +82,15 @@ def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], robot: RobotDe
         drive=model.drive,
         regenerate=model.regenerate,
     )
-    patterns = tuple(_pattern(cycle) for cycle in cycles)
-    return Known(with_covariance(robot, body_of(robot), parameters, patterns), patterns)
+    meter = None if model.meter is None else Meter(**asdict(model.meter))
+    patterns = tuple(_pattern(cycle, 0.0 if meter is None else meter.window) for cycle in cycles)
+    return Known(with_covariance(robot, body_of(robot), parameters, patterns), patterns, meter=meter)
+
+
+def _stored_meter(meter: Meter | None) -> StoredMeter | None:
+    if meter is None:
+        return None
+    return StoredMeter(**{name: round(value, 6) for name, value in asdict(meter).items()})
 
 
 def _stored_cycle(pattern: Pattern) -> StoredCycle:
@@ -94,7 +107,7 @@ def _stored_cycle(pattern: Pattern) -> StoredCycle:
     )
 
 
-def _pattern(cycle: StoredCycle) -> Pattern:
+def _pattern(cycle: StoredCycle, window: float) -> Pattern:
     joints = range(1, len(cycle.position) + 1)
     return Pattern(
         task=cycle.task,
@@ -106,4 +119,5 @@ def _pattern(cycle: StoredCycle) -> Pattern:
         power=np.asarray(cycle.power),
         spread=np.asarray(cycle.spread),
         repeat=np.asarray(cycle.repeat),
+        window=window,
     )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.loops import Loop, find_loops
+from cellwatt_plugins.faults.cycles.metering import power_through
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern, Warp, timing, warp_of
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import Run, find_runs
@@ -76,14 +77,17 @@ def _pattern(recording: Recording, group: Sequence[Sequence[Run]], task: str) ->
     for cycle in group:
         times = [timing(template, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
         warps.append(warp_of(template, list(enumerate(times))))
-    rows = [_laid_over(template, recording, warp) for warp in warps]
-    position = np.mean([r[0] for r in rows], axis=0)
-    watts = np.array([r[1] for r in rows])
-    power = np.nanmean(watts, axis=0)
-    spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(rows) - 1))
+    position = np.mean([_position(template, recording, warp) for warp in warps], axis=0)
+    if recording.meter is not None and recording.readings is not None:
+        power, spread = power_through(recording.meter, recording.readings, template, warps)
+        template = replace(template, window=recording.meter.window)
+    else:
+        watts = np.array([_power(template, recording, warp) for warp in warps])
+        power = np.nanmean(watts, axis=0)
+        spread = np.sqrt(np.nansum((watts - power) ** 2, axis=0) / max(1, len(warps) - 1))
     rests = np.array([[run.after for run in cycle] for cycle in group])
     repeat = rests.std(axis=0, ddof=1).max(axis=0)
-    return replace(template, cycles=len(group), position=_smooth(position), power=power, spread=spread, repeat=repeat)
+    return replace(template, cycles=len(warps), position=_smooth(position), power=power, spread=spread, repeat=repeat)
 
 
 def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
@@ -97,14 +101,18 @@ def _cut(recording: Recording, cycle: Sequence[Run], task: str) -> Pattern:
     return Pattern(task, 1.0, 1, STEP, moves, position, nothing, nothing, np.zeros(recording.joints))
 
 
-def _laid_over(pattern: Pattern, recording: Recording, warp: Warp) -> tuple[Float, Float]:
-    """Positions (T, n) and power (T,) of a cycle at the pattern's times; power averaged over the pattern's step."""
+def _position(pattern: Pattern, recording: Recording, warp: Warp) -> Float:
+    """Positions (T, n) of a cycle at the pattern's times."""
     when = warp.to_recording(pattern.time)
-    position = np.column_stack([np.interp(when, recording.time, column) for column in recording.position.T])
+    return np.column_stack([np.interp(when, recording.time, column) for column in recording.position.T])
+
+
+def _power(pattern: Pattern, recording: Recording, warp: Warp) -> Float:
+    """Power (T,) of a cycle at the pattern's times, averaged over the pattern's step."""
     width = max(1, round(pattern.step / recording.step))
     power = np.convolve(recording.power, np.ones(width) / width, mode="same")
     centre = recording.time - (0.5 * recording.step if width % 2 == 0 else 0.0)
-    return position, np.interp(when, centre, power)
+    return np.interp(warp.to_recording(pattern.time), centre, power)
 
 
 def _smooth(position: Float) -> Float:

@@ -106,7 +106,7 @@ class CycleWatch:
         """Faults that the cycle under way shows already."""
         if len(self._time) < 2 * round(SETTLED / self._step):
             return []
-        recording = Recording(self._time, self._position, self._power)
+        recording = Recording(self._time, self._position, self._power, self._known.meter)
         match = begun_cycle(recording, find_runs(recording), self._known.patterns)
         if match is None:
             return []
@@ -121,7 +121,7 @@ class CycleWatch:
         """Cycles that are over, with what came before them; their frames are dropped."""
         if len(self._time) < 2 * round(SETTLED / self._step):
             return []
-        recording = Recording(self._time, self._position, self._power)
+        recording = Recording(self._time, self._position, self._power, self._known.meter)
         runs = find_runs(recording)
         matches = find_cycles(recording, runs, self._known.patterns)
         over = list(takewhile(lambda match: ended or self._is_over(match, runs), matches))

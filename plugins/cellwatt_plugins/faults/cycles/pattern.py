@@ -40,7 +40,8 @@ class Pattern:
 
     ``step`` s; ``position`` (T, n) rad and ``power`` (T,) W from ``MARGIN`` before the first move, with ``spread`` W,
     the standard deviation over ``cycles`` cycles; ``moves`` their start and end, s from the first sample;
-    ``repeat`` (n,) rad, the standard deviation of rest poses over cycles.
+    ``repeat`` (n,) rad, the standard deviation of rest poses over cycles; ``window`` s that each value of the power
+    that it was learnt from stands for, 0 for that of a sample.
     """
 
     task: str
@@ -52,6 +53,7 @@ class Pattern:
     power: Float
     spread: Float
     repeat: Float
+    window: float = 0.0
 
     @cached_property
     def time(self) -> Float:
@@ -63,6 +65,11 @@ class Pattern:
         """Velocity and acceleration (T, n) along the pattern's own time, rad/s and rad/s²."""
         velocity = np.gradient(self.position, self.step, axis=0)
         return velocity, np.gradient(velocity, self.step, axis=0)
+
+    @cached_property
+    def slope(self) -> Float:
+        """(T,) W/s of the power."""
+        return np.gradient(self.power, self.step)
 
     @cached_property
     def poses(self) -> tuple[Float, Float]:

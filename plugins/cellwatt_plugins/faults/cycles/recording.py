@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
+from cellwatt_plugins.robot.meter import Meter, Readings, held
 
 Float = NDArray[np.float64]
 
@@ -21,6 +23,19 @@ class Recording:
     time: Float
     position: Float
     power: Float
+    meter: Meter | None = None
+    """The slow meter that power is from."""
+
+    @cached_property
+    def readings(self) -> Readings | None:
+        """The values of a slow meter, each once; None where power is not from one."""
+        known = ~np.isnan(self.power)
+        if self.meter is None or known.sum() < 2:
+            return None
+        # A hole holds the value before it: what comes with its end counts from there.
+        last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
+        found = held([(self.time, self.power[last])], self.meter.interval)
+        return None if found is None else found[0]
 
     @property
     def step(self) -> float:

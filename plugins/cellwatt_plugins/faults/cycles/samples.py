@@ -13,6 +13,7 @@ from cellwatt_plugins.faults.cycles.load import Load, load_of
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.robot.meter import Meter, Readings
 
 Float = NDArray[np.float64]
 
@@ -39,6 +40,8 @@ class Samples:
     ``time`` s, ``tau`` s of the pattern, ``residual`` W against healthy power, ``sigma`` W its noise, ``harmless``
     (N, h) W what may differ in healthy cycles (one sigma each), ``healthy`` the load of the healthy path at this pace,
     ``unmodelled`` (N,) W what healthy power has more than the fitted arm says, as of a part that is held on the way.
+    Of a slow meter, ``group`` points after each other lie within what one of its values stands for: only their mean
+    was measured.
     """
 
     time: Float
@@ -48,24 +51,31 @@ class Samples:
     harmless: Float
     healthy: Load
     unmodelled: Float
+    group: int
 
 
 def sample(recording: Recording, match: Match, pattern: Pattern, arm: Arm, until: float) -> Samples:
     """The points of one cycle up to pattern time ``until`` s, without moves broken by a stop and standing pauses."""
-    time, watts = _means(recording, match, pattern, until)
+    time, watts, group = _measured(recording, match, pattern, until)
     tau, pace = match.warp.to_pattern(time), match.warp.pace(time)
     healthy = load_of(arm.body, arm.parameters, _motion(pattern, tau, pace))
     usual = load_of(arm.body, arm.parameters, _motion(pattern, tau, np.ones_like(pace)))
     faster = healthy.power - usual.power
     unsure = DOUBT * (healthy.slope(arm.parameters) - usual.slope(arm.parameters)) @ arm.deviations
     expected = np.interp(tau, pattern.time, pattern.power) + faster
-    third = np.diff(watts, 3)
-    noise = max(0.05, float(np.median(np.abs(third))) / (0.6745 * np.sqrt(20.0)))
+    noise = max(0.05, _noise(watts) if group == 1 else float(np.quantile(pattern.spread, 0.2)))
     spread = np.interp(tau, pattern.time, _spread(pattern))
-    shared = _variation(match, pattern, time, tau, expected)
+    slope = np.gradient(expected, time) if group == 1 else pace * np.interp(tau, pattern.time, pattern.slope)
+    late = 0.0 if recording.meter is None else recording.meter.late_spread
+    shared = _variation(match, pattern, tau, expected, slope, float(np.hypot(SHIFT, late)))
     harmless = np.column_stack([shared, 0.1 * faster, unsure])
     sigma = np.sqrt(noise**2 + spread**2)
-    return Samples(time, tau, watts - expected, sigma, harmless, healthy, expected - healthy.power)
+    return Samples(time, tau, watts - expected, sigma, harmless, healthy, expected - healthy.power, group)
+
+
+def _noise(watts: Float) -> float:
+    """Standard deviation of white noise in power (N,), by third differences."""
+    return float(np.median(np.abs(np.diff(watts, 3)))) / (0.6745 * float(np.sqrt(20.0)))
 
 
 def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool_]:
@@ -76,22 +86,46 @@ def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool
     return inside
 
 
-def _means(recording: Recording, match: Match, pattern: Pattern, until: float) -> tuple[Float, Float]:
-    """Times and mean power of the cycle."""
-    first, last = np.searchsorted(recording.time, [match.warp.t[0] - MARGIN, match.warp.t[-1] + MARGIN])
+def _measured(recording: Recording, match: Match, pattern: Pattern, until: float) -> tuple[Float, Float, int]:
+    """Times and power of the points of the cycle, and how many of them make one value."""
+    begin, end = float(match.warp.t[0] - MARGIN), float(match.warp.t[-1] + MARGIN)
+    if recording.meter is not None and recording.readings is not None:
+        time, watts, group = _within_readings(recording.meter, recording.readings, begin, end)
+    else:
+        time, watts, group = *_means(recording, begin, end), 1
+    usable = _usable(match, pattern, time, until) & ~np.isnan(watts)
+    usable = np.repeat(usable.reshape(-1, group).all(axis=1), group)
+    return time[usable], watts[usable], group
+
+
+def _within_readings(meter: Meter, readings: Readings, begin: float, end: float) -> tuple[Float, Float, int]:
+    """Points evenly within what each value of a slow meter stands for."""
+    windows = meter.windows(readings)
+    inside = (windows.start >= begin) & (windows.end <= end)
+    group = max(2, round(meter.window / STEP))
+    share = (np.arange(group) + 0.5) / group
+    time = windows.start[inside, None] + meter.window * share
+    return time.ravel(), np.repeat(readings.value[inside], group), group
+
+
+def _means(recording: Recording, begin: float, end: float) -> tuple[Float, Float]:
+    """Times and mean power of every ``STEP``."""
+    first, last = np.searchsorted(recording.time, [begin, end])
     width = max(1, round(STEP / recording.step))
     count = (last - first) // width
     rows = slice(int(first), int(first + count * width))
     time = recording.time[rows].reshape(count, width).mean(axis=1)
-    watts = recording.power[rows].reshape(count, width).mean(axis=1)
+    return time, recording.power[rows].reshape(count, width).mean(axis=1)
+
+
+def _usable(match: Match, pattern: Pattern, time: Float, until: float) -> NDArray[np.bool_]:
+    """Points in which power can be compared: not in pauses, nor in moves that were interrupted."""
     tau = match.warp.to_pattern(time)
-    usable = (
-        ~np.isnan(watts) & (tau < until) & ((match.warp.pace(time) > STANDING) | inside_moves(pattern, tau, MARGIN))
-    )
+    usable = (tau < until) & ((match.warp.pace(time) > STANDING) | inside_moves(pattern, tau, MARGIN))
     for move in match.broken:
         start, end = pattern.moves[move]
         usable &= (tau < start) | (tau > end)
-    return time[usable], watts[usable]
+    return np.asarray(usable)
 
 
 def _motion(pattern: Pattern, tau: Float, pace: Float) -> Motion:
@@ -111,14 +145,13 @@ def _spread(pattern: Pattern) -> Float:
     return np.asarray(np.sqrt(np.maximum(variance - noise, 0.0) + variance / pattern.cycles))
 
 
-def _variation(match: Match, pattern: Pattern, time: Float, tau: Float, expected: Float) -> Float:
+def _variation(match: Match, pattern: Pattern, tau: Float, expected: Float, slope: Float, shift: float) -> Float:
     """Columns (N, h) W: level of the supply, timing and size of each move."""
-    slope = np.gradient(expected, time)
     resting = expected[~inside_moves(pattern, tau, 0.0)]
     level = float(np.median(resting)) if len(resting) else float(expected.min())
-    columns = [np.full(len(time), LEVEL)]
+    columns = [np.full(len(tau), LEVEL)]
     for move, (start, end) in enumerate(pattern.moves):
         here = (tau >= start - MARGIN) & (tau <= end + MARGIN)
-        columns.append(np.where(here, slope * (UNSEEN_SHIFT if move in match.unseen else SHIFT), 0.0))
+        columns.append(np.where(here, slope * (UNSEEN_SHIFT if move in match.unseen else shift), 0.0))
         columns.append(np.where(here, SHARE * (expected - level), 0.0))
     return np.column_stack(columns)

@@ -230,4 +230,4 @@ def _believed(window: float, ago: float, covariance: Float, interval: float) -> 
     by_square = np.array([1 / (2 * window), 0.0])
     by_late = np.array([-1 / (4 * window), 1.0])
     spreads = [float(np.sqrt(by @ known @ by)) for by in (by_square, by_late)]
-    return Meter(window, ago - window / 2, min(spreads[0], window), spreads[1])
+    return Meter(window, ago - window / 2, interval, min(spreads[0], window), spreads[1])

@@ -16,31 +16,35 @@ SHORTEST: Final = 2
 """Rows that nearly every value is held for at least, where the meter is slower than the rows."""
 SELDOM: Final = 0.1
 """Share of values that may be held for less."""
+SAME: Final = 1e-7
+"""Share of the power's range by which two values differ at least."""
 FEWEST: Final = 8
 """Changes from which something can be said."""
 EVEN: Final = 1.0
 """Rows by which values of a meter with a beat of its own come off that beat, at most: rows see it with such a delay."""
 
 
-def held(segments: Sequence[tuple[Float, Float]]) -> list[Readings] | None:
+def held(segments: Sequence[tuple[Float, Float]], interval: float | None = None) -> list[Readings] | None:
     """The values of a slow meter, for each segment of rows: times (N,) s, evenly spaced, and power (N,) W.
 
     A value counts from the row that it is first seen in; the one that a segment begins with is left out, as nobody
-    saw when it came. None where power is a meter's that is as fast as the rows.
+    saw when it came. None where power is a meter's that is as fast as the rows, or not one of the ``interval`` s that
+    is known.
     """
     changes = [_changes(power) for _, power in segments]
     lasting = np.concatenate([np.empty(0), *(np.diff(each) for each in changes)])
-    if len(lasting) < FEWEST or np.mean(lasting < SHORTEST) > SELDOM:
+    if np.mean(lasting < SHORTEST) > SELDOM or (interval is None and len(lasting) < FEWEST):
         return None
-    step = float(np.median(np.concatenate([np.diff(time) for time, _ in segments])))
-    interval = _interval([time[each] for (time, _), each in zip(segments, changes, strict=True)], step)
+    if interval is None:
+        step = float(np.median(np.concatenate([np.diff(time) for time, _ in segments])))
+        interval = _interval([time[each] for (time, _), each in zip(segments, changes, strict=True)], step)
     pairs = zip(segments, changes, strict=True)
-    return [_on_beat(time, power, each, interval, step) for (time, power), each in pairs]
+    return [_on_beat(time, power, each, interval) for (time, power), each in pairs]
 
 
 def _changes(power: Float) -> NDArray[np.intp]:
-    """Rows with another value than the row before."""
-    return np.flatnonzero(np.diff(power)) + 1
+    """Rows with another value than the row before, but for what interpolation between equal times makes of it."""
+    return np.flatnonzero(np.abs(np.diff(power)) > SAME * np.ptp(power)) + 1
 
 
 def _interval(times: Sequence[Float], step: float) -> float:
@@ -61,10 +65,11 @@ def _interval(times: Sequence[Float], step: float) -> float:
     return interval
 
 
-def _on_beat(time: Float, power: Float, changes: NDArray[np.intp], interval: float, step: float) -> Readings:
+def _on_beat(time: Float, power: Float, changes: NDArray[np.intp], interval: float) -> Readings:
     """The values of a segment; those that repeat the one before are told by the beat, where there is one."""
     if not len(changes):
         return Readings(np.empty(0), np.empty(0), interval)
+    step = float((time[-1] - time[0]) / (len(time) - 1))
     seen = time[changes] - step / 2  # it came between this row and the one before
     number = np.concatenate([[0.0], np.cumsum(np.maximum(1, np.round(np.diff(seen) / interval)))])
     first = float(np.mean(seen - number * interval))

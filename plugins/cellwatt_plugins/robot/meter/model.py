@@ -71,6 +71,8 @@ class Meter:
 
     window: float
     late: float
+    interval: float
+    """s from one value to the next."""
     window_spread: float = 0.0
     late_spread: float = 0.0
 

@@ -1,0 +1,88 @@
+"""Cycles whose power comes from a slow meter: which meter it is, and what they take between its values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+from scipy.sparse import csr_array, diags_array, vstack
+from scipy.sparse.linalg import spsolve
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
+from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import without_jumps
+from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.law import nominal_torque
+from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, held, kinds_of_power
+
+Float = NDArray[np.float64]
+
+SMOOTH = 0.12
+"""s over which encoders are differentiated."""
+STIFFNESS = np.geomspace(1e-4, 1e4, 9)
+"""Weights of the power's second differences against the readings that are tried."""
+NEAR = 0.15
+"""s of the pattern over which the scatter of readings is averaged."""
+
+
+def with_meter(recording: Recording, robot: RobotDescription, body: RigidBody) -> Recording:
+    """The same with the slow meter that its power is from, where it is.
+
+    Raises ``ModelError`` where the motion does not tell what its values stand for.
+    """
+    known = ~np.isnan(recording.power)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
+    readings = held([(recording.time, recording.power[last])])
+    if readings is None:
+        return recording
+    rows = max(5, round(SMOOTH / recording.step) | 1)
+    path = without_jumps(recording.position)
+    q, qd, qdd = (savgol_filter(path, rows, 3, d, recording.step, axis=0) for d in range(3))
+    kinds = kinds_of_power(nominal_torque(robot, body, q, qd, qdd), qd)
+    meter = find(readings, [Course(recording.time, kinds)])
+    if meter is None:
+        raise ModelError(
+            f"power comes every {readings[0].interval:.2g} s, and the motion does not tell when each value was "
+            "measured: record more healthy cycles, or use a faster meter"
+        )
+    return replace(recording, meter=meter)
+
+
+def power_through(meter: Meter, readings: Readings, pattern: Pattern, warps: Sequence[Warp]) -> tuple[Float, Float]:
+    """Power (T,) W of a pattern and the scatter of readings about it, from cycles that each met the meter elsewhere.
+
+    The smoothest power whose means are the readings; how smooth is what foretells the readings of a cycle left out.
+    """
+    cycles = [_of_cycle(meter.windows(readings), readings.value, pattern, warp) for warp in warps]
+    count = len(pattern.time)
+    rough = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
+    bend = csr_array(rough.T @ rough)
+    left = {}
+    for stiffness in STIFFNESS:
+        parts = []
+        for out, (matrix, value) in enumerate(cycles):
+            others = [each for k, each in enumerate(cycles) if k != out] or cycles
+            parts.append(value - matrix @ _solved(others, stiffness * bend))
+        left[stiffness] = np.concatenate(parts)
+    best = min(left, key=lambda stiffness: float(np.mean(left[stiffness] ** 2)))
+    middle = np.concatenate([matrix @ pattern.time for matrix, _ in cycles])
+    near = np.exp(-0.5 * ((pattern.time[:, None] - middle) / (NEAR / 2)) ** 2)
+    spread = np.sqrt(near @ left[best] ** 2 / np.maximum(near.sum(axis=1), 1e-9))
+    return _solved(cycles, best * bend), spread
+
+
+def _of_cycle(windows: Windows, value: Float, pattern: Pattern, warp: Warp) -> tuple[csr_array, Float]:
+    """Weights (M, T) of a pattern's samples in the readings of one cycle, and these (M,) W."""
+    own = Windows(warp.to_pattern(windows.start), warp.to_pattern(windows.end))
+    inside = own.inside(pattern.time)
+    return own.part(inside).weights(pattern.time), value[inside]
+
+
+def _solved(cycles: Sequence[tuple[csr_array, Float]], bend: csr_array) -> Float:
+    matrix = vstack([each for each, _ in cycles])
+    value = np.concatenate([each for _, each in cycles])
+    return np.asarray(spsolve(csr_array(matrix.T @ matrix + bend).tocsc(), matrix.T @ value))
