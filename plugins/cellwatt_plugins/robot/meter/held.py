@@ -33,7 +33,7 @@ def held(segments: Sequence[tuple[Float, Float]], interval: float | None = None)
     """
     changes = [_changes(power) for _, power in segments]
     lasting = np.concatenate([np.empty(0), *(np.diff(each) for each in changes)])
-    if np.mean(lasting < SHORTEST) > SELDOM or (interval is None and len(lasting) < FEWEST):
+    if (interval is None and len(lasting) < FEWEST) or (len(lasting) and np.mean(lasting < SHORTEST) > SELDOM):
         return None
     if interval is None:
         step = float(np.median(np.concatenate([np.diff(time) for time, _ in segments])))
