@@ -69,7 +69,7 @@ def cell(tmp_path_factory):
     plant.write_robot(folder)
     (folder / "arm.xml").write_text(mjcf(plant.NOMINAL))
     for seed, name in enumerate(RUNS, start=1):
-        run = plant.record(name, seed, Missing(arm=HEAVY, added=stribeck, read=offset), 20.0, power=False)
+        run = plant.record(name, seed, Missing(arm=HEAVY, added=stribeck, read=offset), 16.0, power=False)
         for kind, columns in zip(("recording", "simulation"), plant.tables(run), strict=True):
             pq.write_table(pa.table(columns), folder / f"{name}.{kind}.parquet")
     return folder
