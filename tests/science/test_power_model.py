@@ -45,6 +45,8 @@ def test_the_emulated_arm_is_one(tmp_path):
     assert supply(arm, 0 * load, 0 * load) == pytest.approx(arm.standby)
 
 
+@pytest.mark.slow  # both are trained and scored in tests/plugins/models/power/test_train_command.py
+@pytest.mark.timeout(300)
 def test_the_papers_two_methods_reach_its_figures(tmp_path):
     robot, body, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
     tuning = tune(known, robot, body, ahead=False)

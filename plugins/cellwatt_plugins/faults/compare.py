@@ -177,12 +177,9 @@ def _near(value: Float, around: Float, share: float, floor: float) -> Bools:
 
 def _motion(pattern: Pattern, t: Float, half: Float, reach: float) -> tuple[Float, Float]:
     """Speed and acceleration (shifts, n) of a position pattern within ``reach`` s around each time."""
-    speeds, accelerations = [], []
-    for shift in np.linspace(-reach, reach, 5):
-        before, here, after = (pattern.at(t + shift + h) for h in (-half, 0.0, half))
-        speeds.append((after - before) / (2 * half))
-        accelerations.append((after - 2 * here + before) / half**2)
-    return np.stack(speeds), np.stack(accelerations)
+    near = t + np.linspace(-reach, reach, 5)[:, None]
+    before, here, after = pattern.at(near - half), pattern.at(near), pattern.at(near + half)
+    return (after - before) / (2 * half), (after - 2 * here + before) / half**2
 
 
 def power_agrees(

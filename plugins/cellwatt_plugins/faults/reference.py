@@ -88,7 +88,7 @@ class Pattern:
         return np.asarray(self.mean)
 
     def at(self, t: Float) -> Float:
-        """The mean at times t (n,) s, held at both ends."""
+        """The mean at times t of any shape, s, held at both ends."""
         return np.asarray(np.interp(t, self.time, self.values), dtype=np.float64)
 
     def spread_at(self, t: Float) -> Float:
@@ -97,8 +97,7 @@ class Pattern:
 
     def envelope(self, t: Float, reach: float) -> tuple[Float, Float]:
         """Lowest and highest mean within ``reach`` s around each time t (n,) s: what a jitter of the onset explains."""
-        shifts = np.linspace(-reach, reach, 5)
-        near = np.stack([self.at(t + shift) for shift in shifts])
+        near = self.at(t + np.linspace(-reach, reach, 5)[:, None])
         return near.min(axis=0), near.max(axis=0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import struct
 from contextlib import asynccontextmanager
 
@@ -56,9 +57,14 @@ async def serving(signals=None, **options: str):
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     peers: list[Peer] = []
 
-    async def connect() -> Peer:
+    async def connect(buffer: int | None = None) -> Peer:
         host, _, port = (await ready).rpartition(":")
-        peers.append(Peer(*await asyncio.open_connection(host, int(port))))
+        peer = socket.socket()
+        peer.setblocking(False)
+        if buffer is not None:
+            peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
+        await asyncio.get_running_loop().sock_connect(peer, (host, int(port)))
+        peers.append(Peer(*await asyncio.open_connection(sock=peer)))
         return peers[-1]
 
     task = asyncio.create_task(emulator.serve(ready.set_result))
@@ -246,7 +252,7 @@ async def test_a_client_that_is_no_rtde_client_is_thrown_out():
 @pytest.mark.blocks_loop  # 100,000 packages a second fill what lies between in no time
 async def test_a_client_that_does_not_read_is_thrown_out():
     async with serving(recording(n=2000, step=0.00001, loop=True)) as (emulator, connect):
-        peer = await connect()
+        peer = await connect(buffer=4096)  # or megabytes fill on the way first
         peer._writer.transport.pause_reading()
         for question in (ASK_VERSION, OUTPUTS[:3] + struct.pack(">d", 1.0) + OUTPUTS[11:], bytes.fromhex("000353")):
             peer._writer.write(question)

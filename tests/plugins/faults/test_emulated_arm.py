@@ -4,7 +4,7 @@ import pytest
 
 from cellwatt.emulation import ArmSignals
 from tests.plugins.faults.emulated import arm_frames
-from tests.plugins.faults.watching import learned, since_start, watch
+from tests.plugins.faults.watching import learned, more, since_start, watch
 
 ELBOW = 3
 SPRING = {"spring": ELBOW, "stiffness": 60, "rest": 1.4}
@@ -15,7 +15,7 @@ def reference(tmp_path_factory):
     return learned(tmp_path_factory.mktemp("arm") / "arm.yaml", arm_frames(ArmSignals(seed=99), 65.0))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *more(2, 3, 4, 5)])
 def test_a_minute_of_healthy_running_gives_no_alarm(reference, seed):
     assert watch(reference, arm_frames(ArmSignals(seed=seed), 60.0)) == []
 
@@ -27,7 +27,7 @@ def moves_of_the_elbow(signals, until):
 
 
 # Wherever in the cycle (7.8 s) it is hooked on: at rest, in another joint's move, with the elbow bent or at home.
-@pytest.mark.parametrize("at", [15.0, 16.5, 17.6, 18.7, 19.2, 19.45, 20.3, 21.0, 21.9, 22.6])
+@pytest.mark.parametrize("at", [15.0, 17.6, 19.2, 21.9, *more(16.5, 18.7, 19.45, 20.3, 21.0, 22.6)])
 def test_a_spring_on_the_elbow_is_named_while_the_elbow_first_moves(reference, at):
     signals = ArmSignals(seed=round(100 * at))
     signals.disturb({**SPRING, "at": at})

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+import pytest
+from _pytest.mark import ParameterSet
 
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm
@@ -13,6 +17,12 @@ from cellwatt_plugins.faults.reference import save
 from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.plant import START
+
+
+def more(*values: Any) -> list[ParameterSet]:
+    """Parameters that are among the slow tests only; a tuple stands for several arguments."""
+    rows = (value if isinstance(value, tuple) else (value,) for value in values)
+    return [pytest.param(*row, marks=pytest.mark.slow) for row in rows]
 
 
 def learned(path: Path, blocks: Iterable[Frames], robot: str | None = None) -> Path:

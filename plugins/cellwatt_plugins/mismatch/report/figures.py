@@ -6,6 +6,7 @@ import base64
 import gzip
 import json
 from collections.abc import Sequence
+from functools import cache
 from html import escape
 from typing import Any
 
@@ -25,6 +26,7 @@ MOST_CLOUDS = 6
 STATES = (("simulation", "Simulation"), ("refit", "Simulation, retuned"), ("model", "Model"))
 
 
+@cache
 def engine() -> str:
     """Plotly itself, for the browser."""
     return f"<script type=text/plain id=plotly>{_pack(get_plotlyjs())}</script>"

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.input.motion import (
+    _by_nodes,
     differentiate,
     encoder_noise,
     exact,
@@ -64,6 +65,16 @@ def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity
     mean, deviation = expected_sign(np.array([velocity]), np.array([spread]))
     assert mean[0] == pytest.approx(np.mean(drawn), abs=0.02)
     assert deviation[0] == pytest.approx(np.std(drawn), abs=0.02)
+
+
+def test_a_sign_that_is_sure_is_what_its_nodes_say():
+    draw = np.random.default_rng(2)
+    velocity = draw.standard_normal((2000, 3)) * [1e-3, 0.1, 2.0]
+    spread = 0.02 * np.abs(draw.standard_normal((2000, 3)))
+    mean, deviation = expected_sign(velocity, spread)
+    plain, square = _by_nodes(velocity, spread)
+    np.testing.assert_array_equal(mean, plain)
+    np.testing.assert_array_equal(deviation, np.sqrt(np.maximum(square - plain**2, 0.0)))
 
 
 @given(st.floats(-1, 1), st.floats(0, 0.2))

@@ -33,6 +33,18 @@ def page(folder: Path, findings: Findings, traces: list[Trace], robot: str = "MH
     return path.read_text(encoding="utf-8")
 
 
+@pytest.fixture(scope="module")
+def arms_page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The page of the six joints, made once for all that only read it."""
+    return page(tmp_path_factory.mktemp("arm"), *reported.arm())
+
+
+@pytest.fixture(scope="module")
+def single_page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The same of one joint."""
+    return page(tmp_path_factory.mktemp("single"), *reported.single())
+
+
 def refuse(constant: str) -> None:
     raise AssertionError(f"{constant} is no JSON")
 
@@ -47,9 +59,8 @@ def figures(html: str) -> list[dict[str, Any]]:
     return [json.loads(unpacked(p), parse_constant=refuse) for p in packed]
 
 
-def test_page_tells_everything_that_was_found(tmp_path: Path) -> None:
-    findings, traces = reported.arm()
-    html = page(tmp_path, findings, traces)
+def test_page_tells_everything_that_was_found(arms_page: str) -> None:
+    html = arms_page
     told = [
         "Stribeck friction (joint 2) and standby power explain part of the difference; at joint 3 something remains",
         "4.12 ± 0.19 <span class=unit>N·m</span>",
@@ -68,25 +79,23 @@ def test_page_tells_everything_that_was_found(tmp_path: Path) -> None:
     assert html.index("Joint 3 needs up to") < html.index("Where the mismatch sits") < html.index("What was tried")
 
 
-def test_page_holds_the_library_and_asks_nobody_for_anything(tmp_path: Path) -> None:
-    html = page(tmp_path, *reported.single())
+def test_page_holds_the_library_and_asks_nobody_for_anything(single_page: str) -> None:
+    html = single_page
     (packed,) = re.findall(r"<script type=text/plain id=plotly>([^<]*)</script>", html)
     assert "Plotly" in unpacked(packed)
     assert "://" not in html
     assert re.findall(r"(?:src|href)=", html) == []
 
 
-def test_channels_of_findings_are_open_and_the_others_folded(tmp_path: Path) -> None:
-    html = page(tmp_path, *reported.arm())
-    channels = re.findall(r"<details( open)?><summary>([^<]*)</summary><div", html)
+def test_channels_of_findings_are_open_and_the_others_folded(arms_page: str) -> None:
+    channels = re.findall(r"<details( open)?><summary>([^<]*)</summary><div", arms_page)
     opened = [name for state, name in channels if state]
     assert opened == ["Joint 2 torque", "Supply power", "Joint 3 torque", "Joint 1 torque"]
     assert [name for state, name in channels if not state] == ["Joint 4 torque", "Joint 5 torque", "Joint 6 torque"]
 
 
-def test_figures_are_the_three_states_each_channel_and_run_and_the_clouds(tmp_path: Path) -> None:
-    findings, traces = reported.arm()
-    html = page(tmp_path, findings, traces)
+def test_figures_are_the_three_states_each_channel_and_run_and_the_clouds(arms_page: str) -> None:
+    html = arms_page
     assert re.findall(r"data-state=(\w+)( hidden)?", html) == [
         ("simulation", ""),
         ("refit", " hidden"),
@@ -102,8 +111,8 @@ def test_agreement_is_said_and_no_finding_drawn(tmp_path: Path) -> None:
     assert "What the difference follows" not in html
 
 
-def test_one_joint_without_power(tmp_path: Path) -> None:
-    html = page(tmp_path, *reported.single())
+def test_one_joint_without_power(single_page: str) -> None:
+    html = single_page
     assert "At joint 1 recordings and simulation differ, and no known effect explains it." in html
     assert "An effect that is not in the library (joint 1)" in html
     assert "Supply power" not in html
@@ -287,9 +296,8 @@ def test_strips_show_the_effect_where_it_was_put() -> None:
     assert np.nanmedian(time.ratio[6]) == pytest.approx(85 / 4, rel=0.05)
 
 
-def test_curve_through_the_cloud_is_what_the_model_adds(tmp_path: Path) -> None:
-    html = page(tmp_path, *reported.arm())
-    cloud = next(f for f in figures(html) if "velocity of joint 2" in json.dumps(f, ensure_ascii=False))
+def test_curve_through_the_cloud_is_what_the_model_adds(arms_page: str) -> None:
+    cloud = next(f for f in figures(arms_page) if "velocity of joint 2" in json.dumps(f, ensure_ascii=False))
     curve = next(t for t in cloud["data"] if t["name"] == "what the model adds")
     points = [(x, y) for x, y in zip(curve["x"], curve["y"], strict=True) if y is not None and abs(x) > 0.03]
     assert len(points) > 20

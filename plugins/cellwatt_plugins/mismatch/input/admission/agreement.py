@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt_plugins.mismatch.input.admission.factors import usable
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.motion import Moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column, nominal_torque
@@ -78,14 +78,17 @@ class Sample:
         return Expected(nominal_torque(self.robot, self.body, q, qd, qdd), qd, loose)
 
 
-def sample_of(run: Run, robot: RobotDescription, body: RigidBody) -> tuple[Sample, NDArray[np.intp]]:
+def sample_of(run: Run, motion: Moved, robot: RobotDescription, body: RigidBody) -> tuple[Sample, NDArray[np.intp]]:
     """Evenly spread samples of a run, none of them filled in, and which they are."""
     kept = usable(run, SAMPLES)
-    motion = moved(run)
     parts = (motion.position, motion.velocity, motion.acceleration, run.torque)
     return Sample(robot, body, *(part[kept] for part in parts)), kept
 
 
 def spread(values: Float) -> float:
-    """Mean absolute distance from the median."""
-    return float(np.mean(np.abs(values - np.median(values))))
+    """Mean absolute distance from the median; numpy's own median takes three times as long for so few values."""
+    count = len(values)
+    half = count // 2
+    near = np.partition(values, [half - 1, half] if count % 2 == 0 else half)
+    middle = near[half] if count % 2 else (near[half - 1] + near[half]) / 2
+    return float(np.add.reduce(np.abs(values - middle)) / count)

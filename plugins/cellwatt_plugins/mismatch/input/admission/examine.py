@@ -13,6 +13,7 @@ from cellwatt_plugins.mismatch.input.admission.power import check_power, check_s
 from cellwatt_plugins.mismatch.input.admission.remarks import remarks
 from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, check_torque
 from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
+from cellwatt_plugins.mismatch.input.motion import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 
@@ -44,8 +45,9 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
         check_simulated_power(run)
     base = baseline(runs, robot, body)
     for run in runs:
-        check_torque(run, base.robot, base.body)
-        check_power(run)
+        motion = moved(run)
+        check_torque(run, motion, base.robot, base.body)
+        check_power(run, motion)
     return base, [*notes, *remarks(runs), *told_otherwise(runs, robot, body, base)]
 
 

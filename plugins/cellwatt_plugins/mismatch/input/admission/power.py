@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.factors import times_text, usable
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.motion import Moved
 from cellwatt_plugins.mismatch.input.run import Run
 
 Float = NDArray[np.float64]
@@ -23,11 +23,11 @@ ALIKE = 0.5
 """Correlation of supply and joint power from which on their ratio says something."""
 
 
-def check_power(run: Run) -> None:
+def check_power(run: Run, motion: Moved) -> None:
     """Raises ``RecordingError`` where power cannot be in W beside what the joints take, recorded or simulated."""
     kept = usable(run, SAMPLES)
     if run.power is not None:
-        _check(run.name, run.power[kept], np.sum(run.torque[kept] * moved(run).velocity[kept], axis=1))
+        _check(run.name, run.power[kept], np.sum(run.torque[kept] * motion.velocity[kept], axis=1))
 
 
 def check_simulated_power(run: Run) -> None:

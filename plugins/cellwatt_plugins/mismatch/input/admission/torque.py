@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, sample_of
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.mismatch.input.motion import Moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
@@ -39,9 +41,9 @@ AGREES = 0.3
 """The mean misfit that a whole arm has where description and reading are right; a wrong mounting leaves more."""
 
 
-def check_torque(run: Run, robot: RobotDescription, body: RigidBody) -> None:
+def check_torque(run: Run, motion: Moved, robot: RobotDescription, body: RigidBody) -> None:
     """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
-    sample, _ = sample_of(run, robot, body)
+    sample, _ = sample_of(run, motion, robot, body)
     what = "torque" if run.torque_from == "torque" else "torque from current"
     _check(f"{run.name}: {what}", run.torque_from == "current", sample)
 
@@ -161,11 +163,13 @@ def _motion_read_otherwise(place: str, sample: Sample, misfit: Float) -> None:
 def _motion_order(place: str, sample: Sample, before: float) -> None:
     """The order of all columns, or of the positions alone, by exchanges of two joints as long as they help."""
 
+    expected = cache(lambda order: sample.expected(order=order))  # both readings ask for the same orders, repeatedly
+
     def whole(order: Order) -> float:
-        return float(sample.expected(order=order).misfits(sample.torque[:, order]).mean())
+        return float(expected(order).misfits(sample.torque[:, order]).mean())
 
     def positions(order: Order) -> float:
-        return float(sample.expected(order=order).misfits(sample.torque).mean())
+        return float(expected(order).misfits(sample.torque).mean())
 
     for misfit, what in ((whole, "joints"), (positions, "positions")):
         order, best = tuple(range(sample.torque.shape[1])), before
