@@ -33,13 +33,30 @@ def held(segments: Sequence[tuple[Float, Float]], interval: float | None = None)
     """
     changes = [_changes(power) for _, power in segments]
     lasting = np.concatenate([np.empty(0), *(np.diff(each) for each in changes)])
-    if (interval is None and len(lasting) < FEWEST) or (len(lasting) and np.mean(lasting < SHORTEST) > SELDOM):
+    if not _lasts(lasting) or (interval is None and len(lasting) < FEWEST):
         return None
     if interval is None:
         step = float(np.median(np.concatenate([np.diff(time) for time, _ in segments])))
         interval = _interval([time[each] for (time, _), each in zip(segments, changes, strict=True)], step)
     pairs = zip(segments, changes, strict=True)
     return [_on_beat(time, power, each, interval) for (time, power), each in pairs]
+
+
+def onto(when: Float, time: Float, power: Float) -> Float:
+    """Power (N,) at ``time`` (N,) s brought to times ``when`` (M,) s: (M,).
+
+    Interpolated; of a slow meter the last value, as a value between two of its own is one that it never showed.
+    """
+    lasting = np.diff(_changes(power))
+    if len(lasting) < FEWEST or not _lasts(lasting):
+        return np.asarray(np.interp(when, time, power))
+    rounding = 1e-3 * float(np.median(np.diff(time)))
+    return power[np.maximum(np.searchsorted(time, when + rounding, side="right") - 1, 0)]
+
+
+def _lasts(rows: NDArray[np.intp]) -> bool:
+    """Whether values that last for so many rows (M,) each are those of a meter slower than the rows."""
+    return not len(rows) or float(np.mean(rows < SHORTEST)) <= SELDOM
 
 
 def _changes(power: Float) -> NDArray[np.intp]:
