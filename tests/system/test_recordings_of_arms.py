@@ -73,7 +73,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", list(CASES))
+USUAL = ("made", "ur10e-excitation", "ur3e-L0L1")
+"""One of each arm, the shorter of the UR10e; the others are among the slow tests."""
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[] if case in USUAL else [pytest.mark.slow]) for case in CASES]
+)
 async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) -> None:
     find, fields = CASES[case]
     path = await asyncio.to_thread(find, tmp_path)

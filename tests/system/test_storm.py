@@ -147,7 +147,7 @@ def compare(recording: Recording, audience: Audience) -> None:
 
 @pytest.mark.timeout(120)
 async def test_all_faults_together(tmp_path: Path) -> None:
-    await storm(tmp_path, 20, seed=1)
+    await storm(tmp_path, 12, seed=1)
 
 
 @pytest.mark.slow

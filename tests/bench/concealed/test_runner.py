@@ -120,11 +120,11 @@ if __name__ == "__main__":
 
 
 def small_run(bench: Path, folder: Path, work: Path) -> subprocess.CompletedProcess:
-    """The benchmark over three short nulls as a process of its own, with a product that finds a torque offset."""
+    """The benchmark over two short nulls as a process of its own, with a product that finds a torque offset."""
     script = folder / "run.py"
     script.write_text(SMALL_RUN.replace("BENCH", repr(str(bench))).replace("HERE", repr(str(folder))))
     command = product_in(folder, [{"effect": "torque_offset", "joint": 1, "kind": "missing"}], True)
-    words = [sys.executable, str(script), "--json", "--only", "null", "--cases", "3", "--jobs", "1", "--no-baselines"]
+    words = [sys.executable, str(script), "--json", "--only", "null", "--cases", "2", "--jobs", "1", "--no-baselines"]
     words += ["--work", str(work), "--command", command]
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
@@ -147,19 +147,19 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same_figures(bench, tmp_
     assert stopped.returncode == -signal.SIGKILL
     assert len(list((tmp_path / "work" / "rows").glob("case-*.json"))) == 1
     resumed = small_run(bench, tmp_path, tmp_path / "work")
-    assert "1 of 3 cases are kept from before" in resumed.stderr
+    assert "1 of 2 cases are kept from before" in resumed.stderr
     calls = (tmp_path / "calls").read_text().split()
-    assert len(calls) == 4
+    assert len(calls) == 3
     assert calls[1] == calls[2]
     for folder in ("made", "dev", "keys"):
         shutil.copytree(tmp_path / "work" / folder, tmp_path / "other" / folder)
     whole = small_run(bench, tmp_path, tmp_path / "other")
     assert without_times(resumed.stdout) == without_times(whole.stdout)
-    assert json.loads(resumed.stdout)["methods"]["explain"]["null_false_rate"]["hits"] == 3
+    assert json.loads(resumed.stdout)["methods"]["explain"]["null_false_rate"]["hits"] == 2
     (tmp_path / "more").mkdir()
     other = small_run(bench, tmp_path / "more", tmp_path / "work")
     assert other.returncode != 0
-    assert "3 answers" in other.stderr
+    assert "2 answers" in other.stderr
 
 
 def test_cases_are_chosen_by_level_effect_simulation_or_name():

@@ -17,6 +17,13 @@ from ..outlet import CollectingOutlet
 from .rig import ANGLES, emulated, of, running
 
 
+def assert_only_late(outlet):
+    """Nothing of the stream is lost; pages that fell due while a busy machine still read the last ones are told."""
+    account = outlet.account
+    assert set(+account.missed) <= {"slow answers"}, account.missed
+    assert account.expected == account.received + account.missed.total()
+
+
 @pytest.mark.parametrize("robotware", [6, 7])
 async def test_motion_states_and_energy(robotware):
     groups = ("joints", "planned", "state", "force")
@@ -37,7 +44,7 @@ async def test_motion_states_and_energy(robotware):
     assert energy.values[0, 1:4].tolist() == pytest.approx([200.0, 1.0, 0.0])
     assert energy.values[0, 4] == pytest.approx(5.0)
     assert energy.asked < energy.arrival
-    assert outlet.account.missed.total() == 0
+    assert_only_late(outlet)
     assert outlet.identities[-1].firmware.startswith(f"RobotWare {robotware}")
     assert {k.split()[0] for k in asked} == {"GET"}
     assert emulator.counts["heard"] == 0
@@ -116,7 +123,7 @@ async def test_a_controller_without_energy_keeps_its_states(monkeypatch):
         with pytest.raises(WrongDeviceError, match="HTTP 404"):
             await alone.run()
     assert outlet.kinds() == ["energy_failed"]
-    assert outlet.account.missed.total() == 0
+    assert_only_late(outlet)
 
 
 async def is_taken(port: int) -> None:
