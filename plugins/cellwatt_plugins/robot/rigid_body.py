@@ -69,8 +69,10 @@ class RigidBody:
 
     def inverse_dynamics(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Joint torques (N, n) Nm for ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each."""
-        model, data = self.model, self._data
-        return np.stack([pin.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)])
+        model, data, out = self.model, self._data, np.empty((len(q), self.joints))
+        for i, row in enumerate(zip(q, qd, qdd, strict=True)):
+            out[i] = pin.rnea(model, data, *row)
+        return out
 
     def gravity_torque(self, q: Float) -> Float:
         """Torques (N, n) Nm that hold the arm still at ``q`` (N, n) rad."""

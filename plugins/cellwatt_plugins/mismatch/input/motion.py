@@ -47,7 +47,7 @@ SHORTEST_WINDOW, PERIODS = 0.4, 1.0
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
-_WHOLE = sum(_NODE_WEIGHTS.tolist())
+_WHOLE = float(np.cumsum(_NODE_WEIGHTS)[-1])
 SURE_SIGN = 22.0
 """From here on tanh is 1 to the last bit."""
 
@@ -132,7 +132,7 @@ def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
 def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
     """Mean and standard deviation of tanh(v / 0.004) for a normal velocity with standard deviation ``spread``."""
     # Nearly all of a motion is so quick that the sign is sure: one sum for all of it, and nodes for the rest.
-    unsure = np.abs(velocity) < SURE_SIGN * SIGN_WIDTH + _NODES[-1] * np.abs(spread)
+    unsure = ~(np.abs(velocity) >= SURE_SIGN * SIGN_WIDTH + _NODES[-1] * np.abs(spread))
     mean, square = np.sign(velocity) * _WHOLE, np.full_like(velocity, _WHOLE)
     if unsure.any():
         mean[unsure], square[unsure] = _by_nodes(velocity[unsure], np.broadcast_to(spread, velocity.shape)[unsure])

@@ -138,17 +138,21 @@ def _sweep(state: _State, sums: _Sums, prior: Prior, times: int) -> None:
     matrix, vector, scale = sums.matrix[:, on][:, :, on], sums.vector[:, on], prior.scale[on]
     width = np.array([part.stop - part.start for part in prior.slices])
     owner = np.repeat(np.arange(len(width)), width)[on]
+    in_a_row = matrix.reshape(len(matrix), -1)
+    product: Float | None = None  # kept: a new one of a megabyte each time takes longer than the product itself
     for _ in range(times):
         weight = 1.0 / state.noise**2
         precision = 1.0 / (scale * state.spread[owner]) ** 2
-        covariance = _inverse(np.tensordot(weight, matrix, 1) + np.diag(precision))
+        weighed = np.dot(weight[None, :], in_a_row).reshape(matrix.shape[1:])
+        covariance = _inverse(weighed + np.diag(precision))
         mean = covariance @ (weight @ vector)
         determined = 1.0 - np.diag(covariance) * precision
         size = np.bincount(owner, (mean / scale) ** 2, len(width))
         known = np.bincount(owner, determined, len(width))
         state.spread = np.sqrt((size + _BELIEF) / (known + _BELIEF))
         rest = sums.square - 2 * vector @ mean + (matrix @ mean) @ mean
-        free = np.sum(matrix * covariance, axis=(1, 2)) * weight
+        product = np.multiply(matrix, covariance, out=product)
+        free = np.sum(product, axis=(1, 2)) * weight
         state.noise = np.sqrt(
             (np.maximum(rest, 0) + _NOISE_BELIEF * prior.noise**2)
             / np.maximum(sums.count - free + _NOISE_BELIEF, _NOISE_BELIEF)
@@ -165,7 +169,9 @@ def _inverse(matrix: Float) -> Float:
     lower, failed = (factor, failed) if failed else dpotri(factor, lower=True)
     if failed:
         raise CellwattError("the poses do not determine a model: are they all the same?")
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+    whole = lower + lower.T  # above the diagonal, it is zero
+    np.fill_diagonal(whole, np.diag(lower))
+    return np.asarray(whole)
 
 
 def _gains(state: _State, prior: Prior) -> Float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cellwatt_plugins.models.static import identify as identify_module
 from cellwatt_plugins.models.static.findings import findings
 from cellwatt_plugins.models.static.identify import Arm, Identified, identify, identify_checked, with_leftover
 from cellwatt_plugins.models.static.leftover import learned
@@ -132,7 +133,8 @@ class Bumpy(arms.Arm):
         return super().load(q) + 20.0 * bump[:, None] * np.array([0, 1, 1, 0.1, 0.1, 0])
 
 
-def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path):
+def test_what_physics_leaves_is_learned_only_where_it_helps(tmp_path, monkeypatch):
+    monkeypatch.setattr(identify_module, "FOLDS", 3)
     plain = replace(RIGHT, friction=0.01 * arms.RATED)
     for really, helps in ((plain, False), (Bumpy(friction=0.01 * arms.RATED), True)):
         poses = collection(really, 1, 100)

@@ -17,7 +17,7 @@ from cellwatt.errors import CellwattError, ModelError, RecordingError
 from cellwatt_plugins.models import read_metadata
 from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.seal import sealed
-from cellwatt_plugins.models.static import paper
+from cellwatt_plugins.models.static import identify, learning, paper
 from cellwatt_plugins.models.static.conformal import half_width
 from cellwatt_plugins.models.static.learning import Curve, Point
 from cellwatt_plugins.models.static.scores import Scores
@@ -32,6 +32,8 @@ def case(tmp_path_factory):
     robot, unseen = arms.write_case(folder, really, 4, cad=arms.Arm(), count=48)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(paper, "TRIALS", 2)
+        patch.setattr(identify, "FOLDS", 3)
+        patch.setattr(learning, "REPEATS", 1)
         given = ("static", folder / "samples.parquet", "--robot", robot, "--out")
         report = json.loads(call(train, *given, folder / "a", "--json"))
         text = call(train, *given, folder / "b")
@@ -101,6 +103,7 @@ def test_a_missing_library_is_named(case, tmp_path, monkeypatch):
 
 def test_a_dozen_poses_in_newton_metres_are_a_beginning(tmp_path, monkeypatch):
     monkeypatch.setattr(paper, "TRIALS", 1)
+    monkeypatch.setattr(identify, "FOLDS", 3)
     robot = arms.write_robot(tmp_path, arms.Arm())
     robot.write_text(re.sub(r"  (rated_torque|lower_limit|upper_limit).*\n", "", robot.read_text()))
     q = arms.within(arms.LIMITS, arms.halton(12))
