@@ -33,13 +33,6 @@ settings.register_profile("by no clock", deadline=None, suppress_health_check=[H
 settings.load_profile("by no clock")
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int | None:
-    """Two a core: every other test waits for a device, a daemon or a time."""
-    told = os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS")
-    return None if told else 2 * len(os.sched_getaffinity(0))
-
-
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: turn(item.nodeid))
     for item in items if FACTOR != 1.0 else ():
