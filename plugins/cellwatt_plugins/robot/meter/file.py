@@ -27,7 +27,7 @@ SHORTEST: Final = 4 * FURTHEST
 
 
 def power_beside(path: Path, time: Float, position: Float) -> Float:
-    """Power (N,) W in the rows of a recording, each value of the meter's file held from when it came.
+    """Power (N,) W in the rows of a recording, each value of the meter's file held from when it came to the next.
 
     ``path`` has columns t (s) and power (W); ``time`` (N,) s and ``position`` (N, n) rad are the recording's. The
     clocks may differ by up to ``FURTHEST`` s: the motion tells by how much. Raises ``RecordingError``.
@@ -48,7 +48,7 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
         )
     came = known.time - meter.late + USUAL
     row = np.searchsorted(came, time, side="right") - 1
-    return np.asarray(np.where(row >= 0, known.value[np.maximum(row, 0)], np.nan))
+    return known.value[np.maximum(row, 0)]
 
 
 def _read(path: Path, step: float) -> Readings:
