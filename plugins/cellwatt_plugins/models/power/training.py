@@ -73,8 +73,12 @@ def train(
     for k in which:
         tell(0.7 / len(which), f"held-out moves, {k + 1} of {len(which)}")
         held = fold == k
+        known, unknown = moves.where(~held), moves.where(held)
+        # Of so few, what is left out would have a say in the choice of windows and effects.
+        windows = tune(known, robot, body, AHEAD) if moves.count < FEW else tuning
+        effects = structure_of(known, robot, body, windows) if moves.count < FEW else structure
         for method in methods:
-            power, current = _held_out(method, moves, held, robot, body, tuning, structure, seed)
+            power, current = _held_out(method, known, unknown, robot, body, windows, effects, seed)
             predictions[method][0][held], predictions[method][1][held] = power, current
     tell(0.1, "the model")
     fitted = fit(moves, robot, body, tuning, structure)
@@ -122,20 +126,15 @@ def estimate(fitted: Fitted, moves: Moves, robot: RobotDescription, body: RigidB
 
 def _held_out(
     method: str,
-    moves: Moves,
-    held: NDArray[np.bool_],
+    known: Moves,
+    unknown: Moves,
     robot: RobotDescription,
     body: RigidBody,
     tuning: Tuning,
     structure: Structure,
     seed: int,
 ) -> tuple[Float, Float]:
-    """What a method says of some moves when it was fitted to the others."""
-    known, unknown = moves.where(~held), moves.where(held)
-    if moves.count < FEW:
-        # So few that what is left out would have a say in the choice of windows and effects.
-        tuning = tune(known, robot, body, AHEAD)
-        structure = structure_of(known, robot, body, tuning) if method == BEST else structure
+    """What a method that was fitted to some moves says of others."""
     if method == BEST:
         return estimate(fit(known, robot, body, tuning, structure), unknown, robot, body)
     seen, unseen = Seen.of(known, robot, body, tuning), Seen.of(unknown, robot, body, tuning)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.models.power.design import Belief, Design, Rows
+from cellwatt_plugins.models.power.design import Belief, Design, Rows, shared_columns
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.torque import Sums, solve
@@ -55,8 +56,15 @@ def tune(moves: Moves, robot: RobotDescription, body: RigidBody, ahead: bool) ->
     start = min(rows, key=lambda n: abs(n * step - 0.12))
     velocity, acceleration = Span(start, 2), Span(max(start, 5), 3)
 
+    @lru_cache(maxsize=1)  # widths are tried one after the other
+    def smoothed(velocity: Span, acceleration: Span) -> tuple[Rows, Float]:
+        smoother = Smoother.design(noise, step, velocity, acceleration, ahead)
+        rows = Rows.of(moves, smoother, column(robot, "torque_constant"), TRIED, whole=False)
+        return rows, shared_columns(rows, body, rows.payload is not None)
+
+    @cache
     def cost(velocity: Span, acceleration: Span, width: float) -> float:
-        return _left(moves, Smoother.design(noise, step, velocity, acceleration, ahead), robot, body, width)
+        return _left(*smoothed(velocity, acceleration), robot, body, width)
 
     if not np.isfinite(moves.current).any():
         return Tuning(Smoother.design(noise, step, velocity, acceleration, ahead), SIGN_WIDTH)
@@ -75,10 +83,10 @@ def _some(moves: Moves) -> Moves:
     return moves if wanted >= moves.count else moves.only(np.linspace(0, moves.count - 1, wanted).astype(int).tolist())
 
 
-def _left(moves: Moves, smoother: Smoother, robot: RobotDescription, body: RigidBody, width: float) -> float:
+def _left(rows: Rows, shared: Float, robot: RobotDescription, body: RigidBody, width: float) -> float:
     """Sum over the joints of the logarithm of what is left of their torques."""
-    rows = Rows.of(moves, smoother, column(robot, "torque_constant"), TRIED, whole=False)
-    design = Design.of(rows, body, body.parameters() if rows.payload is None else _carrying(body), width, TERMS)
+    inertial = body.parameters() if rows.payload is None else _carrying(body)
+    design = Design.with_load(rows, shared, inertial, width, TERMS)
     scale = np.nanstd(rows.torque, axis=0) + 1e-9
     belief = Belief.of(robot, body, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)
