@@ -97,6 +97,8 @@ def test_a_meter_as_fast_as_the_rows_is_not_taken_for_a_slow_one():
     arm = Arm(20)
     assert held([(arm.time, arm.power)]) is None
     assert held([(arm.time, np.round(arm.power))]) is None, "steps of 1 W repeat at rest"
+    quiet = Arm(20, noise=0.0)
+    assert held([(quiet.time, np.round(quiet.power / 40) * 40)]) is None, "steps of 40 W repeat in motion, too"
 
 
 def test_a_value_that_repeats_is_a_value():
