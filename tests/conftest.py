@@ -33,13 +33,6 @@ settings.register_profile("by no clock", deadline=None, suppress_health_check=[H
 settings.load_profile("by no clock")
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int | None:
-    """Two a core: every other test waits for a device, a daemon or a time."""
-    told = os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS")
-    return None if told else 2 * len(os.sched_getaffinity(0))
-
-
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: turn(item.nodeid))
     for item in items if FACTOR != 1.0 else ():
@@ -59,6 +52,14 @@ def pytest_runtest_makereport(call: pytest.CallInfo[None]) -> Generator[None, py
     finally:
         if collects:
             gc.enable()
+
+
+@pytest.hookimpl(optionalhook=True, tryfirst=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+    """Two a core: half of the tests wait rather than compute. Where the variable is set, xdist asks it."""
+    if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS"):
+        return None
+    return 2 * (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
 
 FILE = click.Path(exists=True, path_type=Path)
+METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
 @click.command()
@@ -36,11 +37,18 @@ FILE = click.Path(exists=True, path_type=Path)
 )
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
 @click.option("--robot", help="Name of the robot, or its YAML description (or its folder).")
+@click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 def reference(
-    recordings: tuple[Path, ...], out: Path, robot: str | None, arm: str | None, power: str, as_json: bool
+    recordings: tuple[Path, ...],
+    out: Path,
+    robot: str | None,
+    meters: tuple[Path, ...],
+    arm: str | None,
+    power: str,
+    as_json: bool,
 ) -> None:
     """Learn the healthy reference from RECORDINGs of healthy running.
 
@@ -48,7 +56,7 @@ def reference(
     q_1 … q_n (rad) and power (W). Each task must be seen three times or more at each speed.
     """
     name = _robot_name(robot)
-    blocks = list(frames_of_files(recordings))
+    blocks = list(frames_of_files(recordings, meters))
     if robot is not None and _described(robot):
         learned, tasks = _learned_with_cycles(blocks, Path(robot), arm, power)
     else:
@@ -65,6 +73,7 @@ def reference(
 @click.option("--reference", "file", required=True, type=FILE, help="File made by `cellwatt reference`.")
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
+@click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option(
@@ -80,6 +89,7 @@ def faults(
     file: Path,
     robot: Path,
     out: Path | None,
+    meters: tuple[Path, ...],
     arm: str | None,
     power: str | None,
     false_alarms: float,
@@ -89,7 +99,7 @@ def faults(
 
     RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
     """
-    found = _judged(recordings, load(file), file, robot, arm, power, false_alarms)
+    found = _judged(recordings, meters, load(file), file, robot, arm, power, false_alarms)
     content = {"cycles": [asdict(finding) for finding in found]}
     if out is not None:
         try:
@@ -101,6 +111,7 @@ def faults(
 
 def _judged(
     recordings: Sequence[Path],
+    meters: Sequence[Path],
     reference: Reference,
     file: Path,
     robot: Path,
@@ -117,7 +128,7 @@ def _judged(
         raise ModelError(f"reference {file}: has no cycles; learn it again with --robot and a description of the robot")
     known = restored(reference.power_model, reference.cycles, load_robot(robot))
     known = replace(known, false_alarms=false_alarms)
-    blocks = list(frames_of_files(recordings))
+    blocks = list(frames_of_files(recordings, meters))
     recording = recording_of(blocks, arm, power or reference.power)
     if recording.joints != reference.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {reference.joints}")

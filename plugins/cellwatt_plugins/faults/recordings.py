@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cellwatt.emulation.signals import load_signals
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record.reader import Recording
+from cellwatt_plugins.robot.meter import onto, power_beside
 
 Float = NDArray[np.float64]
 
@@ -26,18 +28,27 @@ BLOCK = 4096
 _POSITION = re.compile(r"q_([1-9]\d*)$")
 
 
-def frames_of_files(paths: Sequence[Path]) -> Iterator[Frames]:
-    """Blocks of frames of several files in the order given. Raises ``RecordingError``."""
+def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Iterator[Frames]:
+    """Blocks of frames of several files in the order given; ``meters`` logged the power of tables in the same place.
+
+    Raises ``RecordingError``.
+    """
     tables = [p for p in paths if p.suffix in {".parquet", ".csv"}]
+    if meters and len(meters) != len(tables):
+        raise RecordingError(f"{len(tables)} tables but {len(meters)} meters: give one for each table, in their order")
     if not tables:
         yield from Recording.open(paths).frames()
         return
     if len(tables) < len(paths):
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
     start = 0
-    for path in tables:
+    for path, meter in zip_longest(tables, meters):
         signals = load_signals(path)
-        frames = frames_of_table(signals.time, signals.columns, start, str(path))
+        columns = dict(signals.columns)
+        if meter is not None:
+            positions = [values for name, values in columns.items() if _POSITION.match(name)]
+            columns["power"] = power_beside(meter, signals.time, np.column_stack(positions))
+        frames = frames_of_table(signals.time, columns, start, str(path))
         start = int(frames.time[-1]) + APART
         for i in range(0, len(frames), BLOCK):
             yield _part(frames, i, i + BLOCK)
@@ -57,7 +68,7 @@ def frames_of_table(time: Float, columns: Mapping[str, Float], start: int = 0, n
     rate = float(round(1 / np.median(steps), 1))
     grid = time[0] + np.arange(int((time[-1] - time[0]) * rate + 1e-6) + 1) / rate
     names = [*(f"q_{joint}" for joint in joints), "power"]
-    values = np.column_stack([np.interp(grid, time, columns[n]) for n in names])
+    values = np.column_stack([(onto if n == "power" else np.interp)(grid, time, columns[n]) for n in names])
     row = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(steps) - 1)
     values[(steps[row] > 2.5 / rate) & (grid > time[row])] = np.nan
     layout = Layout(_channels(joints), rate)

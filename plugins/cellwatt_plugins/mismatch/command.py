@@ -29,6 +29,7 @@ from cellwatt_plugins.robot import RigidBody, load_robot
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
 FILE = click.Path(exists=True, path_type=Path)
+METER = "Power (t, power) that a meter logged on its own clock, one a recording."
 
 
 class _Explain(click.Command):
@@ -51,6 +52,7 @@ class _Explain(click.Command):
 @click.option(
     "--simulation", "simulations", multiple=True, type=FILE, help="What the simulation says, one a recording."
 )
+@click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
@@ -73,6 +75,7 @@ class _Explain(click.Command):
 def explain(
     recordings: tuple[Path, ...],
     simulations: tuple[Path, ...],
+    meters: tuple[Path, ...],
     robot: Path,
     out: Path,
     as_json: bool,
@@ -91,7 +94,7 @@ def explain(
     body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
     user = None if simulator is None else to_mend(simulator, body)
     with threadpool_limits(1), Console(stderr=True).status("reading") as status:
-        runs = read_runs(recordings, simulations or ((simulator,) if simulator else ()), description)
+        runs = read_runs(recordings, simulations or ((simulator,) if simulator else ()), description, meters)
         base, notes = examine(runs, description, body)
         found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=status.update)
     out.mkdir(parents=True, exist_ok=True)

@@ -12,6 +12,7 @@ from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.can_sensor import CanSensorDriver
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
+from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
 from .rig import Steady, emulated, running, settings, virtual
@@ -38,7 +39,7 @@ async def test_samples_in_si_units_on_the_bus_time(address):
     for name in ("current", "voltage_1"):
         times = np.concatenate([r.device_time for r in run.outlet.readings if r.stream.name == name])
         assert np.all(np.diff(times) > 0)
-    assert all(r.device_time[-1] <= r.arrival <= r.device_time[-1] + 500_000_000 for r in run.outlet.readings)
+    assert all(r.device_time[-1] <= r.arrival <= r.device_time[-1] + PATIENCE * 1e9 for r in run.outlet.readings)
     assert len(run.outlet.brackets) >= 2
     assert run.outlet.account.missed == {}
     assert run.outlet.identities[0].model == "IVT-S"

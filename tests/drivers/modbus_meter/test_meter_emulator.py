@@ -10,6 +10,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusIOException
 
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
+from tests.patience import PATIENCE
 
 from .rig import Steady, emulated
 
@@ -17,12 +18,12 @@ FLOAT32 = AsyncModbusTcpClient.DATATYPE.FLOAT32
 INT32 = AsyncModbusTcpClient.DATATYPE.INT32
 
 
-async def client_of(place: str, **kinds):
+async def client_of(place: str, timeout: float = PATIENCE, **kinds):
     if place.startswith("/"):
-        client = AsyncModbusSerialClient(place, baudrate=9600, timeout=0.3, retries=0)
+        client = AsyncModbusSerialClient(place, baudrate=9600, timeout=timeout, retries=0)
     else:
         host, _, port = place.rpartition(":")
-        client = AsyncModbusTcpClient(host, port=int(port), timeout=0.3, retries=0, **kinds)
+        client = AsyncModbusTcpClient(host, port=int(port), timeout=timeout, retries=0, **kinds)
     assert await client.connect()
     return client
 
@@ -62,9 +63,11 @@ async def test_what_a_meter_refuses():
             answer = await ask
             assert answer.isError()
             assert answer.exception_code == code
-        with pytest.raises(ModbusIOException):  # another unit is not there: silence
-            await client.read_input_registers(0, count=2, device_id=9)
         client.close()
+        impatient = await client_of(place, timeout=0.3)
+        with pytest.raises(ModbusIOException):  # another unit is not there: silence
+            await impatient.read_input_registers(0, count=2, device_id=9)
+        impatient.close()
 
 
 async def test_nothing_can_be_written():

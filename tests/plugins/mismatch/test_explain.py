@@ -13,6 +13,7 @@ from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import predict
 from tests.plugins.mismatch import plant
 from tests.plugins.mismatch.plant import REAL, Missing, column, loaded, turned
+from tests.plugins.robot.slow_meter import shown
 
 
 @pytest.fixture(scope="module")
@@ -171,6 +172,30 @@ def test_the_model_predicts_a_run_that_it_has_not_seen(explained, name):
     else:
         before = np.std((simulated - torque)[:, 1])
         assert np.std((said.torque - torque)[:, 1]) < 0.25 * before
+
+
+def slow(run):
+    """The run with its power from a meter of five values a second."""
+    return replace(run, power=shown(run.time, run.power, 0.2, 0.15))
+
+
+def test_nothing_is_named_for_a_slow_meter(arm):
+    runs = [slow(plant.record("run_01", 1)), slow(plant.record("run_02", 2))]
+    with threadpool_limits(1):
+        found = explain(runs, baseline(runs, *arm)).findings
+    assert found.verdict == "no_mismatch"
+    (note,) = [note for note in found.notes if "slow meter" in note]
+    assert "means over 20" in note
+
+
+def test_what_the_supply_lacks_is_found_through_a_slow_meter(arm):
+    missing = SINGLE["supply"].missing
+    runs = [slow(plant.record("run_01", 1, missing)), slow(plant.record("run_02", 2, missing))]
+    with threadpool_limits(1):
+        found = explain(runs, baseline(runs, *arm)).findings
+    (one,) = found.findings
+    assert one.effect == "converter_efficiency"
+    assert one.parameters["efficiency"].value == pytest.approx(0.86, abs=0.02)
 
 
 def test_runs_without_power_leave_the_supply_out_and_say_so(arm):

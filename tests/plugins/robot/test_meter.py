@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, held, kinds_of_power
+from tests.plugins.robot.slow_meter import shown
 
 STEP = 0.008
 
@@ -45,18 +46,11 @@ class Arm:
 
     def through(self, window: float, late: float, interval: float | None = None, phase: float = 0.4) -> np.ndarray:
         """Its power as such a meter shows it in the rows, each value held until the next."""
-        interval = interval or window
-        energy = np.concatenate([[0.0], np.cumsum((self.power[1:] + self.power[:-1]) / 2) * STEP])
-        ends = np.arange(phase * interval, self.time[-1], interval)
-        before = np.maximum(ends - window, 0)
-        means = np.interp(ends, self.time, energy) - np.interp(before, self.time, energy)
-        means /= np.maximum(ends - before, 1e-9)
-        which = np.searchsorted(ends + late, self.time, side="right") - 1
-        return np.where(which >= 0, means[np.maximum(which, 0)], self.power[0])
+        return shown(self.time, self.power, window, late, interval=interval, phase=phase)
 
 
-def found(arm: Arm, shown: np.ndarray) -> Meter | None:
-    readings = held([(arm.time, shown)])
+def found(arm: Arm, power: np.ndarray) -> Meter | None:
+    readings = held([(arm.time, power)])
     assert readings is not None
     return find(readings, [arm.course])
 
@@ -103,12 +97,13 @@ def test_a_meter_as_fast_as_the_rows_is_not_taken_for_a_slow_one():
     arm = Arm(20)
     assert held([(arm.time, arm.power)]) is None
     assert held([(arm.time, np.round(arm.power))]) is None, "steps of 1 W repeat at rest"
+    quiet = Arm(20, noise=0.0)
+    assert held([(quiet.time, np.round(quiet.power / 40) * 40)]) is None, "steps of 40 W repeat in motion, too"
 
 
 def test_a_value_that_repeats_is_a_value():
     arm = Arm(20)
-    shown = np.round(arm.through(0.1, 0.0), -1)
-    (readings,) = held([(arm.time, shown)]) or [None]
+    (readings,) = held([(arm.time, np.round(arm.through(0.1, 0.0), -1))]) or [None]
     assert readings is not None
     assert readings.interval == pytest.approx(0.1, abs=1e-4)
     np.testing.assert_allclose(np.diff(readings.time), readings.interval, atol=1e-9)

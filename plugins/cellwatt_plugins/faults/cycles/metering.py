@@ -42,7 +42,8 @@ def with_meter(recording: Recording, robot: RobotDescription, body: RigidBody) -
     rows = max(5, round(SMOOTH / recording.step) | 1)
     path = without_jumps(recording.position)
     q, qd, qdd = (savgol_filter(path, rows, 3, d, recording.step, axis=0) for d in range(3))
-    kinds = kinds_of_power(nominal_torque(robot, body, q, qd, qdd), qd)
+    # Rotors and friction are not as described: what they take has weights of its own.
+    kinds = np.column_stack([kinds_of_power(nominal_torque(robot, body, q, qd, qdd), qd), qd * qdd, qd**2])
     meter = find(readings, [Course(recording.time, kinds)])
     if meter is None:
         raise ModelError(

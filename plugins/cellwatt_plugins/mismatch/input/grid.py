@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from cellwatt.errors import RecordingError
+from cellwatt_plugins.robot.meter import onto
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -51,13 +52,18 @@ class Even:
 
 
 def even(
-    place: str, time: Float, columns: Mapping[str, Float], slow: Collection[str] = (), positions: Collection[str] = ()
+    place: str,
+    time: Float,
+    columns: Mapping[str, Float],
+    slow: Collection[str] = (),
+    positions: Collection[str] = (),
+    power: str | None = None,
 ) -> Even:
     """Columns (R,) at ``time`` (R,) s, brought onto the grid of their median rate by linear interpolation.
 
     Holes in time and the few cells without a number are filled and marked as gaps; those of ``slow`` columns, which
-    change over minutes, are filled and not marked; single wild values of ``positions`` are replaced. Raises
-    ``RecordingError`` where too much is missing or the time does not rise.
+    change over minutes, are filled and not marked; single wild values of ``positions`` are replaced; ``power`` of a
+    slow meter is held. Raises ``RecordingError`` where too much is missing or the time does not rise.
     """
     kept, notes = _rising(place, time)
     time, columns = time[kept], {name: values[kept] for name, values in columns.items()}
@@ -79,7 +85,11 @@ def even(
     if grid is time:
         return Even(_line(time), filled, bad, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
-    return Even(grid, {name: np.interp(grid, time, values) for name, values in filled.items()}, gaps, tuple(notes))
+    columns = {
+        name: onto(grid, time, values) if name == power else np.interp(grid, time, values)
+        for name, values in filled.items()
+    }
+    return Even(grid, columns, gaps, tuple(notes))
 
 
 def _rising(place: str, time: Float) -> tuple[Bool, list[str]]:

@@ -17,6 +17,7 @@ from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
 from cellwatt_plugins.mismatch.simulators import Simulator, is_simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.meter import power_beside
 
 Float = NDArray[np.float64]
 
@@ -31,15 +32,24 @@ COVERED = 0.5
 """Share of a recording that its simulation must cover."""
 
 
-def read_runs(recordings: Sequence[Path], simulations: Sequence[Path], robot: RobotDescription) -> list[Run]:
+def read_runs(
+    recordings: Sequence[Path], simulations: Sequence[Path], robot: RobotDescription, meters: Sequence[Path] = ()
+) -> list[Run]:
     """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
 
     Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
-    in the same place of the list; a simulator's own file (MJCF, URDF) is run on each. Raises ``RecordingError`` where
-    a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    in the same place of the list; a simulator's own file (MJCF, URDF) is run on each. ``meters`` logged the power of
+    the recordings in the same place. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the
+    description lacks what it needs.
     """
+    if meters and len(meters) != len(recordings):
+        raise RecordingError(
+            f"{len(recordings)} recordings but {len(meters)} meters: give one for each, in their order"
+        )
     runs = []
     every = [read_signals(path, robot) for path in recordings]
+    for i, meter in enumerate(meters):
+        every[i] = replace(every[i], power=power_beside(meter, every[i].time, every[i].needed("position")))
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
     simulator = _simulator(simulations, robot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from cellwatt_plugins.mismatch.input.motion import OWN_BANDWIDTH, differentiate,
 from cellwatt_plugins.mismatch.input.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.meter import held, onto
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -70,9 +71,16 @@ class Signals:
             self,
             time=mean(self.time),
             joints={quantity: mean(values) for quantity, values in self.joints.items()},
-            power=None if self.power is None else mean(self.power),
+            power=None if self.power is None else self._slower_power(mean),
             gaps=np.any(self.gaps[: rows * count].reshape(rows, count), axis=1),
         )
+
+    def _slower_power(self, mean: Callable[[Float], Float]) -> Float:
+        """Means, but of a slow meter the value in the middle of them."""
+        assert self.power is not None
+        if held([(self.time, self.power)]) is None:
+            return mean(self.power)
+        return onto(mean(self.time), self.time, self.power)
 
     def derivatives(self, position: Quantity, velocity: Quantity, acceleration: Quantity) -> tuple[Float, Float]:
         """Velocity and acceleration; differentiated where the file lacks them."""
@@ -103,6 +111,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         {name: column[heard] for name, column in values.items()},
         slow=[name for quantity in SLOW for name in columns.joints.get(quantity, ())],
         positions=positions,
+        power=columns.power,
     )
     return Signals(
         place=table.place,

@@ -13,10 +13,15 @@ FILE = click.Path(exists=True, path_type=Path)
 @click.command("power")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option(
+    "--meter", "meters", multiple=True, type=FILE, help="Power (t, power) of a meter's own clock, one a recording."
+)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
 @click.option("--seed", default=0, show_default=True, help="Of the networks' first weights.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
-def train_power(recordings: tuple[Path, ...], robot: Path, out: Path, seed: int, as_json: bool) -> None:
+def train_power(
+    recordings: tuple[Path, ...], robot: Path, meters: tuple[Path, ...], out: Path, seed: int, as_json: bool
+) -> None:
     """Make a model of the currents and the supply power of a moving arm, from RECORDINGs of its moves.
 
     RECORDINGs are tables (Parquet, CSV) with t, q_i, qd_i, current_i and power, and move where a file holds several;
@@ -35,7 +40,7 @@ def train_power(recordings: tuple[Path, ...], robot: Path, out: Path, seed: int,
 
     description = load_robot(robot)
     body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    moves = read_moves(recordings, body.joints)
+    moves = read_moves(recordings, body.joints, meters)
     with threadpool_limits(1), progress_bar(1.0, quiet=as_json) as advance:
         trained = train(moves, description, body, seed, advance)
     write(out / "model.onnx", trained.fitted, moves, body, description.robot)

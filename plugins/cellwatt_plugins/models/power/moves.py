@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.models.tables import channel_of, read_table
-from cellwatt_plugins.robot.meter import Meter
+from cellwatt_plugins.robot.meter import Meter, onto, power_beside
 
 Float = NDArray[np.float64]
 
@@ -87,13 +88,16 @@ class Moves:
         return self.where(np.isin(self.move, list(moves)))
 
 
-def read_moves(paths: Sequence[Path], joints: int) -> Moves:
+def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) -> Moves:
     """Moves of one or several tables: Parquet, CSV, or recordings of cellwatt.
 
-    A move ends where ``move`` changes, time jumps, or a position or velocity is missing. Raises ``RecordingError``
-    where a column is missing, or nothing is left.
+    A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` logged the power
+    of the tables in the same place. Raises ``RecordingError`` where a column is missing, or nothing is left.
     """
-    parts = [part for path in paths for part in _parts(path, joints)]
+    if meters and len(meters) != len(paths):
+        raise RecordingError(f"{len(paths)} recordings but {len(meters)} meters: give one for each, in their order")
+    pairs = zip_longest(paths, meters)
+    parts = [part for path, meter in pairs for part in _parts(path, joints, meter)]
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} rows in a row with position and velocity of all joints")
     if any(part.payload is None for part in parts):
@@ -107,12 +111,14 @@ def read_moves(paths: Sequence[Path], joints: int) -> Moves:
     return Moves(**whole)
 
 
-def _parts(path: Path, joints: int) -> list[Moves]:
+def _parts(path: Path, joints: int, meter: Path | None) -> list[Moves]:
     """The moves of one file, each numbered 0."""
     table = read_table(path)
     columns = {name: column for name in table.column_names if (column := _numbers(table[name])) is not None}
     if "t" not in columns:
         raise RecordingError(f"{path}: no column t for the time; there are: {', '.join(list(columns)[:12])}")
+    if meter is not None:
+        columns["power"] = _metered(columns, joints, path, meter)
     found = _quantities(columns, joints, path)
     starts = starts_of(columns)
     whole = np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1)
@@ -125,6 +131,17 @@ def _parts(path: Path, joints: int) -> list[Moves]:
             kept = {name: value[rows] for name, value in found.items()}
             out.append(Moves(move=np.zeros(np.sum(rows), np.int64), time=columns["t"][rows], **kept))
     return out
+
+
+def _metered(columns: Mapping[str, Float], joints: int, path: Path, meter: Path) -> Float:
+    """Power (N,) W from a meter's own file."""
+    positions = [channel_of(f"joint_{i + 1}.position", columns, path) for i in range(joints)]
+    there = [column for column in positions if column is not None]
+    if len(there) < joints or np.any(np.diff(columns["t"]) <= 0):
+        raise RecordingError(
+            f"{path}: with --meter it needs the positions of all joints, and one time that rises through all moves"
+        )
+    return power_beside(meter, columns["t"], np.column_stack(there))
 
 
 def _quantities(columns: Mapping[str, Float], joints: int, path: Path) -> dict[str, Float]:
@@ -166,6 +183,7 @@ def _even(part: Moves, step: float) -> Moves:
 
     names = [f.name for f in fields(Moves) if f.name not in ("move", "time") and getattr(part, f.name) is not None]
     values: dict[str, Any] = {name: interpolated(getattr(part, name)) for name in names}
+    values["power"] = onto(time, part.time, part.power)
     return Moves(move=np.zeros(len(time), np.int64), time=time, **values)
 
 

@@ -41,6 +41,8 @@ OWN: Final = 0.055
 """s: window whose smoothing an arm's bus may have of its own (one sigma), or the kinds may lack."""
 ALIKE: Final = 0.25
 """Share of the values' variance that the motion must explain."""
+LASTS: Final = 0.7
+"""s that an arm speeds up or slows down: what the kinds lack of the power may look like a window so long."""
 FEWEST: Final = 3.0
 """Values for each unknown, at least."""
 
@@ -119,9 +121,10 @@ def find(
     window, late = min(product(windows, delays), key=lambda wd: _left(shown, sums, kept, *wd))
     value = shown.value[kept]
     free = max(1, len(value) - sums.sums.shape[1] - 3)
-    if _left(shown, sums, kept, window, float(late)) / free > (1 - ALIKE) * float(np.var(value)):
+    unexplained = _left(shown, sums, kept, window, float(late)) / free / float(np.var(value))
+    if not unexplained < 1 - ALIKE:
         return None
-    return _refined(shown, _Halves.of(courses), window, float(late))
+    return _refined(shown, _Halves.of(courses), window, float(late), unexplained)
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,7 @@ def _solved(instruments: Float, design: Float, value: Float) -> Float:
     return np.asarray(np.linalg.lstsq(gram, instruments.T @ value, rcond=RIDGE)[0])
 
 
-def _refined(shown: _Shown, halves: _Halves, window: float, late: float) -> Meter:
+def _refined(shown: _Shown, halves: _Halves, window: float, late: float, unexplained: float) -> Meter:
     """Gauss-Newton on the middle and the width of the window, and all weights."""
     sides = (halves.even, halves.odd)
     step, ago = halves.even.step, late + window / 2
@@ -184,7 +187,7 @@ def _refined(shown: _Shown, halves: _Halves, window: float, late: float) -> Mete
     left = (value - slopes @ change).reshape(2, -1).mean(axis=0)
     pulls = instruments.reshape(2, len(left), -1).mean(axis=0)
     covariance = _covariance(pulls, instruments.T @ slopes / 2, left, shown.segment[kept], shown.time[kept])
-    return _believed(window, ago, covariance, shown.interval)
+    return _believed(window, ago, covariance, shown.interval, OWN**2 + unexplained * LASTS**2)
 
 
 def _slopes(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, ago: float, weights: Float) -> Float:
@@ -213,14 +216,14 @@ def _covariance(pulls: Float, gram: Float, left: Float, segment: NDArray[np.intp
     return np.asarray(together if np.trace(together) > np.trace(alone) else alone)
 
 
-def _believed(window: float, ago: float, covariance: Float, interval: float) -> Meter:
+def _believed(window: float, ago: float, covariance: Float, interval: float, own: float) -> Meter:
     """With what is usual: a meter averages over the whole interval. It is not believed where the data are against it.
 
-    In squares: what smooths the power beside the meter adds to the window's square.
+    In squares: what smooths the power beside the meter adds to the window's square, up to ``own`` s² (one sigma).
     """
     square, usual = window**2, interval**2
     to_square = np.array([[2 * window, 0.0], [0.0, 1.0]])
-    known = to_square @ covariance @ to_square + np.array([[OWN**4, 0.0], [0.0, 0.0]])
+    known = to_square @ covariance @ to_square + np.array([[own**2, 0.0], [0.0, 0.0]])
     spread = (2 * USUAL * usual) ** 2 + known[0, 0]
     if abs(usual - square) < AGAINST * np.sqrt(spread):
         gain = known[0] / spread

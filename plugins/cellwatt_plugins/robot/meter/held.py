@@ -18,6 +18,10 @@ SELDOM: Final = 0.1
 """Share of values that may be held for less."""
 SAME: Final = 1e-7
 """Share of the power's range by which two values differ at least."""
+IRREGULAR: Final = 0.1
+"""Share of an interval by which values come early or late on average, at most; by chance it would be a quarter."""
+COARSE: Final = 0.25
+"""Rows that are a larger share of the interval do not show whether values come regularly."""
 FEWEST: Final = 8
 """Changes from which something can be said."""
 EVEN: Final = 1.0
@@ -33,13 +37,41 @@ def held(segments: Sequence[tuple[Float, Float]], interval: float | None = None)
     """
     changes = [_changes(power) for _, power in segments]
     lasting = np.concatenate([np.empty(0), *(np.diff(each) for each in changes)])
-    if (interval is None and len(lasting) < FEWEST) or (len(lasting) and np.mean(lasting < SHORTEST) > SELDOM):
+    if not _lasts(lasting) or (interval is None and len(lasting) < FEWEST):
         return None
     if interval is None:
         step = float(np.median(np.concatenate([np.diff(time) for time, _ in segments])))
         interval = _interval([time[each] for (time, _), each in zip(segments, changes, strict=True)], step)
+        if not _regular(lasting * step / interval, step / interval):
+            return None
     pairs = zip(segments, changes, strict=True)
     return [_on_beat(time, power, each, interval) for (time, power), each in pairs]
+
+
+def onto(when: Float, time: Float, power: Float) -> Float:
+    """Power (N,) at ``time`` (N,) s brought to times ``when`` (M,) s: (M,).
+
+    Interpolated; of a slow meter the last value, as a value between two of its own is one that it never showed.
+    """
+    lasting = np.diff(_changes(power))
+    if len(lasting) < FEWEST or not _lasts(lasting):
+        return np.asarray(np.interp(when, time, power))
+    rounding = 1e-3 * float(np.median(np.diff(time)))
+    return power[np.maximum(np.searchsorted(time, when + rounding, side="right") - 1, 0)]
+
+
+def _lasts(rows: NDArray[np.intp]) -> bool:
+    """Whether values that last for so many rows (M,) each are those of a meter slower than the rows."""
+    return not len(rows) or float(np.mean(rows < SHORTEST)) <= SELDOM
+
+
+def _regular(lasting: Float, row: float) -> bool:
+    """Whether values last for whole intervals, rather than until the power has gone a step of a coarse meter.
+
+    In intervals (M,), of which a ``row`` is a share.
+    """
+    off = np.abs(lasting - np.round(lasting))
+    return row > COARSE or float(np.mean(off)) < IRREGULAR + row / 2
 
 
 def _changes(power: Float) -> NDArray[np.intp]:

@@ -7,9 +7,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 Float = NDArray[np.float64]
 
+SMOOTH: Final = 0.12
+"""s over which positions are differentiated."""
 MOVES: Final = 0.01
 """rad/s above which a joint moves."""
 
@@ -22,6 +25,14 @@ class Course:
     """(N,) s, evenly spaced."""
     kinds: Float
     """(N, k)."""
+
+
+def kinds_of_motion(position: Float, step: float) -> Float:
+    """Kinds (N, 4 n + 1) from positions (N, n) rad every ``step`` s alone: what lifts and what drives each joint."""
+    rows = max(5, round(SMOOTH / step) | 1)
+    qd, qdd = (savgol_filter(position, rows, 3, order, step, axis=0) for order in (1, 2))
+    moving = np.any(np.abs(qd) > MOVES, axis=1)
+    return np.column_stack([qd, np.abs(qd), qd**2, qd * qdd, moving])
 
 
 def kinds_of_power(torque: Float, qd: Float) -> Float:

@@ -1,0 +1,77 @@
+"""Power that a meter logged into a file of its own, on its own clock, beside a recording of the robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.emulation.signals import load_signals
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion
+from cellwatt_plugins.robot.meter.model import Readings
+
+Float = NDArray[np.float64]
+
+FURTHEST: Final = 5.0
+"""s: the two clocks are taken to differ by no more."""
+USUAL: Final = 0.2
+"""s that a value is taken to come after what it stands for; how late it really is, is found with the torques."""
+ROWS: Final = 3
+"""Rows of the recording that a value stands for at least: a faster meter's are averaged."""
+SHORTEST: Final = 4 * FURTHEST
+"""s of a recording in which the clocks can be found."""
+
+
+def power_beside(path: Path, time: Float, position: Float) -> Float:
+    """Power (N,) W in the rows of a recording, each value of the meter's file held from when it came to the next.
+
+    ``path`` has columns t (s) and power (W); ``time`` (N,) s and ``position`` (N, n) rad are the recording's. The
+    clocks may differ by up to ``FURTHEST`` s: the motion tells by how much. Raises ``RecordingError``.
+    """
+    readings = _read(path, float(np.median(np.diff(time))))
+    inside = (readings.time > time[0] - FURTHEST) & (readings.time < time[-1] + FURTHEST)
+    if inside.sum() < 20 or time[-1] - time[0] < SHORTEST:
+        raise RecordingError(
+            f"{path}: {int(inside.sum())} values within {FURTHEST:g} s of a recording of {time[-1] - time[0]:.0f} s: "
+            f"give files of the same time, of {SHORTEST:g} s or more"
+        )
+    known = Readings(readings.time[inside], readings.value[inside], readings.interval)
+    meter = find([known], [_course(time, position)], latest=FURTHEST, earliest=-FURTHEST)
+    if meter is None:
+        raise RecordingError(
+            f"{path}: its power does not follow the motion of the recording: do the two files belong together, with "
+            f"clocks less than {FURTHEST:g} s apart?"
+        )
+    came = known.time - meter.late + USUAL
+    row = np.searchsorted(came, time, side="right") - 1
+    return known.value[np.maximum(row, 0)]
+
+
+def _read(path: Path, step: float) -> Readings:
+    """The values of a meter's file; where it is nearly as fast as ``step`` s, means over some rows."""
+    signals = load_signals(path)
+    if "power" not in signals.columns:
+        raise RecordingError(f"{path}: no column power (W); there are: t, {', '.join(list(signals.columns)[:8])}")
+    time, power = signals.time, signals.columns["power"]
+    known = np.isfinite(power)
+    time, power = time[known], power[known]
+    if len(time) < 2:
+        raise RecordingError(f"{path}: column power holds no numbers")
+    interval = float(np.median(np.diff(time)))
+    count = max(1, -(-round(1e6 * ROWS * step) // max(1, round(1e6 * interval))))
+    rows = len(time) // count
+    if count > 1:
+        power = power[: rows * count].reshape(rows, count).mean(axis=1)
+        time = time[count - 1 : rows * count : count]
+    return Readings(time, power, interval * count)
+
+
+def _course(time: Float, position: Float) -> Course:
+    """Kinds of power as far as positions alone tell."""
+    even = np.linspace(time[0], time[-1], len(time))
+    path = np.column_stack([np.interp(even, time, column) for column in position.T])
+    return Course(even, kinds_of_motion(path, float(even[1] - even[0])))

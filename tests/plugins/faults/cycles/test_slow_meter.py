@@ -1,0 +1,81 @@
+"""Faults told from a power meter of ten values a second, each a mean and late."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.findings import judge_recording
+from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
+from cellwatt_plugins.faults.cycles.live import CycleWatch
+from cellwatt_plugins.faults.cycles.recording import Recording
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, run
+from tests.plugins.faults.cycles.conftest import HEALTHY
+from tests.plugins.robot.slow_meter import shown
+
+WINDOW, LATE = 0.1, 0.15
+CYCLES = [
+    Cycle("A"),
+    Cycle("B", faults=(Fault("friction", 1, 1.0),)),
+    Cycle("A", pause=1.0),
+    Cycle("A", faults=(Fault("spring", 2, 40.0),)),
+    Cycle("B"),
+    Cycle("B", faults=(Fault("encoder_offset", 0, 0.04),)),
+    Cycle("A"),
+]
+NAMED = [[], [(2, "joint")], [], [(3, "joint")], [], [(1, "encoder")], []]
+
+
+def through(measured, phase: float) -> Recording:
+    power = shown(measured.time, measured.power, WINDOW, LATE, phase=phase)
+    return Recording(measured.time, measured.position, power)
+
+
+@pytest.fixture(scope="module")
+def known(robot):
+    return learn_known(through(run(HEALTHY, seed=1), 0.4), robot)
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return through(run(CYCLES, seed=20), 0.8)
+
+
+def named(findings) -> list[list[tuple[int, str]]]:
+    return [[(fault.joint, fault.kind) for fault in cycle.faults] for cycle in findings]
+
+
+def test_the_meter_is_found(known):
+    assert known.meter is not None
+    assert known.meter.window == pytest.approx(WINDOW, abs=0.01)
+    assert known.meter.late == pytest.approx(LATE, abs=0.01)
+
+
+def test_faults_are_named_and_nothing_else(known, recording):
+    assert named(judge_recording(recording, known)) == NAMED
+
+
+def test_the_reference_file_keeps_the_meter(known, recording, robot):
+    again = restored(*stored(known, robot), robot)
+    assert again.meter is not None
+    assert again.meter.window == pytest.approx(known.meter.window, abs=1e-6)
+    assert again.patterns[0].window == again.meter.window
+    assert named(judge_recording(recording, again)) == NAMED
+
+
+def test_live_as_in_a_recording(known, recording):
+    watch = CycleWatch(known, recording.step)
+    told = []
+    for first in range(0, len(recording.time), 50):
+        part = slice(first, first + 50)
+        told += watch.feed(recording.time[part], recording.position[part], recording.power[part])
+    told += watch.close()
+    assert named(each.finding for each in told if each.over) == NAMED
+
+
+def test_power_that_does_not_follow_the_motion_is_refused(robot):
+    measured = run(HEALTHY, seed=1)
+    measured.power = np.random.default_rng(3).normal(100, 20, len(measured.time))
+    with pytest.raises(ModelError, match=r"every 0\.1 s, and the motion does not tell"):
+        learn_known(through(measured, 0.4), robot)

@@ -1,0 +1,67 @@
+"""A meter that logged into a file of its own: its clock against the robot's, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.robot.meter import Course, find, held, power_beside
+from tests.plugins.robot.test_meter import STEP, Arm
+
+ARM = Arm(90.0)
+POSITION = np.cumsum(ARM.qd, axis=0) * STEP
+
+
+def logged(folder: Path, offset: float, interval: float, arm: Arm = ARM, late: float = 0.1) -> Path:
+    """What a meter of one mean an interval wrote, its clock ``offset`` s ahead of the robot's."""
+    energy = np.concatenate([[0.0], np.cumsum((arm.power[1:] + arm.power[:-1]) / 2) * STEP])
+    ends = np.arange(0.0031 + interval, arm.time[-1], interval)
+    means = (np.interp(ends, arm.time, energy) - np.interp(ends - interval, arm.time, energy)) / interval
+    path = folder / "meter.csv"
+    rows = np.column_stack([ends + late + offset, means])
+    np.savetxt(path, rows, delimiter=",", header="t,power", comments="", fmt="%.6f")
+    return path
+
+
+@pytest.mark.parametrize("offset", [-4.2, 0.0, 0.73, 3.9])
+def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
+    power = power_beside(logged(tmp_path, offset, 0.1), ARM.time, POSITION)
+    readings = held([(ARM.time, power)], 0.1)
+    assert readings is not None
+    meter = find(readings, [ARM.course])
+    assert meter is not None
+    windows = meter.windows(readings[0])
+    inside = windows.inside(ARM.time)
+    true = windows.part(inside).means(ARM.time, ARM.power)
+    # Values a tenth of a second off would miss the power by far more than its noise.
+    assert np.std(readings[0].value[inside] - true) < 0.1 * np.std(true)
+    assert meter.window == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_meter_faster_than_the_rows_is_averaged_over_some(tmp_path):
+    power = power_beside(logged(tmp_path, 1.0, 0.002, late=0.0), ARM.time, POSITION)
+    readings = held([(ARM.time, power)])
+    assert readings is not None
+    assert readings[0].interval == pytest.approx(0.024, rel=0.01)
+    meter = find(readings, [Course(ARM.time, ARM.course.kinds)])
+    assert meter is not None
+    windows = meter.windows(readings[0])
+    inside = windows.inside(ARM.time)
+    assert np.corrcoef(readings[0].value[inside], windows.part(inside).means(ARM.time, ARM.power))[0, 1] > 0.99
+
+
+def test_files_that_do_not_belong_together_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="does not follow the motion"):
+        power_beside(logged(tmp_path, 0.0, 0.1, Arm(90.0, seed=5)), ARM.time, POSITION)
+    with pytest.raises(RecordingError, match="give files of the same time"):
+        power_beside(logged(tmp_path, 500.0, 0.1), ARM.time, POSITION)
+
+
+def test_a_file_without_power_says_what_it_has(tmp_path):
+    path = tmp_path / "meter.csv"
+    path.write_text("t,volts\n0,1\n1,2\n2,3\n")
+    with pytest.raises(RecordingError, match=r"no column power \(W\); there are: t, volts"):
+        power_beside(path, ARM.time, POSITION)
