@@ -22,7 +22,7 @@ from cellwatt.errors import CellwattError
 
 START = 60.0
 """Longest time, s, until everything runs."""
-STOP = 15.0
+STOP = 60.0
 """Longest time, s, that the daemon may take to drain, and then the last messages to the subscriber."""
 
 

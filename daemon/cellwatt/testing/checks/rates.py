@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from pathlib import Path
 
 from cellwatt.channel import Stream
@@ -15,6 +16,8 @@ _SPAN = 1.5
 """s over which a rate is taken, or …"""
 _PERIODS = 15
 """… so many periods, whichever is longer."""
+_TRIES = 4
+"""A busy machine may not let the emulator keep its own rate: once in so many spans is enough."""
 _TOLERANCE = 0.15
 """As a share of the declared rate, beside two samples at the ends."""
 
@@ -24,27 +27,34 @@ async def keeps_its_rates(rig: Rig, folder: Path) -> None:
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         streams = [s for s in source.driver.streams if s.rate]
         await source.until(lambda: all(source.outlet.of(s.name) for s in streams), "one sample of each stream")
-        begins = {s.name: _count(source.outlet, s) for s in streams}
-        missed = source.outlet.account.missed.total()
-        loop = asyncio.get_running_loop()
-        start = loop.time()
-        await asyncio.sleep(max([_SPAN, *(_PERIODS / s.rate for s in streams)]))
-        span = loop.time() - start
-        missed = source.outlet.account.missed.total() - missed
-        counts = {s.name: _count(source.outlet, s) - begins[s.name] for s in streams}
-    for stream in streams:
-        _is_kept(stream, counts[stream.name], missed, span)
+        wrong = ""
+        for _ in range(_TRIES):
+            wrong = await _wrong(source.outlet, streams)
+            if not wrong:
+                break
+    require(not wrong, wrong)
+
+
+async def _wrong(outlet: CollectingOutlet, streams: Sequence[Stream]) -> str:
+    """What is not as declared while a span of time goes by."""
+    loop = asyncio.get_running_loop()
+    begins, missed, start = {s.name: _count(outlet, s) for s in streams}, outlet.account.missed.total(), loop.time()
+    await asyncio.sleep(max([_SPAN, *(_PERIODS / s.rate for s in streams)]))
+    span, missed = loop.time() - start, outlet.account.missed.total() - missed
+    told = (_not_kept(s, _count(outlet, s) - begins[s.name], missed, span) for s in streams)
+    return "; ".join(filter(None, told))
 
 
 def _count(outlet: CollectingOutlet, stream: Stream) -> int:
     return sum(len(r.values) for r in outlet.of(stream.name))
 
 
-def _is_kept(stream: Stream, count: int, missed: int, span: float) -> None:
+def _not_kept(stream: Stream, count: int, missed: int, span: float) -> str:
     due = stream.rate * span
     slack = _TOLERANCE * due + 2
-    require(
-        count + missed >= due - slack and count <= due + slack,
+    if count + missed >= due - slack and count <= due + slack:
+        return ""
+    return (
         f"{stream.name} is declared at {stream.rate:g} Hz: in {span:.2f} s {due:.0f} samples are due, but {count} came "
-        f"and {missed} are accounted as missed",
+        f"and {missed} are accounted as missed"
     )
