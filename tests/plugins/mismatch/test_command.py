@@ -105,7 +105,12 @@ def test_simulations_find_their_recordings_by_name(cell, call, tmp_path, explain
 
 def test_in_words_each_finding_is_a_sentence(cell, call, tmp_path):
     code, said, _ = call(
-        "explain", *recordings(cell), "--simulation", *simulations(cell), "--robot", cell, "--out", tmp_path, "--no-report"
+        "explain",
+        *recordings(cell),
+        *("--simulation", *simulations(cell)),
+        *("--robot", cell),
+        *("--out", tmp_path),
+        "--no-report",
     )
     assert code == 0
     assert said.startswith("Explained")
