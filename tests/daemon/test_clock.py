@@ -242,14 +242,14 @@ def test_times_rise_strictly_and_never_pass_their_arrival_whatever_the_device_sa
 def brute_force(above, below, wander, slopes):
     """Extremes at the newest fact over a fine grid of slopes, straight from the definition."""
     newest = max(at for at, _ in [*above, *below])
-    lowest, highest = [], []
-    for slope in slopes:
-        roof = min(offset + wander / 2 * (newest - at) ** 2 + slope * (newest - at) for at, offset in above)
-        floor = max(offset - wander / 2 * (newest - at) ** 2 + slope * (newest - at) for at, offset in below)
-        if floor <= roof:
-            lowest.append(floor)
-            highest.append(roof)
-    return (min(lowest), max(highest)) if lowest else None
+
+    def lines(facts, bend):
+        age, offset = newest - np.array([at for at, _ in facts]), np.array([offset for _, offset in facts])
+        return offset + bend / 2 * age.astype(float) ** 2 + np.multiply.outer(slopes, age)
+
+    roof, floor = lines(above, wander).min(axis=1), lines(below, -wander).max(axis=1)
+    possible = floor <= roof
+    return (floor[possible].min(), roof[possible].max()) if possible.any() else None
 
 
 facts = st.lists(

@@ -210,7 +210,10 @@ class TestSuggestion:
         assert [type(a.objective) for a in chosen.gains] == [Discrimination]
         assert not suggested.open
 
-    @pytest.mark.parametrize(("true", "other", "factor"), [(LOAD, STRIBECK, 4.0), (STRIBECK, LOAD, 1.5)])
+    @pytest.mark.parametrize(
+        ("true", "other", "factor"),
+        [(LOAD, STRIBECK, 4.0), pytest.param(STRIBECK, LOAD, 1.5, marks=pytest.mark.slow)],
+    )
     def test_suggested_motion_tells_what_the_program_could_not(self, folder, suggested, true, other, factor):
         """Both plants run the suggested motion, the program, and the program as often as fills the same time."""
         length = suggested.motion.time[-1]
