@@ -65,6 +65,19 @@ def test_window_and_delay_of_a_meter_that_averages_from_value_to_value(window, l
     assert meter.late == pytest.approx(late, abs=0.01)
 
 
+def test_many_short_moves_do_as_well_as_a_long_recording():
+    readings, courses = [], []
+    for seed in range(60):
+        arm = Arm(3.0, seed)
+        readings += held([(arm.time, arm.through(0.4, 0.35, phase=seed * 0.37 % 1))], 0.4) or []
+        courses.append(arm.course)
+    assert len(readings) == len(courses)
+    meter = find(readings, courses)
+    assert meter is not None
+    assert meter.window == pytest.approx(0.4, abs=0.02)
+    assert meter.late == pytest.approx(0.35, abs=0.02)
+
+
 @pytest.mark.parametrize(("window", "interval"), [(0.3, 0.1), (0.02, 0.2)])
 def test_a_window_need_not_be_the_interval(window, interval):
     arm = Arm()

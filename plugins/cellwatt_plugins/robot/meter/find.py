@@ -114,10 +114,8 @@ def find(
         return None
     windows = [w for share in WINDOWS if sums.step <= (w := share * shown.interval) <= LONGEST] or [shown.interval]
     delays = np.arange(earliest, latest, max(shown.interval / 5, FINEST))
-    kept = sums.inside(shown.segment, shown.time - latest - max(windows), shown.time - earliest)
-    if kept.sum() < FEWEST * (sums.sums.shape[1] + 3):
-        return None
-    kept[np.flatnonzero(kept)[np.arange(kept.sum()) % -(-int(kept.sum()) // MOST) > 0]] = False
+    # Beyond a segment its ends are held: recordings begin and end at rest, and short ones would lose too much.
+    kept = np.arange(len(shown.time)) % -(-len(shown.time) // MOST) == 0
     window, late = min(product(windows, delays), key=lambda wd: _left(shown, sums, kept, *wd))
     value = shown.value[kept]
     free = max(1, len(value) - sums.sums.shape[1] - 3)
