@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.mismatch.live import explanation
 from cellwatt_plugins.mismatch.live.alarms import Told, found
 from cellwatt_plugins.mismatch.live.explanation import Outcome, make_folder
 from cellwatt_plugins.mismatch.live.settings import ExplainSettings, MismatchSettings
@@ -25,7 +26,13 @@ from tests.plugins.mismatch.emulated_arm import START, cut, frames, layout, reco
 from tests.plugins.mismatch.recorded_arm import write_robot
 
 pytestmark = pytest.mark.timeout(300)
-"""The stage explains at the lowest priority: on a busy machine that takes a while."""
+
+
+@pytest.fixture(autouse=True)
+def _gets_its_turn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage explains at the lowest priority: beside busy processes it would not come to its end."""
+    if request.node.originalname != "test_it_runs_at_low_priority":
+        monkeypatch.setattr(explanation, "NICENESS", 0)
 
 
 @pytest.fixture(scope="module")
