@@ -9,6 +9,7 @@ import pytest
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.robot.meter import Course, find, held, power_beside
+from tests.plugins.robot.slow_meter import measured
 from tests.plugins.robot.test_meter import STEP, Arm
 
 ARM = Arm(90.0)
@@ -17,9 +18,8 @@ POSITION = np.cumsum(ARM.qd, axis=0) * STEP
 
 def logged(folder: Path, offset: float, interval: float, arm: Arm = ARM, late: float = 0.1) -> Path:
     """What a meter of one mean an interval wrote, its clock ``offset`` s ahead of the robot's."""
-    energy = np.concatenate([[0.0], np.cumsum((arm.power[1:] + arm.power[:-1]) / 2) * STEP])
     ends = np.arange(0.0031 + interval, arm.time[-1], interval)
-    means = (np.interp(ends, arm.time, energy) - np.interp(ends - interval, arm.time, energy)) / interval
+    means = measured(arm.time, arm.power, ends - interval, ends)
     path = folder / "meter.csv"
     rows = np.column_stack([ends + late + offset, means])
     np.savetxt(path, rows, delimiter=",", header="t,power", comments="", fmt="%.6f")

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 from scipy.sparse import csr_array, diags_array, vstack
 from scipy.sparse.linalg import spsolve
 
@@ -17,12 +16,10 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import nominal_torque
-from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, held, kinds_of_power
+from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power, smooth_motion
 
 Float = NDArray[np.float64]
 
-SMOOTH = 0.12
-"""s over which encoders are differentiated."""
 STIFFNESS = np.geomspace(1e-4, 1e4, 9)
 """Weights of the power's second differences against the readings that are tried."""
 NEAR = 0.15
@@ -34,20 +31,16 @@ def with_meter(recording: Recording, robot: RobotDescription, body: RigidBody) -
 
     Raises ``ModelError`` where the motion does not tell what its values stand for.
     """
-    known = ~np.isnan(recording.power)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
-    readings = held([(recording.time, recording.power[last])])
+    readings = recording.readings_every(None)
     if readings is None:
         return recording
-    rows = max(5, round(SMOOTH / recording.step) | 1)
-    path = without_jumps(recording.position)
-    q, qd, qdd = (savgol_filter(path, rows, 3, d, recording.step, axis=0) for d in range(3))
+    q, qd, qdd = smooth_motion(without_jumps(recording.position), recording.step)
     # Rotors and friction are not as described: what they take has weights of its own.
     kinds = np.column_stack([kinds_of_power(nominal_torque(robot, body, q, qd, qdd), qd), qd * qdd, qd**2])
-    meter = find(readings, [Course(recording.time, kinds)])
+    meter = find([readings], [Course(recording.time, kinds)])
     if meter is None:
         raise ModelError(
-            f"power comes every {readings[0].interval:.2g} s, and the motion does not tell when each value was "
+            f"power comes every {readings.interval:.2g} s, and the motion does not tell when each value was "
             "measured: record more healthy cycles, or use a faster meter"
         )
     return replace(recording, meter=meter)

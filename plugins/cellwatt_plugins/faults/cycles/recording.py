@@ -29,12 +29,16 @@ class Recording:
     @cached_property
     def readings(self) -> Readings | None:
         """The values of a slow meter, each once; None where power is not from one."""
+        return None if self.meter is None else self.readings_every(self.meter.interval)
+
+    def readings_every(self, interval: float | None) -> Readings | None:
+        """The values of a slow meter of one every ``interval`` s, or of any; None where power is not from one."""
         known = ~np.isnan(self.power)
-        if self.meter is None or known.sum() < 2:
+        if known.sum() < 2:
             return None
         # A hole holds the value before it: what comes with its end counts from there.
         last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
-        found = held([(self.time, self.power[last])], self.meter.interval)
+        found = held([(self.time, self.power[last])], interval)
         return None if found is None else found[0]
 
     @property

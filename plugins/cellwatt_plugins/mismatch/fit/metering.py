@@ -48,8 +48,7 @@ def metering(runs: Sequence[Run], states: Sequence[States]) -> Metering | Unknow
         return Unknown(readings[0].interval)
     rows, values = [], []
     for each, (_, s) in zip(readings, kept, strict=True):
-        windows = meter.windows(each)
-        inside = windows.inside(s.time)
-        rows.append(Metered(s.time, windows.part(inside), each.interval))
-        values.append(each.value[inside])
+        windows, shown = meter.within(each, s.time)
+        rows.append(Metered(s.time, windows, each.interval))
+        values.append(shown)
     return Metering(meter, tuple(rows), tuple(values))

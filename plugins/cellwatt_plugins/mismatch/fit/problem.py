@@ -244,7 +244,7 @@ def supply_problem(
     return Problem(
         side="supply",
         states=chosen,
-        rows=tuple(rows),
+        rows=rows,
         target=tuple(target),
         variance=tuple(variance),
         floor=noise,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from cellwatt_plugins.robot.meter import Windows
 
@@ -67,9 +69,14 @@ class Metered:
     windows: Windows
     step: float
 
+    @cached_property
+    def _weights(self) -> csr_array:
+        # Every effect that is tried goes through them.
+        return self.windows.weights(self.time)
+
     def of(self, samples: Float) -> Float:
         """See ``Rows``."""
-        return self.windows.means(self.time, samples)
+        return np.asarray(self._weights @ samples)
 
     def samples(self, rows: Float) -> Float:
         """See ``Rows``."""

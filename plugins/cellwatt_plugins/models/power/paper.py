@@ -93,7 +93,8 @@ class Nls:
         fitted = [_joint(j, moves.current[kept, j], seen, kept, robot) for j in range(moves.joints)]
         joints = np.array([values for values, _ in fitted])
         columns = _power_columns(_currents(joints, seen), seen)
-        shown = Shown.of(moves, np.arange(0, len(moves), spacing(moves, ROWS, len(moves))))
+        every = spacing(moves, ROWS, len(moves))
+        shown = Shown.of(moves, np.arange(0, len(moves), every))
         if not len(shown.power):
             size = columns.shape[1]
             return cls(joints, np.full(size, np.nan), (np.array([e for _, e in fitted]), np.full(size, np.nan)))
@@ -103,7 +104,7 @@ class Nls:
         start = np.concatenate([[np.median(shown.power)], np.zeros(n), stated, constants])
         low = np.concatenate([[0.0], np.full(n, -1.0), np.zeros(n), 0.3 * constants])
         high = np.concatenate([[np.inf], np.full(n, 1.0), np.full(n, OHM), 3 * constants])
-        known = shown.seen(columns[:: spacing(moves, ROWS, len(moves))])
+        known = shown.seen(columns[::every])
         values, errors = _solved(lambda x: known @ x - shown.power, lambda x: known, start, low, high)
         return cls(joints, values, (np.array([e for _, e in fitted]), errors))
 

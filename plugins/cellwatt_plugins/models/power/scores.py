@@ -57,10 +57,9 @@ def _compared(moves: Moves, power: Float, first: int, end: int) -> tuple[Float, 
     """Measured and predicted power of one move: row by row, or as a slow meter shows it."""
     if moves.meter is None:
         return moves.power[first:end], power[first:end]
-    readings, time = readings_of(moves, first, end), moves.time[first:end]
-    windows = moves.meter.windows(readings)
-    inside = windows.inside(time)
-    return readings.value[inside], windows.part(inside).means(time, power[first:end])
+    time = moves.time[first:end]
+    windows, shown = moves.meter.within(readings_of(moves, first, end), time)
+    return shown, windows.means(time, power[first:end])
 
 
 def _energy_error(measured: Float, predicted: Float) -> float | None:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import block_diag, csr_array
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
@@ -47,28 +47,17 @@ class Shown:
             if len(own) < 2 or not len(readings.time):
                 blocks.append(csr_array((0, len(own))))
                 continue
-            windows = moves.meter.windows(readings)
-            inside = windows.inside(moves.time[kept[own]])
-            block = windows.part(inside).weights(moves.time[kept[own]])
-            blocks.append(block)
-            values.append(readings.value[inside])
-            at.append(np.full(int(inside.sum()), own[0]))
-        matrix = _diagonal(blocks, len(kept))
+            time = moves.time[kept[own]]
+            windows, shown = moves.meter.within(readings, time)
+            blocks.append(windows.weights(time))
+            values.append(shown)
+            at.append(np.full(len(shown), own[0]))
+        matrix = csr_array(block_diag(blocks))
         return cls(np.concatenate(values), np.arange(len(kept)), np.concatenate(at), matrix)
 
     def seen(self, rows: Float) -> Float:
         """Rows (N, k) of the fit as they were measured: (M, k)."""
         return rows[self.rows] if self.matrix is None else np.asarray(self.matrix @ rows)
-
-
-def _diagonal(blocks: list[csr_array], columns: int) -> csr_array:
-    """Blocks one below the other, each right of the one before."""
-    out, left = [], 0
-    for block in blocks:
-        place = csr_array((block.data, block.indices + left, block.indptr), shape=(block.shape[0], columns))
-        out.append(place)
-        left += block.shape[1]
-    return csr_array(vstack(out))
 
 
 def readings_of(moves: Moves, first: int, end: int) -> Readings:

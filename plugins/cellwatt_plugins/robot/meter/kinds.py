@@ -27,10 +27,16 @@ class Course:
     """(N, k)."""
 
 
+def smooth_motion(position: Float, step: float) -> tuple[Float, Float, Float]:
+    """Positions (N, n) every ``step`` s without their noise, with velocities and accelerations: local cubics."""
+    rows = max(5, round(SMOOTH / step) | 1)
+    q, qd, qdd = (savgol_filter(position, rows, 3, order, step, axis=0) for order in range(3))
+    return q, qd, qdd
+
+
 def kinds_of_motion(position: Float, step: float) -> Float:
     """Kinds (N, 4 n + 1) from positions (N, n) rad every ``step`` s alone: what lifts and what drives each joint."""
-    rows = max(5, round(SMOOTH / step) | 1)
-    qd, qdd = (savgol_filter(position, rows, 3, order, step, axis=0) for order in (1, 2))
+    _, qd, qdd = smooth_motion(position, step)
     moving = np.any(np.abs(qd) > MOVES, axis=1)
     return np.column_stack([qd, np.abs(qd), qd**2, qd * qdd, moving])
 

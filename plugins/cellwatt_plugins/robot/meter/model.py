@@ -81,6 +81,12 @@ class Meter:
         end = readings.time - self.late
         return Windows(end - self.window, end)
 
+    def within(self, readings: Readings, time: Float) -> tuple[Windows, Float]:
+        """Of those whose whole window lies within ``time`` (N,) s: what they stand for, and their values (M,) W."""
+        windows = self.windows(readings)
+        inside = windows.inside(time)
+        return windows.part(inside), readings.value[inside]
+
     @property
     def told(self) -> str:
         """In words, with 95 % intervals: ``means over 100 ± 4 ms, 152 ± 2 ms late``."""
