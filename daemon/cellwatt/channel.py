@@ -56,12 +56,15 @@ class Channel:
     ``name`` is dotted and lower case (``joint_1.position``, ``supply.power``), ``unit`` one of ``UNITS``.
     ``align`` says how it is brought onto the frame grid; by default power is averaged over the grid
     step (anti-aliased), discrete and counter values are held, all else is interpolated linearly.
+    ``window`` s is what each value is a mean over, as the device's maker or whoever set it up says; 0: a value is one
+    of its instant, or nobody says.
     """
 
     name: str
     unit: str
     kind: Kind = "continuous"
     align: Align | None = None
+    window: float = 0.0
 
     def __post_init__(self) -> None:
         if self.unit not in UNITS:

@@ -14,12 +14,16 @@ from cellwatt.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class FrameChannel:
-    """A column of the frames: ``name`` is ``<source>.<channel>``, e.g. ``arm.joint_1.position``."""
+    """A column of the frames: ``name`` is ``<source>.<channel>``, e.g. ``arm.joint_1.position``.
+
+    ``window`` s is what each value of the device is a mean over, as in ``Channel``.
+    """
 
     name: str
     unit: str
     kind: Kind
     method: Align
+    window: float = 0.0
 
     @property
     def source(self) -> str:
@@ -107,3 +111,7 @@ class Frames:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def stamps(self, column: int) -> NDArray[np.int64]:
+        """When each value (n,) of a held column came, ns UTC, but for its clock bound: a new value has a new stamp."""
+        return self.time - self.bound[:, column]

@@ -503,3 +503,10 @@ def test_how_samples_are_cut_into_batches_does_not_change_a_bit_of_the_frames(se
     first, second = joined(play(Aligner(streams, 50.0, 0.1), whole)), joined(play(Aligner(streams, 50.0, 0.1), pieces))
     for a, b in zip(first, second, strict=True):
         assert a.tobytes() == b.tobytes()
+
+
+def test_a_mean_over_more_than_a_step_is_held_and_never_averaged_again() -> None:
+    slow = Channel("supply.power", "W", window=0.05)
+    fast = Channel("bus.power", "W", window=0.01)
+    aligner = Aligner({"meter": (Stream("measured", (slow, fast), 100.0, "host"),)}, 50.0, 0.1)
+    assert [(c.method, c.window) for c in aligner.layout.channels] == [("hold", 0.05), ("average", 0.01)]

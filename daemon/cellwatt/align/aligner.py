@@ -58,7 +58,7 @@ class Aligner:
                 lane = Lane(stream, len(channels), step, self._latency, gap, hold)
                 self._lanes[source, stream.name] = lane
                 channels += [
-                    FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, method)
+                    FrameChannel(f"{source}.{channel.name}", channel.unit, channel.kind, method, channel.window)
                     for channel, method in zip(stream.channels, lane.methods, strict=True)
                 ]
                 _check(source, stream, lane, step, self._latency)

@@ -30,8 +30,10 @@ class Lane:
         period = _SECOND / stream.rate if stream.rate else 0.0
         self.held = not stream.rate or period > latency / 2
         """Too slow to wait for the next sample: all channels hold the last one, and frames never wait for it."""
-        self.methods: tuple[Align, ...] = tuple("hold" if self.held else c.method for c in stream.channels)
-        """The method in force for each channel."""
+        self.methods: tuple[Align, ...] = tuple(
+            "hold" if self.held or c.window * _SECOND > step else c.method for c in stream.channels
+        )
+        """The method in force for each channel; what is a mean over more than a step already is not averaged anew."""
         self.reach = step - step // 2 if "average" in self.methods else 0
         """How far beyond a grid point samples must be there to settle it, ns."""
         self.track = Track(len(stream.channels))

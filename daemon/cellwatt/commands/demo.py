@@ -96,6 +96,8 @@ def _show(summary: Mapping[str, Any]) -> None:
             console.print(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", style="bold")
         if summary["power"]:
             console.print(_power(summary["power"]))
+        if summary["meter"]:
+            console.print(summary["meter"])
     for name, reason in summary.get("left_out", {}).items():
         console.print(f"{name} is left out: {reason}", style="bold yellow")
     for problem in summary["problems"]:

@@ -12,9 +12,11 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from cellwatt.batch import Batch
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.config import load
 from cellwatt.runtime.examine import Examination, examine
+from cellwatt.runtime.examine_meters import examine_meters
 
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 
@@ -27,14 +29,20 @@ COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     """Connect to every device of FILE, read-only, and compare what comes with what is declared.
 
+    Where an arm moves for long enough (--seconds 30), it tells what the values of a slow power meter stand for.
+
     Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is wrong.
     """
     config = load(file)
 
+    read: dict[str, list[Batch]] = {name: [] for name in config.sources}
+
     async def all_sources() -> list[Examination]:
-        return await asyncio.gather(*(examine(s, seconds, patience) for s in config.sources.values()))
+        sources = config.sources.items()
+        return await asyncio.gather(*(examine(s, seconds, patience, read[name]) for name, s in sources))
 
     found = asyncio.run(all_sources())
+    examine_meters(config, found, read)
     if as_json:
         click.echo(json.dumps({e.name: asdict(e) for e in found}))
     else:

@@ -29,6 +29,7 @@ def summary(seen: Seen, hooked: float, exit_code: int | None, power: Mapping[str
         "tasks": seen.tasks,
         "fault": told,
         "power": power,
+        "meter": next((a["statement"] for a in reversed(seen.alarms) if a["kind"] == "meter_timing"), None),
         "alarms": [{k: a[k] for k in ("kind", "severity", "joint", "active", "statement")} for a in seen.alarms],
     }
 

@@ -169,7 +169,7 @@ def _batch_schema(stream: Stream, source: str) -> pa.Schema:
         "stream": stream.name,
         "rate": stream.rate,
         "clock": stream.clock,
-        "channels": [[c.name, c.unit, c.kind, c.align] for c in stream.channels],
+        "channels": [_told([c.name, c.unit, c.kind, c.align, c.window]) for c in stream.channels],
     }
     columns = [
         pa.field("time", pa.int64(), nullable=False),
@@ -181,13 +181,18 @@ def _batch_schema(stream: Stream, source: str) -> pa.Schema:
     return pa.schema(columns, metadata={_KEY: json.dumps(about, separators=(",", ":"), ensure_ascii=False)})
 
 
+def _told(about: list[Any]) -> list[Any]:
+    """What is said of a channel; its window, which comes last, only where there is one."""
+    return about if about[-1] else about[:-1]
+
+
 def _frames_schema(layout: Layout, _: str) -> pa.Schema:
     import pyarrow as pa
 
     about = {
         "format": FRAMES_FORMAT,
         "rate": layout.rate,
-        "channels": [[c.name, c.unit, c.kind, c.method] for c in layout.channels],
+        "channels": [_told([c.name, c.unit, c.kind, c.method, c.window]) for c in layout.channels],
     }
     width = len(layout.channels)
     columns = [

@@ -47,13 +47,12 @@ class Examination:
     channels: list[ChannelCheck] = field(default_factory=list)
 
 
-async def examine(config: SourceConfig, seconds: float, patience: float) -> Examination:
+async def examine(config: SourceConfig, seconds: float, patience: float, batches: list[Batch]) -> Examination:
     """Ask a device who it is, read it for ``seconds``, and judge. Opens it read-only.
 
-    ``patience`` s is how long it may take to answer.
+    ``patience`` s is how long it may take to answer. What was read is appended to ``batches``, which must be empty.
     """
     clock = CellClock()
-    batches: list[Batch] = []
     events: list[Event] = []
     driver_class = find_driver(config.driver)
 

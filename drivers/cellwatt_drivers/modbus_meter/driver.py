@@ -67,6 +67,8 @@ class ModbusMeterSettings(SourceSettings):
     """Channels to read; left out: all of the map. Fewer are faster."""
     rate: Hertz = 1.0
     """Polls a second."""
+    window: Seconds | None = Field(None, gt=0)
+    """What each power is a mean over, by the meter's data sheet; left out: what the map says of it."""
     timeout: Seconds = Field(1.0, gt=0)
     """Wait this long for an answer."""
     retries: int = Field(1, ge=0, le=10)
@@ -116,7 +118,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
         self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
         self._counters = {c: RisingCounter(self._map.wrap(n)) for c, n in enumerate(self._names) if values[c].counts}
-        channels = tuple(v.channel(n) for n, v in zip(self._names, values, strict=True))
+        window = settings.window or self._map.window
+        channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
         self._period = round(1e9 / settings.rate)
         self._deadline = 0

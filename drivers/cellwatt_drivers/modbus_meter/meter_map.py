@@ -84,10 +84,16 @@ class MeterValue(_Part):
         """Whether it is a counter."""
         return self.unit in {"J", "Wh", "kWh", "MWh"} if self.counter is None else self.counter
 
-    def channel(self, name: str) -> Channel:
-        """The channel it feeds; what is an energy but no counter is held, not interpolated."""
+    def channel(self, name: str, window: float = 0.0) -> Channel:
+        """The channel it feeds; what is an energy but no counter is held, not interpolated.
+
+        Powers are means over ``window`` s.
+        """
         unit = _SI[self.unit][0]
-        return Channel(name, unit, "counter" if self.counts else "continuous", "hold" if unit == "J" else None)
+        averaged = window if unit in {"W", "VA", "var"} else 0.0
+        return Channel(
+            name, unit, "counter" if self.counts else "continuous", "hold" if unit == "J" else None, averaged
+        )
 
 
 class MeterMap(_Part):
@@ -109,6 +115,8 @@ class MeterMap(_Part):
     """Registers that it gives in one answer."""
     gap: int = Field(0, ge=0, le=LONGEST)
     """Registers between two values that may be read with them, to save a request."""
+    window: float = Field(0.0, ge=0)
+    """What each power is a mean over, s; 0: not known."""
     values: dict[ChannelName, MeterValue] = Field(min_length=1)
     """By channel."""
 

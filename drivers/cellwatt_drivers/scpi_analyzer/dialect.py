@@ -37,7 +37,8 @@ class Dialect:
     with ``{number}`` is sent once for each ``{item}``. ``selected`` asks for that list, or where it has ``{number}``
     for one item, and ``count`` for how many there are. Where ``selected`` is empty, ``read`` itself holds
     ``{functions}``. ``integrate`` starts the integrator. ``errors`` takes one entry off the error queue, between
-    the lines ``before_errors`` and ``after_errors``.
+    the lines ``before_errors`` and ``after_errors``. ``window`` s is what each value is a mean over, 0 where that is
+    set at the analyzer.
     """
 
     maker: str
@@ -57,6 +58,7 @@ class Dialect:
     separator: str = ","
     item: str = "{function}"
     elements: tuple[Element, ...] = ("1",)
+    window: float = 0.0
 
     def short(self, name: str) -> str:
         """The analyzer's short spelling of a function in any spelling; unknown ones in upper case."""
@@ -110,6 +112,7 @@ HMC8015 = Dialect(
     selected="CHAN1:MEAS:FUNC?",
     read="CHAN1:MEAS:DATA?",
     integrate=("INT:MODE MAN", "INT:STAT ON", "INT:STAR"),
+    window=0.1,
 )
 """Firmware 1.403 and newer; from the vendor's own examples and a public C++ driver."""
 

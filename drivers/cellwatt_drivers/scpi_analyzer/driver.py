@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from contextlib import AbstractAsyncContextManager, suppress
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -48,6 +49,8 @@ class ScpiAnalyzerSettings(SourceSettings):
     """What to read; WH counts only while the integrator runs (not on an LMG600)."""
     rate: Hertz = 10.0
     """Polls a second; the HMC8015 makes 10 readings a second, the others as many as they are set to."""
+    window: Seconds | None = Field(None, gt=0)
+    """What each value is a mean over, as set at the analyzer; left out: 0.1 s for an HMC8015, else not known."""
     timeout: Seconds = Field(1.0, gt=0)
     """Wait this long for an answer, then open the connection anew."""
     select: bool = True
@@ -104,7 +107,9 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         self._items = self._dialect.items(settings.functions, settings.element)
         functions = [self._dialect.functions[f] for f in settings.functions]
         self._scale = np.array([f.scale for f in functions])
-        self._stream = Stream("measured", tuple(f.channel for f in functions), settings.rate, "host")
+        window = settings.window or self._dialect.window
+        channels = (replace(f.channel, window=0.0 if f.channel.kind == "counter" else window) for f in functions)
+        self._stream = Stream("measured", tuple(channels), settings.rate, "host")
         self._period = round(1e9 / settings.rate)
         self._deadline = 0
         self._idle = 0

@@ -25,11 +25,15 @@ class _Span(NamedTuple):
 
 @dataclass
 class CycleAlarms:
-    """The alarms of one arm; ``prefix`` starts their ids, ``clear_after`` cycles without the fault clear one."""
+    """The alarms of one arm; ``prefix`` starts their ids, ``clear_after`` cycles without the fault clear one.
+
+    ``behind`` s is how much later a slow power meter lets faults be told; each alarm says so.
+    """
 
     prefix: str
     source: str
     clear_after: int
+    behind: float = 0.0
     _up: dict[tuple[int, str], Alarm] = field(default_factory=dict)
     _clean: dict[tuple[int, str], int] = field(default_factory=dict)
     _early: set[tuple[int, str]] = field(default_factory=set)
@@ -109,7 +113,7 @@ class CycleAlarms:
             active=True,
             since=span.start,
             time=span.end,
-            statement=fault.statement,
+            statement=fault.statement + self._delay,
             source=self.source,
             joint=fault.joint,
             alternatives=fault.alternatives,
@@ -120,8 +124,13 @@ class CycleAlarms:
                 "power_residual_W": fault.size_watt,
                 "confidence": fault.confidence,
             }
-            | ({} if fault.or_kind is None else {"or_kind": fault.or_kind}),
+            | ({} if fault.or_kind is None else {"or_kind": fault.or_kind})
+            | ({"power_behind_s": round(self.behind, 3)} if self.behind else {}),
         )
+
+    @property
+    def _delay(self) -> str:
+        return f" The power meter is behind: this is told {self.behind:.2f} s later." if self.behind else ""
 
 
 def _by_key(cycle: CycleFinding) -> dict[tuple[int, str], FaultFinding]:

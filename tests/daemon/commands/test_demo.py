@@ -30,6 +30,7 @@ FAULT = {
         "rms_after_the_spring_w": 55,
         "course": {"measured_w": [100.0, 200.0], "predicted_w": [110.0, 190.0]},
     },
+    "meter": "mains.supply.power shows means over 100 ± 5 ms, 30 ± 2 ms late.",
 }
 BAD = GOOD | {"ok": False, "problems": ["arm lost 3 samples"], "left_out": {"franka": "pylibfranka is not installed"}}
 
@@ -55,6 +56,7 @@ def test_a_good_run(call: Call, folders: dict[str, Any]) -> None:
     assert "nothing was lost, and the alarm named the right joint in time" in ended.out
     assert "alarm 1.5 s after the spring: Joint 3 needs more torque than it did." in ended.out
     assert "measured − predicted: 12 W" in ended.out
+    assert "means over 100 ± 5 ms" in ended.out
     assert "499.98 Hz" in ended.out
     assert "on change" in ended.out
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from cellwatt import Batch, Channel, Frames, ProtocolError, Stream
+from cellwatt import Batch, Channel, Frames, Layout, ProtocolError, Stream
 from cellwatt.publish.blocks import concatenate, cut, follows, join
 from cellwatt.publish.encode import decode, encode_batch, encode_frames, named
 from cellwatt.publish.mark import Mark
@@ -39,7 +39,8 @@ def assert_same(found: Batch | Frames, expected: Batch | Frames) -> None:
 def batches(draw: st.DrawFn) -> Batch:
     n, width = draw(st.integers(0, 20)), draw(st.integers(1, 70))
     names = st.text(min_size=1, max_size=8)
-    channels = tuple(Channel(draw(names), "W", draw(st.sampled_from(["continuous", "counter"]))) for _ in range(width))
+    kinds, windows = st.sampled_from(["continuous", "counter"]), st.sampled_from([0.0, 0.1])
+    channels = tuple(Channel(draw(names), "W", draw(kinds), window=draw(windows)) for _ in range(width))
     stream = Stream(draw(names), channels, draw(st.floats(0, 1e4)), draw(st.sampled_from(["device", "host"])))
     numbers = hnp.arrays(np.int64, n, elements=INT64)
     return Batch(
@@ -66,6 +67,8 @@ def test_batch_survives_the_wire(made: Batch) -> None:
 
 def test_frames_survive_the_wire() -> None:
     made = frames(40, 7)
+    slow = replace(made.layout.channels[0], method="hold", window=0.1)
+    made = replace(made, layout=Layout((slow, *made.layout.channels[1:]), made.layout.rate))
     assert_same(decode(encode_frames(made), mark_of(made)), made)
 
 

@@ -71,6 +71,9 @@ def test_an_own_map(tmp_path):
     assert made.values["supply.power_factor"].unit == "1"
     assert made.wrap("supply.energy") == pytest.approx(2**32 * 10 * 3600.0)
     assert made.values["supply.energy"].channel("supply.energy").kind == "counter"
+    assert made.window == 0.0
+    file.write_text("window: 0.5\n" + GOOD)
+    assert load_map(file).window == 0.5
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,13 @@ def test_the_stream_follows_the_map():
     assert units["supply.energy_imported"] == ("J", "counter", "hold")
 
 
+def test_powers_are_declared_as_means_where_somebody_says_so():
+    (plain,), (told,) = make().streams, make(window="200 ms").streams
+    assert {c.window for c in plain.channels} == {0.0}
+    assert {c.unit for c in told.channels if c.window} == {"W", "VA", "var"}
+    assert {c.window for c in told.channels if c.window} == {0.2}
+
+
 def test_only_what_is_wanted_is_read_in_the_order_of_the_settings():
     (stream,) = make(read=["supply.power", "phase_1.voltage"], rate="10 Hz").streams
     assert stream.names == ("supply.power", "phase_1.voltage")

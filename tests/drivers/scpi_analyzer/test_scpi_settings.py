@@ -41,3 +41,13 @@ def test_the_stream_follows_the_functions():
 def test_wrong_settings_say_what_is_wrong(found, why):
     with pytest.raises(ValidationError, match=why):
         ScpiAnalyzerSettings.model_validate(found)
+
+
+@pytest.mark.parametrize(
+    ("found", "window"),
+    [({}, 0.1), ({"window": "250 ms"}, 0.25), ({"model": "wt300"}, 0.0), ({"model": "wt300", "window": "1 s"}, 1.0)],
+)
+def test_values_are_declared_as_means_as_far_as_that_is_known(found, window):
+    settings = ScpiAnalyzerSettings.model_validate({"host": "192.0.2.1", "functions": ["P", "WH"], **found})
+    (stream,) = ScpiAnalyzerDriver("supply", settings, Outlet()).streams
+    assert [c.window for c in stream.channels] == [window, 0.0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
@@ -90,7 +90,7 @@ def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], robot: RobotDe
 def _stored_meter(meter: Meter | None) -> StoredMeter | None:
     if meter is None:
         return None
-    return StoredMeter(**{name: round(value, 6) for name, value in asdict(meter).items()})
+    return StoredMeter(**{field.name: round(getattr(meter, field.name), 6) for field in fields(StoredMeter)})
 
 
 def _stored_cycle(pattern: Pattern) -> StoredCycle:

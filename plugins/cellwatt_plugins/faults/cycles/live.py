@@ -54,10 +54,15 @@ class CycleWatch:
         self._known, self._step = known, step
         longest = max(float(pattern.time[-1]) for pattern in known.patterns)
         self._keep = PATIENCE * longest
-        self._looked, self._moved, self._fresh_move = -np.inf, False, False
+        self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
         self._time: Float = np.empty(0)
         self._power: Float = np.empty(0)
         self._position: Float = np.empty((0, len(known.patterns[0].repeat)))
+
+    @property
+    def behind(self) -> float:
+        """s that cycles are told later because of a slow meter: its last value of a cycle comes so late."""
+        return 0.0 if self._known.meter is None else self._known.meter.delay
 
     def feed(self, time: Float, position: Float, power: Float) -> list[Told]:
         """What n more frames make known: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
@@ -92,14 +97,19 @@ class CycleWatch:
         return ended
 
     def _worth_a_look(self, fresh: int) -> bool:
-        """Whether the arm has come to rest since the last look; ``fresh`` frames are new."""
+        """Whether the arm has come to rest since the last look, or power has caught up with its rest; ``fresh`` frames
+        are new.
+        """
         rest = self._position[-max(2, round(REST / self._step)) :]
         newest = self._position[-max(fresh, len(rest)) :]
         self._moved = self._moved or bool(np.any(np.ptp(newest, axis=0) > STILL))
         still = bool(np.all(np.ptp(rest, axis=0) <= STILL))
-        if not (self._moved and still) and self._time[-1] - self._looked < LATEST:
+        now = float(self._time[-1])
+        rested = self._moved and still
+        if not rested and now < min(self._due, self._looked + LATEST):
             return False
-        self._moved, self._looked = not still, float(self._time[-1])
+        self._due = now + self.behind if rested and self.behind else np.inf
+        self._moved, self._looked = not still, now
         return True
 
     def _glance(self) -> list[Told]:
@@ -115,7 +125,7 @@ class CycleWatch:
 
     def _forget(self) -> None:
         self._drop(len(self._time))
-        self._looked, self._moved, self._fresh_move = -np.inf, False, False
+        self._looked, self._moved, self._fresh_move, self._due = -np.inf, False, False, np.inf
 
     def _look(self, *, ended: bool) -> list[Told]:
         """Cycles that are over, with what came before them; their frames are dropped."""
@@ -145,7 +155,7 @@ class CycleWatch:
         pattern = self._known.patterns[match.pattern]
         if len(pattern.moves) - 1 in match.unseen:
             return match.last + 1 < len(runs)
-        return float(self._time[-1]) > float(match.warp.t[-1]) + SETTLED
+        return float(self._time[-1]) > float(match.warp.t[-1]) + SETTLED + self.behind
 
     @property
     def _margin(self) -> int:

@@ -34,7 +34,7 @@ class CycleStage:
             raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
         known = restored(reference.power_model, reference.cycles, load_robot(robot))
         self._watch = CycleWatch(replace(known, false_alarms=false_alarms), step * 1e-9)
-        self._alarms = alarms
+        self._alarms = replace(alarms, behind=self._watch.behind)
         self._count = 0
         self._epoch: int | None = None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final
 
@@ -101,13 +101,18 @@ class _Shown:
 
 
 def find(
-    readings: Sequence[Readings], courses: Sequence[Course], latest: float = LATEST, earliest: float = 0.0
+    readings: Sequence[Readings],
+    courses: Sequence[Course],
+    latest: float = LATEST,
+    earliest: float = 0.0,
+    usual: float | None = None,
 ) -> Meter | None:
     """The meter of all segments; None where they are too few, or do not follow the motion.
 
     Its values are taken as means of a sum of the kinds, each with a weight of its own, and a level: window and delay
     are where least is left, first on a grid between ``earliest`` and ``latest``, then by Gauss-Newton. Their standard
-    deviations take what is left within ``LIKE`` s as one draw.
+    deviations take what is left within ``LIKE`` s as one draw. ``usual`` s is the window that its maker tells; left
+    out: as long as from one value to the next.
     """
     shown, sums = _Shown.of(readings), _Sums.of(courses)
     if len(shown.time) < FEWEST * (sums.sums.shape[1] + 3):
@@ -122,7 +127,8 @@ def find(
     unexplained = _left(shown, sums, kept, window, float(late)) / free / float(np.var(value))
     if not unexplained < 1 - ALIKE:
         return None
-    return _refined(shown, _Halves.of(courses), window, float(late), unexplained)
+    usual = usual or shown.interval
+    return _refined(shown, _Halves.of(courses), window, float(late), usual, unexplained)
 
 
 @dataclass(frozen=True)
@@ -163,7 +169,7 @@ def _solved(instruments: Float, design: Float, value: Float) -> Float:
     return np.asarray(np.linalg.lstsq(gram, instruments.T @ value, rcond=RIDGE)[0])
 
 
-def _refined(shown: _Shown, halves: _Halves, window: float, late: float, unexplained: float) -> Meter:
+def _refined(shown: _Shown, halves: _Halves, window: float, late: float, usual: float, unexplained: float) -> Meter:
     """Gauss-Newton on the middle and the width of the window, and all weights."""
     sides = (halves.even, halves.odd)
     step, ago = halves.even.step, late + window / 2
@@ -185,7 +191,8 @@ def _refined(shown: _Shown, halves: _Halves, window: float, late: float, unexpla
     left = (value - slopes @ change).reshape(2, -1).mean(axis=0)
     pulls = instruments.reshape(2, len(left), -1).mean(axis=0)
     covariance = _covariance(pulls, instruments.T @ slopes / 2, left, shown.segment[kept], shown.time[kept])
-    return _believed(window, ago, covariance, shown.interval, OWN**2 + unexplained * LASTS**2)
+    believed = _believed(window, ago, covariance, usual, OWN**2 + unexplained * LASTS**2)
+    return replace(believed, interval=shown.interval, unexplained=unexplained)
 
 
 def _slopes(shown: _Shown, sums: _Sums, kept: NDArray[np.bool_], window: float, ago: float, weights: Float) -> Float:
@@ -214,12 +221,12 @@ def _covariance(pulls: Float, gram: Float, left: Float, segment: NDArray[np.intp
     return np.asarray(together if np.trace(together) > np.trace(alone) else alone)
 
 
-def _believed(window: float, ago: float, covariance: Float, interval: float, own: float) -> Meter:
-    """With what is usual: a meter averages over the whole interval. It is not believed where the data are against it.
+def _believed(window: float, ago: float, covariance: Float, told: float, own: float) -> Meter:
+    """With the window that is told, or usual. It is not believed where the data are against it.
 
     In squares: what smooths the power beside the meter adds to the window's square, up to ``own`` s² (one sigma).
     """
-    square, usual = window**2, interval**2
+    square, usual = window**2, told**2
     to_square = np.array([[2 * window, 0.0], [0.0, 1.0]])
     known = to_square @ covariance @ to_square + np.array([[own**2, 0.0], [0.0, 0.0]])
     spread = (2 * USUAL * usual) ** 2 + known[0, 0]
@@ -231,4 +238,4 @@ def _believed(window: float, ago: float, covariance: Float, interval: float, own
     by_square = np.array([1 / (2 * window), 0.0])
     by_late = np.array([-1 / (4 * window), 1.0])
     spreads = [float(np.sqrt(by @ known @ by)) for by in (by_square, by_late)]
-    return Meter(window, ago - window / 2, interval, min(spreads[0], window), spreads[1])
+    return Meter(window, ago - window / 2, told, min(spreads[0], window), spreads[1])

@@ -75,6 +75,13 @@ class Meter:
     """s from one value to the next."""
     window_spread: float = 0.0
     late_spread: float = 0.0
+    unexplained: float = 0.0
+    """Share of the values' variance that the motion leaves."""
+
+    @property
+    def delay(self) -> float:
+        """s from the beginning of what a value stands for until it is there: nothing is known of it earlier."""
+        return self.window + self.late
 
     def windows(self, readings: Readings) -> Windows:
         """What each of them stands for."""

@@ -53,6 +53,16 @@ def test_an_early_fault_that_may_be_one_already_told_raises_nothing(book):
     assert told(book.take_early(cycle(fault(3, 0.7, (4,)), end=3.0), EPOCH)) == [(3, True, "warning")]
 
 
+def test_an_alarm_says_how_late_it_is_because_of_a_slow_meter(book):
+    late = replace(book, behind=0.25)
+    (alarm,) = late.take(cycle(fault(2)), 1, EPOCH)
+    assert alarm.evidence["power_behind_s"] == 0.25
+    assert alarm.statement == "Joint 2 turns harder. The power meter is behind: this is told 0.25 s later."
+    (alarm,) = book.take(cycle(fault(2)), 1, EPOCH)
+    assert "power_behind_s" not in alarm.evidence
+    assert alarm.statement == "Joint 2 turns harder."
+
+
 def test_a_kind_that_cannot_be_told_is_in_the_evidence(book):
     (alarm,) = book.take(cycle(replace(fault(2), or_kind="encoder")), 1, EPOCH)
     assert alarm.evidence["or_kind"] == "encoder"

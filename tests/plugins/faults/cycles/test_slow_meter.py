@@ -74,6 +74,17 @@ def test_live_as_in_a_recording(known, recording):
     assert named(each.finding for each in told if each.over) == NAMED
 
 
+def test_a_cycle_is_told_once_its_last_values_are_there(known, recording):
+    watch = CycleWatch(known, recording.step)
+    for first in range(0, len(recording.time), 5):
+        part = slice(first, first + 5)
+        for each in watch.feed(recording.time[part], recording.position[part], recording.power[part]):
+            if each.over:
+                waited = recording.time[part][-1] - each.finding.end
+                assert waited > WINDOW + LATE
+    assert watch.behind == pytest.approx(WINDOW + LATE, abs=0.02)
+
+
 def test_power_that_does_not_follow_the_motion_is_refused(robot):
     measured = run(HEALTHY, seed=1)
     measured.power = np.random.default_rng(3).normal(100, 20, len(measured.time))

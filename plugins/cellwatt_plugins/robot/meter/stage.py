@@ -1,0 +1,252 @@
+"""The live side of slow meters: what their values stand for, found from the frames, held against what is declared."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from cellwatt.channel import Quality
+from cellwatt.errors import ConfigError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.quantity import Seconds
+from cellwatt.results import Alarm, Result
+from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt_plugins.robot.meter.find import find
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power, smooth_motion
+from cellwatt_plugins.robot.meter.model import Meter, Readings
+
+Float = NDArray[np.float64]
+
+POWER: Final = "supply.power"
+"""What drivers call the power of a supply."""
+MEMORY: Final = 120.0
+"""s of frames that a meter is found in."""
+SHORTEST: Final = 2.0
+"""s of motion without a hole that are looked at."""
+EFFORTS: Final = ("torque", "current")
+"""What joints give beside positions, the better first: either tells more of the power than motion alone."""
+DOUBT: Final = 3.0
+"""Standard deviations by which a window differs from the declared one …"""
+SHARE: Final = 0.2
+"""… and share of the declared one, at least."""
+NEWS: Final = 0.01
+"""s by which window or delay have changed, at least, where they are told anew."""
+
+
+class MeterSettings(StageSettings):
+    """Finds what the values of slow power meters stand for: means over which time, and how late they come."""
+
+    power: str | None = None
+    """Channel of the power; left out: ``supply.power`` of every source that is slower than the frames."""
+    arm: str | None = None
+    """Source with the joints that the meter supplies; left out: the one whose motion explains most."""
+    every: Seconds = Field(default=60.0, gt=0)
+    """How often the meter is looked at."""
+
+
+@dataclass(frozen=True)
+class _Arm:
+    source: str
+    positions: tuple[int, ...]
+    efforts: tuple[int, ...]
+    """Columns of the frames; efforts may be none."""
+
+
+@dataclass
+class _Seen:
+    """Frames of the last minutes: times (n,) ns, all values, and the stamps of the meters' columns."""
+
+    blocks: deque[tuple[NDArray[np.int64], Float, NDArray[np.int64], NDArray[np.bool_]]] = field(default_factory=deque)
+
+    def add(self, frames: Frames, meters: Sequence[int]) -> None:
+        stamps = np.column_stack([frames.stamps(column) for column in meters])
+        there = frames.quality[:, list(meters)] != Quality.MISSING
+        self.blocks.append((frames.time, frames.values, stamps, there))
+        while self.blocks[-1][0][-1] - self.blocks[0][0][0] > MEMORY * 1e9:
+            self.blocks.popleft()
+
+    def together(self) -> tuple[NDArray[np.int64], Float, NDArray[np.int64], NDArray[np.bool_]]:
+        """All of them, behind each other."""
+        time, values, stamps, there = (np.concatenate(part) for part in zip(*self.blocks, strict=True))
+        return time, values, stamps, there
+
+
+class MeterStage(Stage[MeterSettings]):
+    """Gives alarms ``meter_timing``, one a meter: for information, a warning where it is not as declared."""
+
+    Settings = MeterSettings
+    title = "what the values of a slow power meter stand for: means over which time, how late"
+
+    def __init__(self, name: str, settings: MeterSettings, layout: Layout, cell: CellInfo) -> None:
+        super().__init__(name, settings, layout, cell)
+        self._meters = _meters(layout, settings.power)
+        self._arms = _arms(layout, settings.arm)
+        self._seen = _Seen()
+        self._looked: int | None = None
+        self._told: dict[int, tuple[Meter, Alarm]] = {}
+
+    def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        """What has become known of the meters, or has changed."""
+        if not len(frames):
+            return ()
+        self._seen.add(frames, self._meters)
+        now = int(frames.time[-1])
+        if self._looked is None:
+            self._looked = now
+        if now - self._looked < self.settings.every * 1e9:
+            return ()
+        self._looked = now
+        return self._look()
+
+    def close(self) -> Sequence[Result]:
+        """What all frames since the last look tell."""
+        return self._look() if self._seen.blocks else ()
+
+    def _look(self) -> list[Result]:
+        time, values, stamps, there = self._seen.together()
+        found: list[Result] = []
+        for k, column in enumerate(self._meters):
+            channel = self.layout.channels[column]
+            shown = _Shown(stamps[there[:, k], k], values[there[:, k], column])
+            fits = [(meter, arm) for arm in self._arms if (meter := self._found(time, values, shown, channel, arm))]
+            if not fits:
+                continue
+            meter, arm = min(fits, key=lambda fit: fit[0].unexplained)
+            before = self._told.get(column)
+            if before is None or _differs(before[0], meter):
+                since = int(time[0]) if before is None else before[1].since
+                alarm = _alarm(self.name, channel, meter, arm, since, int(time[-1]))
+                self._told[column] = meter, alarm
+                found.append(alarm)
+        return found
+
+    def _found(
+        self, time: NDArray[np.int64], values: Float, shown: _Shown, channel: FrameChannel, arm: _Arm
+    ) -> Meter | None:
+        """The meter, as far as the motion of one arm tells."""
+        positions = values[:, arm.positions]
+        segments = [
+            s
+            for s in _whole(time, positions, self.layout.step)
+            if (s.stop - s.start) * self.layout.step >= SHORTEST * 1e9
+        ]
+        origin, readings, courses = int(time[0]), [], []
+        for s in segments:
+            inside = shown.between(int(time[s.start]), int(time[s.stop - 1]))
+            if inside is not None:
+                readings.append(inside.readings(origin))
+                courses.append(_course(time[s] - origin, positions[s], values[s][:, arm.efforts]))
+        return find(readings, courses, usual=channel.window or None) if readings else None
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """Values in rows (n,), and when each came, ns: a held value has the stamp of the row before."""
+
+    stamp: NDArray[np.int64]
+    value: Float
+
+    def between(self, start: int, end: int) -> _Shown | None:
+        """Those that came within a time; None where they are too few to have an interval."""
+        inside = np.flatnonzero((self.stamp >= start) & (self.stamp <= end))
+        new = inside[np.unique(self.stamp[inside], return_index=True)[1]]
+        # A meter asked again before it has a new value tells the last one once more.
+        fresh = new[np.flatnonzero(np.diff(self.value[new], prepend=np.nan) != 0)]
+        return _Shown(self.stamp[fresh], self.value[fresh]) if len(fresh) > 1 else None
+
+    def readings(self, origin: int) -> Readings:
+        """Each once, on a clock that begins at ``origin`` ns."""
+        came = np.asarray((self.stamp - origin) * 1e-9, np.float64)
+        return Readings(came, self.value, float(np.median(np.diff(came))))
+
+
+def _meters(layout: Layout, power: str | None) -> tuple[int, ...]:
+    """Columns of slow meters. Raises ``ConfigError`` where there are none."""
+    if power is not None:
+        column = layout.index(power)
+        if layout.channels[column].method != "hold":
+            raise ConfigError(f"{layout.names[column]} is as fast as the frames: there is nothing to find")
+        return (column,)
+    columns = tuple(i for i, c in enumerate(layout.channels) if c.short == POWER and c.method == "hold")
+    if not columns:
+        raise ConfigError(f"no source gives a {POWER} that is slower than the frames")
+    return columns
+
+
+def _arms(layout: Layout, arm: str | None) -> list[_Arm]:
+    """The arms that may be meant. Raises ``ConfigError`` where there are none."""
+    sources = sorted({c.source for c in layout.channels if c.short == "joint_1.position"}) if arm is None else [arm]
+    if not sources:
+        raise ConfigError("no source gives joint_1.position: without a motion nothing tells what a meter's values are")
+    found = []
+    for source in sources:
+        positions = layout.joints("position", source)
+        has = [e for e in EFFORTS if f"{source}.joint_1.{e}" in layout.names]
+        efforts = layout.joints(has[0], source) if has else ()
+        found.append(_Arm(source, positions, efforts if len(efforts) == len(positions) else ()))
+    return found
+
+
+def _whole(time: NDArray[np.int64], positions: Float, step: int) -> list[slice]:
+    """Stretches of neighbouring frames in which no position is missing."""
+    there = np.flatnonzero(~np.isnan(positions).any(axis=1))
+    if not len(there):
+        return []
+    cuts = np.flatnonzero((np.diff(there) > 1) | (np.diff(time[there]) != step)) + 1
+    return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(there, cuts)]
+
+
+def _course(time: NDArray[np.int64], positions: Float, efforts: Float) -> Course:
+    """Kinds of power along a stretch."""
+    t = np.asarray(time * 1e-9, np.float64)
+    step = float(t[1] - t[0])
+    if not efforts.shape[1] or np.isnan(efforts).any():
+        return Course(t, kinds_of_motion(positions, step))
+    _, qd, qdd = smooth_motion(positions, step)
+    return Course(t, np.column_stack([kinds_of_power(efforts, qd), qd * qdd, qd**2]))
+
+
+def _differs(before: Meter, now: Meter) -> bool:
+    """Whether a meter is no longer the one that was told."""
+    pairs = (
+        (before.window, now.window, np.hypot(before.window_spread, now.window_spread)),
+        (before.late, now.late, np.hypot(before.late_spread, now.late_spread)),
+    )
+    return any(abs(old - new) > max(NEWS, DOUBT * float(spread)) for old, new, spread in pairs)
+
+
+def _alarm(stage: str, channel: FrameChannel, meter: Meter, arm: _Arm, since: int, time: int) -> Alarm:
+    """What is told of a meter."""
+    declared = channel.window
+    off = declared and abs(meter.window - declared) > max(DOUBT * meter.window_spread, SHARE * declared)
+    told = f"{channel.name} shows {meter.told}, a value every {1e3 * meter.interval:.0f} ms (from the motion of "
+    told += f"{arm.source})"
+    if off:
+        told += f"; means over {1e3 * declared:.0f} ms are declared: check how the meter is set, or its window here"
+    return Alarm(
+        id=f"{stage}.{channel.name}.meter_timing",
+        kind="meter_timing",
+        severity="warning" if off else "info",
+        active=True,
+        since=since,
+        time=time,
+        statement=f"{told}.",
+        source=channel.source,
+        evidence={
+            "channel": channel.name,
+            "arm": arm.source,
+            "window_s": round(meter.window, 4),
+            "window_spread_s": round(meter.window_spread, 4),
+            "late_s": round(meter.late, 4),
+            "late_spread_s": round(meter.late_spread, 4),
+            "interval_s": round(meter.interval, 4),
+            "declared_window_s": declared or None,
+            "unexplained_share": round(meter.unexplained, 3),
+        },
+    )

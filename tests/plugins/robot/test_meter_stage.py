@@ -1,0 +1,117 @@
+"""A slow meter in the frames of a cell: what it is, told as it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt import Alarm, ConfigError, FrameChannel, Frames, Layout
+from cellwatt.channel import Quality
+from cellwatt.stage import CellInfo
+from cellwatt_plugins.robot.meter.stage import MeterSettings, MeterStage
+from tests.plugins.robot.slow_meter import measured
+from tests.plugins.robot.test_meter import Arm
+
+RATE = 50.0
+STEP = 20_000_000
+EPOCH = 1_700_000_000_000_000_000
+WINDOW, LATE = 0.2, 0.15
+CELL = CellInfo("plant", "weld", None, Path())
+
+
+def layout(declared: float = 0.0, method: str = "hold", arms: tuple[str, ...] = ("arm",)) -> Layout:
+    joints = [
+        FrameChannel(f"{arm}.joint_{j}.{what}", unit, "continuous", "linear")
+        for arm in arms
+        for what, unit in (("position", "rad"), ("torque", "Nm"))
+        for j in (1, 2)
+    ]
+    return Layout((*joints, FrameChannel("mains.supply.power", "W", "continuous", method, declared)), RATE)  # type: ignore[arg-type]
+
+
+def frames(of: Layout, arms: list[Arm], window: float = WINDOW) -> Frames:
+    """What the aligner gives of these arms and a meter on the first one: its values held, as old as the bound says."""
+    first = arms[0]
+    time = np.arange(0, first.time[-1], 1 / RATE)
+    columns = [
+        np.interp(time, arm.time, column)
+        for arm in arms
+        for table in (np.cumsum(arm.qd, axis=0) * (arm.time[1] - arm.time[0]), arm.measured)
+        for column in table.T
+    ]
+    ends = np.arange(0.37, first.time[-1], WINDOW)
+    means = measured(first.time, first.power, np.maximum(ends - window, 0.0), ends)
+    came = ends + LATE
+    last = np.searchsorted(came, time, side="right") - 1
+    there = last >= 0
+    bound = np.zeros((len(time), len(columns) + 1), np.int64)
+    bound[:, -1] = np.round((time - came[np.maximum(last, 0)]) * 1e9) + 700_000
+    quality = np.zeros(bound.shape, np.uint8)
+    quality[~there, -1] = Quality.MISSING
+    values = np.column_stack([*columns, np.where(there, means[np.maximum(last, 0)], np.nan)])
+    at = EPOCH + STEP * np.arange(len(time), dtype=np.int64)
+    return Frames(of, 0, at, values, quality, bound)
+
+
+def run(stage: MeterStage, all_of: Frames, block: int = 25) -> list[Alarm]:
+    told = []
+    for first in range(0, len(all_of), block):
+        rows = slice(first, first + block)
+        part = (getattr(all_of, name)[rows] for name in ("time", "values", "quality", "bound"))
+        told += stage.process(Frames(all_of.layout, first, *part), ())
+    told += stage.close()
+    assert all(isinstance(each, Alarm) for each in told)
+    return told
+
+
+def test_window_and_delay_are_told_while_the_arm_moves():
+    of = layout(declared=WINDOW)
+    stage = MeterStage("meter", MeterSettings.model_validate({"every": "20 s"}), of, CELL)
+    (alarm,) = run(stage, frames(of, [Arm(60.0, 3)]))
+    assert (alarm.kind, alarm.severity, alarm.source) == ("meter_timing", "info", "mains")
+    assert alarm.time < EPOCH + 21e9
+    assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
+    assert alarm.evidence["late_s"] == pytest.approx(LATE, abs=0.01)
+    assert alarm.evidence["interval_s"] == pytest.approx(WINDOW, abs=0.005)
+    assert "mains.supply.power shows means over" in alarm.statement
+
+
+def test_a_window_that_is_not_as_declared_is_a_warning():
+    of = layout(declared=0.05)
+    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [Arm(60.0, 3)]))
+    assert alarm.severity == "warning"
+    assert "means over 50 ms are declared" in alarm.statement
+
+
+def test_of_two_arms_the_one_is_found_that_the_meter_supplies():
+    of = layout(arms=("left", "right"))
+    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [Arm(60.0, 3), Arm(60.0, 4)]))
+    assert alarm.evidence["arm"] == "left"
+    assert alarm.evidence["late_s"] == pytest.approx(LATE, abs=0.01)
+
+
+def test_an_arm_at_rest_tells_nothing():
+    of = layout()
+    still = Arm(30.0, 3)
+    still.qd[:], still.measured[:] = 0.0, 5.0
+    still.power = 60 + np.random.default_rng(0).normal(0, 0.3, len(still.time))
+    assert run(MeterStage("meter", MeterSettings(), of, CELL), frames(of, [still])) == []
+
+
+def test_holes_in_the_positions_are_left_out():
+    of = layout()
+    some = frames(of, [Arm(60.0, 3)])
+    some.values[400:460, :2] = np.nan
+    (alarm,) = run(MeterStage("meter", MeterSettings(), of, CELL), some)
+    assert alarm.evidence["window_s"] == pytest.approx(WINDOW, abs=0.01)
+
+
+def test_a_cell_without_a_slow_meter_or_an_arm_is_told():
+    with pytest.raises(ConfigError, match="slower than the frames"):
+        MeterStage("meter", MeterSettings(), layout(method="average"), CELL)
+    with pytest.raises(ConfigError, match="nothing to find"):
+        MeterStage("meter", MeterSettings(power="supply.power"), layout(method="average"), CELL)
+    with pytest.raises(ConfigError, match=r"joint_1\.position"):
+        MeterStage("meter", MeterSettings(), layout(arms=()), CELL)
