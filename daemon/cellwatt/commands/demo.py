@@ -97,7 +97,7 @@ def _show(summary: Mapping[str, Any]) -> None:
         if summary["power"]:
             console.print(_power(summary["power"]))
         if summary["meter"]:
-            console.print(summary["meter"])
+            console.print(summary["meter"]["statement"])
     for name, reason in summary.get("left_out", {}).items():
         console.print(f"{name} is left out: {reason}", style="bold yellow")
     for problem in summary["problems"]:

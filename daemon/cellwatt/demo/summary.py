@@ -29,9 +29,15 @@ def summary(seen: Seen, hooked: float, exit_code: int | None, power: Mapping[str
         "tasks": seen.tasks,
         "fault": told,
         "power": power,
-        "meter": next((a["statement"] for a in reversed(seen.alarms) if a["kind"] == "meter_timing"), None),
+        "meter": _meter(seen),
         "alarms": [{k: a[k] for k in ("kind", "severity", "joint", "active", "statement")} for a in seen.alarms],
     }
+
+
+def _meter(seen: Seen) -> dict[str, Any] | None:
+    """What was told last of the analyzer, figures with it."""
+    told = [a for a in seen.alarms if a["kind"] == "meter_timing"]
+    return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
 
 
 def summary_of_every_driver(

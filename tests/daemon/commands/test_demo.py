@@ -30,7 +30,7 @@ FAULT = {
         "rms_after_the_spring_w": 55,
         "course": {"measured_w": [100.0, 200.0], "predicted_w": [110.0, 190.0]},
     },
-    "meter": "mains.supply.power shows means over 100 ± 5 ms, 30 ± 2 ms late.",
+    "meter": {"statement": "mains.supply.power shows means over 100 ± 5 ms, 30 ± 2 ms late."},
 }
 BAD = GOOD | {"ok": False, "problems": ["arm lost 3 samples"], "left_out": {"franka": "pylibfranka is not installed"}}
 
