@@ -45,12 +45,7 @@ async def serve(config: CellConfig) -> None:
     """Run a cell with signals and systemd connected."""
     cell = Cell(config)
     loop = asyncio.get_running_loop()
-    reloading: set[asyncio.Task[None]] = set()
-
-    def reload() -> None:
-        task = loop.create_task(_reload(cell, config.path))
-        reloading.add(task)
-        task.add_done_callback(reloading.discard)
+    reloads = _Reloads(cell, config.path)
 
     def stop() -> None:
         systemd.notify(STOPPING="1")
@@ -58,9 +53,12 @@ async def serve(config: CellConfig) -> None:
 
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop)
-    loop.add_signal_handler(signal.SIGHUP, reload)
+    loop.add_signal_handler(signal.SIGHUP, reloads.ask)
     cell.on_health = _tell_systemd
-    await cell.run(_ready)
+    try:
+        await cell.run(_ready)
+    finally:
+        await reloads.end()
 
 
 def _ready() -> None:
@@ -69,6 +67,35 @@ def _ready() -> None:
     gc.collect()
     gc.freeze()
     asyncio.get_running_loop().call_later(CONNECTED, gc.freeze)
+
+
+class _Reloads:
+    """Reads the settings again when asked: asked while that is under way, once more after it, so the last file wins."""
+
+    def __init__(self, cell: Cell, path: Path) -> None:
+        self._cell, self._path = cell, path
+        self._asked = False
+        self._task: asyncio.Task[None] | None = None
+
+    def ask(self) -> None:
+        """Reload now, or after the reload under way."""
+        self._asked = True
+        if self._task is None:
+            self._task = asyncio.get_running_loop().create_task(self._serve())
+
+    async def end(self) -> None:
+        """Give up the reload under way."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.wait([self._task])
+
+    async def _serve(self) -> None:
+        try:
+            while self._asked:
+                self._asked = False
+                await _reload(self._cell, self._path)
+        finally:
+            self._task = None
 
 
 async def _reload(cell: Cell, path: Path) -> None:
@@ -87,4 +114,5 @@ async def _reload(cell: Cell, path: Path) -> None:
 def _tell_systemd(status: Mapping[str, Any]) -> None:
     up = sum(s["state"] == "ok" for s in status["sources"].values())
     text = f"{status['state']}: {up} of {len(status['sources'])} sources up, {len(status['alarms'])} alarms"
-    systemd.notify(WATCHDOG="1", STATUS=text)
+    reason = " ".join(status["reasons"][0].split()) if status["reasons"] else ""
+    systemd.notify(WATCHDOG="1", STATUS=f"{text}; {reason}" if reason else text)

@@ -269,6 +269,8 @@ class Cell:
     def _look(self) -> None:
         self._status = self._measure()
         self._give_results(self._watch.look(self._status, self.clock.now()))
+        self._status["state"] = colour(self._status, self._watch.troubles)
+        self._status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
         self._status["alarms"] = [asdict(a) for a in self._active.values()]
         for sink in self._sinks.values():
             sink.health(self._status)
@@ -280,7 +282,7 @@ class Cell:
         sources = {name: source.status() for name, source in self._sources.items()}
         stages = {name: figures for worker in self._workers for name, figures in worker.status().items()}
         sinks = {name: sink.status() for name, sink in self._sinks.items()}
-        status: dict[str, Any] = {
+        return {
             "site": self.site,
             "cell": self.cell,
             "session": self.session,
@@ -294,8 +296,6 @@ class Cell:
             "sinks": sinks,
             "recorder": self._recorder.stats() if self._recorder is not None else None,
         }
-        status["state"] = colour(status)
-        return status
 
     # what sinks may ask (cellwatt.sink.CellView) -----------------------------------------------------
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from cellwatt.align import Aligner
 from cellwatt.channel import Stream
 from cellwatt.frames import Layout
+from cellwatt.runtime.watch import Trouble
 
 
 def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[str, Any]:
@@ -33,11 +34,10 @@ def alignment(aligner: Aligner) -> dict[str, dict[str, int]]:
     }
 
 
-def colour(status: Mapping[str, Any]) -> str:
-    """``green``: all is well; ``amber``: a part is not; ``red``: no source delivers, or nothing can be recorded."""
+def colour(status: Mapping[str, Any], troubles: Sequence[Trouble]) -> str:
+    """``green``: all is well; ``amber``: something is not; ``red``: no source delivers, or nothing can be recorded."""
     sources = [s["state"] for s in status["sources"].values()]
     recorder = status["recorder"]
     if (sources and all(s == "retrying" for s in sources)) or (recorder and recorder["state"] != "ok"):
         return "red"
-    parts = [s["state"] for part in ("stages", "sinks") for s in status[part].values()]
-    return "amber" if any(s != "ok" for s in (*sources, *parts)) else "green"
+    return "amber" if troubles or any(s != "ok" for s in sources) else "green"

@@ -1,15 +1,24 @@
-"""The daemon's own alarms: a source that is down, samples that do not add up, a part that broke."""
+"""What is wrong with the daemon, and its alarms: a source that is down or slow, samples that do not add up, …"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 from cellwatt.results import Alarm, Severity
 
 PATIENCE = 3
 """Looks in a row, about one a second, that must agree before an alarm is raised or cleared."""
+SPAN: Final = 10.0
+"""s over which it is looked at what a source gives and a stage takes."""
+FEWEST: Final = 10
+"""Samples due, from which a stream's rate is judged."""
+LEAST: Final = 0.9
+"""Share of the samples due that a stream must give."""
+UNSURE: Final = 0.05
+"""s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +32,13 @@ class Trouble:
     evidence: Mapping[str, Any]
 
 
-def troubles(status: Mapping[str, Any]) -> list[Trouble]:
-    """What is wrong, seen from the health figures alone."""
+def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
+    """What is wrong, seen from the health figures and those of ``seconds`` ago alone."""
     found: list[Trouble] = []
     for name, source in status["sources"].items():
+        if source["state"] == "ok" and name in before["sources"]:
+            found += _slow(name, source, before["sources"][name], seconds)
+            found += _unsure(name, source)
         if source["state"] == "retrying":
             text = f"Source {name} is down: {source['error']}"
             found.append(Trouble("source_down", "error", name, text, {"down_s": source["since_s"]}))
@@ -37,9 +49,10 @@ def troubles(status: Mapping[str, Any]) -> list[Trouble]:
     for name, stage in status["stages"].items():
         if stage["state"] != "ok":
             found.append(Trouble("stage_broken", "error", name, f"Stage {name} broke: {stage['error']}", {}))
-        if stage.get("dropped"):
-            text = f"Stage {name} is too slow: {stage['dropped']} frames were dropped in front of it."
-            found.append(Trouble("stage_slow", "warning", name, text, {"dropped_frames": stage["dropped"]}))
+        dropped = stage.get("dropped", 0) - before["stages"].get(name, {}).get("dropped", 0)
+        if dropped > 0:
+            text = f"Stage {name} is too slow: {dropped} frames were dropped in front of it in the last {SPAN:.0f} s."
+            found.append(Trouble("stage_slow", "warning", name, text, {"dropped_frames": dropped}))
     for name, sink in status["sinks"].items():
         if sink["state"] != "ok":
             found.append(Trouble("sink_down", "warning", name, f"Sink {name} is down: {sink['error']}", {}))
@@ -50,17 +63,60 @@ def troubles(status: Mapping[str, Any]) -> list[Trouble]:
     return found
 
 
+def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
+    """A stream that gave less than it declares, and what its source says of the rest."""
+    if source["since_s"] < seconds:
+        return []  # it has been up for less
+    least, text, rates = LEAST, "", {}
+    for stream, figures in source["streams"].items():
+        given = figures["samples"] - before["streams"].get(stream, figures)["samples"]
+        due = (figures["nominal_hz"] or 0.0) * seconds
+        if due < FEWEST or given < 0 or given / due >= least:
+            continue
+        least, rates = given / due, {"rate_hz": round(given / seconds, 2), "nominal_hz": figures["nominal_hz"]}
+        text = f"Source {name} gives {given / seconds:.3g} of {figures['nominal_hz']:g} samples a second ({stream})"
+    if not text:
+        return []
+    reasons = {
+        why: lost
+        for part in ("missed", "dropped")
+        for why, n in source[part].items()
+        if (lost := n - before[part].get(why, 0)) > 0
+    }
+    told = ", ".join(f"{n} by {why}" for why, n in reasons.items()) or "it sends no more"
+    return [Trouble("source_slow", "warning", name, f"{text}: {told}.", {**rates, "lost": reasons})]
+
+
+def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
+    """A device's clock that is not followed well enough for frames."""
+    if source["since_s"] < SPAN:
+        return []
+    worst = max((clock["bound_ns"] * 1e-9 for clock in source["clocks"].values()), default=0.0)
+    if worst <= UNSURE:
+        return []
+    text = f"Source {name}: samples may be off by up to {worst:.2g} s, as nothing comes in time to tell its clock."
+    return [Trouble("clock_unsure", "warning", name, text, {"bound_s": round(worst, 3)})]
+
+
 class Watch:
     """Turns what ``troubles`` finds, look by look, into alarms that are raised once and cleared once."""
 
     def __init__(self) -> None:
+        self.troubles: list[Trouble] = []
+        """What the last look found, alarm or not yet."""
+        self._past: deque[tuple[int, Mapping[str, Any]]] = deque()
         self._seen: dict[tuple[str, str], int] = {}
         self._clean: dict[tuple[str, str], int] = {}
         self._active: dict[tuple[str, str], Alarm] = {}
 
     def look(self, status: Mapping[str, Any], now: int) -> list[Alarm]:
         """Alarms raised or cleared by this look; ``now`` ns UTC."""
-        found = {(t.kind, t.part): t for t in troubles(status)}
+        self._past.append((now, status))
+        while len(self._past) > 2 and (now - self._past[1][0]) * 1e-9 >= SPAN:
+            self._past.popleft()
+        then, before = self._past[0]
+        self.troubles = troubles(status, before, (now - then) * 1e-9)
+        found = {(t.kind, t.part): t for t in self.troubles}
         self._seen = {key: self._seen.get(key, 0) + 1 for key in found}
         alarms = [
             self._raise(key, found[key], now)
@@ -77,7 +133,7 @@ class Watch:
 
     def _raise(self, key: tuple[str, str], trouble: Trouble, now: int) -> Alarm:
         kind, part = key
-        source = part if kind in {"source_down", "accounting"} else None
+        source = part if kind in {"source_down", "source_slow", "clock_unsure", "accounting"} else None
         alarm = Alarm(
             f"{kind}:{part}",
             kind,

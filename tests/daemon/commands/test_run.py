@@ -8,11 +8,13 @@ import os
 import signal
 import socket
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from cellwatt.commands import run
 from tests.daemon.commands.calling import CELL, Call, call, cell
 from tests.daemon.runtime.fakes import DEVICES, JUDGES, RECEIVERS, answer, give, until
 
@@ -90,6 +92,33 @@ def test_a_hangup_applies_what_changed(call: Call, cell: Path, systemd: socket.s
     assert len(DEVICES["arm"].runs) == 1
     assert RECEIVERS["zenoh"].values == [0, 1]
     assert [f for f in heard(systemd) if f != "WATCHDOG=1"] == ["READY=1", "RELOADING=1", "READY=1", "STOPPING=1"]
+
+
+def test_hangups_during_a_reload_are_one_more_and_the_last_file_wins(
+    call: Call, cell: Path, caplog, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level("INFO")
+    loads, go_on, load = [], threading.Event(), run.load
+
+    def slow_load(path: Path):
+        loads.append(path)
+        if len(loads) > 1:  # the first is that of the start
+            assert go_on.wait(60)
+        return load(path)
+
+    async def reading(_):
+        await until(lambda: len(loads) > 1)
+
+    async def let_go(_):
+        go_on.set()
+
+    monkeypatch.setattr(run, "load", slow_load)
+    more = write(cell, CELL + "  board: {driver: fake, host: board}\n")
+    DEVICES["arm"].tell(answer, send(signal.SIGHUP), reading, *[send(signal.SIGHUP)] * 100, more, let_go)
+    DEVICES["board"].tell(answer, give(2), logged(caplog, "reloaded: source board"), send(signal.SIGTERM))
+    assert call("run", cell).code == 0
+    assert len(loads) <= 3
+    assert RECEIVERS["zenoh"].values == [0, 1]
 
 
 @pytest.mark.parametrize(

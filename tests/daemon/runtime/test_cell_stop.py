@@ -56,8 +56,9 @@ async def test_everything_accepted_is_judged_published_and_recorded(tmp_path):
 
 def test_frames_that_waited_for_a_silent_source_are_given_at_the_end(at_once):
     def newest():
-        frames = RECEIVERS["bus"].of(Frames)
-        return max(np.nanmax(f.values[:, f.layout.index("arm.bus.voltage")]) for f in frames)
+        # A block may hold nothing of the arm: where it comes late, ticks give out frames without it.
+        columns = [f.values[:, f.layout.index("arm.bus.voltage")] for f in RECEIVERS["bus"].of(Frames)]
+        return np.nanmax(np.concatenate(columns))
 
     async def main():
         DEVICES["board"].tell(answer, give(1))

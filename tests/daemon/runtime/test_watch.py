@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from cellwatt.results import Alarm
 from cellwatt.runtime.watch import PATIENCE, Watch
 
 
@@ -17,8 +19,23 @@ def status(**source: Any) -> dict[str, Any]:
         "received": 10,
         "missed": {},
         "dropped": {},
+        "streams": {},
+        "clocks": {},
     }
     return {"sources": {"arm": healthy | source}, "stages": {}, "sinks": {}, "recorder": {"state": "ok"}}
+
+
+def looked_at(watch: Watch, seconds: int, source: Callable[[int], dict[str, Any]]) -> list[Alarm]:
+    """Looks once a second at a source that has been up for long, whose figures are those of each second."""
+    found = []
+    for second in range(seconds):
+        now = second * 10**9
+        found += watch.look(status(**({"since_s": 100.0 + second} | source(second))), now)
+    return found
+
+
+def stream(samples: float) -> dict[str, Any]:
+    return {"rtde": {"nominal_hz": 50.0, "samples": round(samples)}}
 
 
 DOWN = {"state": "retrying", "error": "nobody answers at 192.0.2.1:30004"}
@@ -58,3 +75,41 @@ def test_other_parts() -> None:
     }
     kinds = {a.kind for now in range(PATIENCE) for a in watch.look(sick, now)}
     assert kinds == {"stage_broken", "sink_down", "recorder"}
+
+
+def test_a_source_that_gives_less_than_it_declares_is_told_with_what_it_missed() -> None:
+    watch = Watch()
+    alarms = looked_at(watch, 20, lambda s: {"streams": stream(20 * s), "missed": {"slow answers": 30 * s}})
+    assert [(a.kind, a.source) for a in alarms] == [("source_slow", "arm")]
+    assert alarms[0].statement.startswith("Source arm gives 20 of 50 samples a second (rtde): ")
+    assert alarms[0].evidence["lost"].keys() == {"slow answers"}
+    assert [t.kind for t in watch.troubles] == ["source_slow"]
+
+
+def test_a_source_that_sends_no_more_is_told_though_its_connection_stands() -> None:
+    alarms = looked_at(Watch(), 20, lambda s: {"streams": stream(50 * min(s, 5))})
+    assert [a.kind for a in alarms] == ["source_slow"]
+    assert "it sends no more" in alarms[0].statement
+
+
+def test_a_source_as_declared_is_not_told_nor_one_that_has_just_come_up() -> None:
+    assert looked_at(Watch(), 20, lambda s: {"streams": stream(48 * s)}) == []
+    assert looked_at(Watch(), 6, lambda s: {"streams": stream(10 * s), "since_s": s - 1.0}) == []
+    assert looked_at(Watch(), 20, lambda s: {"streams": {"io": {"nominal_hz": 0.0, "samples": 0}}}) == []
+
+
+def test_a_clock_that_is_not_followed_is_told() -> None:
+    alarms = looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 5_000_000_000}}})
+    assert [a.kind for a in alarms] == ["clock_unsure"]
+    assert "off by up to 5 s" in alarms[0].statement
+    assert looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 900_000}}}) == []
+
+
+def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
+    watch = Watch()
+    alarms = []
+    for second in range(40):
+        now = second * 10**9
+        stages = {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}
+        alarms += watch.look(status() | {"stages": stages}, now)
+    assert [(a.kind, a.active) for a in alarms] == [("stage_slow", True), ("stage_slow", False)]
