@@ -36,6 +36,11 @@ class Account:
         if n:
             self.missed[reason] += n
 
+    def late(self, n: int, reason: str) -> None:
+        """n samples that were missed for ``reason`` came after all, and are received now."""
+        self.missed[reason] -= n
+        self.counters["late"] += n
+
     def drop(self, n: int, where: str) -> None:
         """n samples arrived and were given up at ``where`` (``checksum``, ``recorder queue`` …)."""
         if n:
@@ -55,7 +60,7 @@ class Account:
         return {
             "expected": self.expected,
             "received": self.received,
-            "missed": dict(self.missed),
+            "missed": {reason: n for reason, n in self.missed.items() if n},
             "dropped": dict(self.dropped),
             "residue": self.residue,
             "counters": dict(self.counters),

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from cellwatt.batch import Reading
-from cellwatt.channel import Stream
+from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
 from cellwatt.ticker import Beat, Ticker
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
-from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, open_link
+from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLate, open_link
 from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
 from cellwatt_drivers.yaskawa.polls import Poll
 from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, status_row
@@ -129,6 +129,8 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._idle = 0
         self._heard = 0
         self._failure: NoAnswerError | None = None
+        self._newest: dict[str, int] = {}
+        """Twice the middle of the newest answer given, ns, by stream."""
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -195,10 +197,19 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._idle = time.monotonic_ns()
 
     async def _serve(self, link: Link, poll: Poll, until: int) -> None:
+        missed = False
+
+        def late(exchange: Exchange) -> None:
+            nonlocal missed
+            if missed and self._is_newest(poll.stream, exchange):
+                missed = False
+                self._emit_late(link, poll, exchange)
+
         try:
-            exchange, values = await self._ask(link, poll.request, poll.values, until)
+            exchange, values = await self._ask(link, poll.request, poll.values, until, late)
         except NoAnswerError as failure:
             self._miss(failure)
+            missed = failure.reason == "timeout"
         else:
             self._emit(poll.stream, exchange, values)
 
@@ -226,9 +237,14 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         return float(alarm.code)
 
     async def _ask(
-        self, link: Link, request: wire.Request, decode: Callable[[bytes], T], until: int
+        self,
+        link: Link,
+        request: wire.Request,
+        decode: Callable[[bytes], T],
+        until: int,
+        late: TakeLate | None = None,
     ) -> tuple[Exchange, T]:
-        exchange = await link.ask(request, self.settings.retries, until)
+        exchange = await link.ask(request, self.settings.retries, until, late)
         try:
             found = decode(exchange.answer.data)
         except ProtocolError as error:
@@ -239,7 +255,27 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
     def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
         self.outlet.account.expect()
+        self._newest[stream.name] = exchange.asked + exchange.arrival
         self.outlet.emit(Reading(stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked))
+
+    def _is_newest(self, stream: Stream, exchange: Exchange) -> bool:
+        """Whether nothing newer has been given: what is older would turn the stream's time back."""
+        return exchange.asked + exchange.arrival > self._newest.get(stream.name, 0)
+
+    def _emit_late(self, link: Link, poll: Poll, exchange: Exchange) -> None:
+        """Give what came after its time-out, with the time in which it was really made."""
+        try:
+            values = poll.values(exchange.answer.data)
+        except ProtocolError:
+            link.count_malformed()
+            return
+        self._heard = time.monotonic_ns()
+        self._newest[poll.stream.name] = exchange.asked + exchange.arrival
+        self.outlet.account.late(1, "timeout")
+        quality = np.array([Quality.LATE], np.uint8)
+        self.outlet.emit(
+            Reading(poll.stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked, quality=quality)
+        )
 
     def _miss(self, failure: NoAnswerError) -> None:
         self.outlet.account.expect()

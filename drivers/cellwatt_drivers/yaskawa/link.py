@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Literal
@@ -41,6 +41,20 @@ class Exchange:
     answer: wire.Answer
     asked: int
     arrival: int
+
+
+TakeLate = Callable[[Exchange], None]
+"""Takes a good answer that came after its time-out."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Unanswered:
+    """A request that was given up at ``since``, s of the loop; its answer may still come."""
+
+    since: float
+    asked: int
+    service: int
+    take: TakeLate | None
 
 
 @asynccontextmanager
@@ -84,18 +98,21 @@ class Link:
         self._number = -1
         self._service = 0
         self._waiting: asyncio.Future[tuple[wire.Answer, int]] | None = None
-        self._unanswered: dict[int, float] = {}
+        self._unanswered: dict[int, _Unanswered] = {}
         self._answered: set[int] = set()
 
-    async def ask(self, request: wire.Request, retries: int, until: int | None = None) -> Exchange:
+    async def ask(
+        self, request: wire.Request, retries: int, until: int | None = None, late: TakeLate | None = None
+    ) -> Exchange:
         """The good answer to a request.
 
         Asks again after a time-out or where the controller is busy, at most ``retries`` times and not once the
-        monotonic clock (ns) has passed ``until``. Raises ``NoAnswerError`` with the last reason.
+        monotonic clock (ns) has passed ``until``. Raises ``NoAnswerError`` with the last reason. What answers a
+        request after its time-out goes to ``late``.
         """
         for left in range(retries, -1, -1):
             try:
-                return await self._ask_once(request)
+                return await self._ask_once(request, late)
             except NoAnswerError as failure:
                 if left == 0 or failure.reason not in {"timeout", "busy"}:
                     raise
@@ -106,7 +123,7 @@ class Link:
                 self._outlet.account.count("retries")
         raise AssertionError("unreachable")
 
-    async def _ask_once(self, request: wire.Request) -> Exchange:
+    async def _ask_once(self, request: wire.Request, late: TakeLate | None) -> Exchange:
         number = self._next_number()
         self._service = request.service | wire.ANSWER
         waiting = self._waiting = self._loop.create_future()
@@ -116,7 +133,7 @@ class Link:
             self._send(wire.encode_request(request, number))
             answer, arrival = await waiting
         except BaseException:
-            self._unanswered[number] = self._loop.time()
+            self._unanswered[number] = _Unanswered(self._loop.time(), asked, self._service, late)
             raise
         finally:
             timer.cancel()
@@ -144,7 +161,7 @@ class Link:
             return
         waiting = self._waiting
         if waiting is None or waiting.done() or answer.number != self._number:
-            self._discard(answer)
+            self._discard(answer, arrival)
         elif answer.service != self._service:
             self.count_malformed()
         else:
@@ -160,16 +177,20 @@ class Link:
         now = self._loop.time()
         for _ in range(_NUMBERS):
             self._number = (self._number + 1) % _NUMBERS
-            if now - self._unanswered.get(self._number, -_QUARANTINE) >= _QUARANTINE:
+            rests = self._unanswered.get(self._number)
+            if rests is None or now - rests.since >= _QUARANTINE:
                 break
         self._unanswered.pop(self._number, None)
         self._answered.discard(self._number)
         return self._number
 
-    def _discard(self, answer: wire.Answer) -> None:
-        if self._unanswered.pop(answer.number, None) is not None:
+    def _discard(self, answer: wire.Answer, arrival: int) -> None:
+        given_up = self._unanswered.pop(answer.number, None)
+        if given_up is not None:
             self._answered.add(answer.number)
             self._outlet.account.count("late answers")
+            if given_up.take is not None and not answer.status and answer.service == given_up.service:
+                given_up.take(Exchange(answer, given_up.asked, arrival))
         elif answer.number in self._answered or answer.number == self._number:
             self._outlet.account.count("duplicates")
         else:

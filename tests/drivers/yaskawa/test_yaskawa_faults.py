@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
+from cellwatt.channel import Quality
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
@@ -83,24 +84,49 @@ async def test_duplicates_are_discarded():
         assert asked - greeting - len(outlet.readings) in under_way
 
 
-async def test_late_answers_are_discarded():
+def late(outlet: Outlet) -> int:
+    """Late samples that were given; each was missed at first, and answers to a request from before it came."""
+    given = [r for r in outlet.readings if r.quality is not None and (r.quality == Quality.LATE).all()]
+    assert all(r.asked is not None and r.arrival - r.asked > 200e6 for r in given)
+    assert outlet.account.counters["late"] == len(given)
+    return len(given)
+
+
+def assert_in_order(outlet: Outlet) -> None:
+    for stream in ("position", "torque"):
+        middles = [r.asked + r.arrival for r in outlet.of(stream) if r.asked is not None]
+        assert middles == sorted(middles)
+
+
+async def test_late_answers_are_given_where_nothing_newer_was():
     async with struck(Fault("delay", probability=0.1, seconds=0.3), times=10) as (emulator, outlet):
-        late = emulator.counts["delay"]
-        await eventually(lambda: outlet.account.counters["late answers"] == late)
-        assert counters(outlet) == {"timeouts": late, "late answers": late}
+        came = emulator.counts["delay"]
+        await eventually(lambda: outlet.account.counters["late answers"] == came)
+        assert outlet.account.counters["timeouts"] == came
+        assert outlet.account.missed["timeout"] == came - late(outlet)
+        assert_in_order(outlet)
 
 
 async def test_answers_out_of_order():
     async with struck(Fault("reorder", probability=0.1), times=10) as (emulator, outlet):
         held = emulator.counts["reorder"]
-        assert counters(outlet) == {"timeouts": held, "late answers": held}
+        assert outlet.account.counters["timeouts"] == outlet.account.counters["late answers"] == held
+        assert outlet.account.missed["timeout"] == held - late(outlet)
+        assert_in_order(outlet)
 
 
-async def test_a_stall_is_ridden_out_and_its_answers_discarded():
+async def test_a_controller_that_always_answers_too_late_is_heard_all_the_same():
+    async with struck(Fault("delay", probability=1.0, seconds=0.3), times=20) as (_, outlet):
+        assert late(outlet) > 10
+        assert_in_order(outlet)
+
+
+async def test_a_stall_is_ridden_out_and_the_answers_to_it_are_given():
     async with struck(Fault("stall", seconds=1.7), times=1) as (_, outlet):
-        found = counters(outlet)
-        assert found.keys() == {"timeouts", "late answers"}
+        found = outlet.account.counters
         assert found["timeouts"] == found["late answers"] > 5
+        assert outlet.account.missed["timeout"] == found["timeouts"] - late(outlet)
+        assert_in_order(outlet)
 
 
 async def test_a_closed_port_is_seen_at_once_and_ridden_out():
