@@ -73,9 +73,15 @@ async def _session(rig: Rig, address: str) -> None:
             await source.samples(_SAMPLES, "after the start" + " of the same driver again" * again)
             if not again:
                 await ended(source.task, rig.patience)
+                await _is_quiet(source.outlet)
                 source.start()
         require(source.outlet.identities, "outlet.connected(identity) was never called")
         outlet = source.outlet
+    await _is_quiet(outlet)
+
+
+async def _is_quiet(outlet: CollectingOutlet) -> None:
+    """Whether a driver that was cancelled gives no more."""
     before = outlet.samples
     await asyncio.sleep(0.05)
     require(outlet.samples == before, "readings came after run() had been cancelled")
