@@ -26,11 +26,14 @@ class Limits:
     """The same for effects that are simulated sample by sample and whose course is sensitive; and only where as much
     as ``share`` of it is left while no link swings, too."""
     size: float = 0.03
-    """Beyond this share of what was measured (standard deviation): less is of no use to anybody."""
+    """Beyond this share of what was measured (standard deviation): less is of no use to anybody. Of what acts only here
+    and there, its size is that in the windows where it does."""
     window: float = 0.5
     """s of the windows that are looked at."""
     strong: float = 6.0
     """Mean square residual of a window, in units of the noise, that no chance makes."""
+    again: int = 5
+    """Windows in which it acts so, at least: what happens once or twice is no physics of the arm."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +58,13 @@ def lack_of_fit(before: Float, solution: Solution, limits: Limits = Limits()) ->
         explained = max(0.0, float(before[channel] - left[channel]))
         share = limits.rough if channel in rough else limits.share
         theirs = channel in rough and calm[channel] - 1.0 < max(limits.excess, limits.share * excess)
-        small = np.sqrt(max(excess, 0.0)) * problem.floor[channel] < limits.size * problem.measured[channel]
-        if excess > max(limits.excess, share * explained) and not theirs and not small:
-            out.append(_place(solution, channel, _strong(solution, channel, limits), limits))
+        if excess > max(limits.excess, share * explained) and not theirs:
+            means = np.concatenate([np.mean(w, axis=1) for w in _windows(solution, channel, limits)])
+            strong = means > limits.strong
+            acts = float(np.mean(means[strong])) - 1.0 if strong.sum() >= limits.again else excess
+            if np.sqrt(acts) * problem.floor[channel] >= limits.size * problem.measured[channel]:
+                out.append(_place(solution, channel, strong, limits))
     return out
-
-
-def _strong(solution: Solution, channel: int, limits: Limits) -> NDArray[np.bool_]:
-    """Windows (W,) whose mean square residual no chance makes."""
-    means = [np.mean(w, axis=1) for w in _windows(solution, channel, limits)]
-    return np.concatenate(means) > limits.strong
 
 
 def _windows(solution: Solution, channel: int, limits: Limits) -> list[Float]:

@@ -5,7 +5,7 @@ from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.input.motion import moved
-from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit, unexplained_channel
+from cellwatt_plugins.mismatch.verdict.lack_of_fit import Limits, lack_of_fit, unexplained_channel
 from tests.plugins.mismatch import plant
 
 
@@ -14,14 +14,14 @@ def arm(tmp_path_factory):
     return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
 
 
-def left(arm, added):
+def left(arm, added, limits=Limits()):
     """What is unexplained where no effect is known at all."""
     missing = plant.Missing(added=added)
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
     states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
     problem = torque_problem(runs, states)
     solution = search(lambda turning: torque_problem(runs, states, turning), plant.JOINTS, effects=())
-    return lack_of_fit(problem.chi2(problem.fit([]).residual), solution)
+    return lack_of_fit(problem.chi2(problem.fit([]).residual), solution, limits)
 
 
 def test_nothing_is_left_of_noise_and_mistuned_parameters(arm):
@@ -67,3 +67,33 @@ def test_the_position_is_told(arm):
     assert said.statement.startswith("tau_1 keeps")
     assert "rad" in said.statement
     assert said.noise_floor == found.floor
+
+
+EIGHTH = Limits(size=0.12)
+"""Beside the noise of the plant's torques."""
+
+
+def test_what_is_small_but_where_it_acts_is_told(arm):
+    """The same mean square: a hum that is always there, and knocks that act now and then."""
+    hum = 1.6 * plant.TORQUE_NOISE[1]
+
+    def always(time, q, qd, run):
+        return plant.column(np.sqrt(2) * hum * np.sin(2 * np.pi * 9 * time), 2)
+
+    def knocks(time, q, qd, run):
+        on = np.mod(time, 3.1) < 0.25
+        return plant.column(on * hum / np.sqrt(np.mean(on)) * np.sign(np.sin(2 * np.pi * 9 * time)), 2)
+
+    measured = np.std(plant.record("run_01", 1, plant.Missing()).torque[:, 1])
+    assert 0.05 * measured < hum < 0.1 * measured
+    assert left(arm, always, EIGHTH) == []
+    (found,) = left(arm, knocks, EIGHTH)
+    assert found.channel == 1
+
+
+def test_small_as_a_whole_and_only_once_is_no_physics_of_the_arm(arm):
+    def once(time, q, qd, run):
+        on = (run == "run_01") & (time > 5) & (time < 5.3)
+        return plant.column(on * 24 * plant.TORQUE_NOISE[1], 2)
+
+    assert left(arm, once, EIGHTH) == []
