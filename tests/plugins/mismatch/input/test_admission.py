@@ -408,3 +408,11 @@ def test_motion_that_was_only_filled_in_is_none(described, arm):
     gaps = (run.time > 8) & (run.time < 9)
     filled = replace(run, position=run.position + ramp * gaps[:, None], plan=None, velocity=None, gaps=gaps)
     assert "nothing moves" in refusal([filled], arm)
+
+
+def test_a_wrist_that_carries_nothing_is_in_no_other_unit(described, arm):
+    """Its friction and load are below what friction may be; only the description has a tool there."""
+    run = recorded(described, excitation(1))
+    noise = np.random.default_rng(2).normal(0, 1e-3, len(run.time))
+    idle = np.column_stack([run.torque[:, :-1], noise])
+    assert isinstance(examine([replace(run, torque=idle)], *arm)[1], list)

@@ -31,7 +31,7 @@ POSES = 100
 ALONE = 8.0
 """One joint's torque over that of every other one, recorded and nominal, beyond which it is in another unit."""
 HIDDEN = 200.0
-"""Times that one joint's torque may stay below the nominal one."""
+"""Times that one joint's torque may stay below the nominal one, where that is more than friction."""
 THOUSAND = 1000.0
 POOR = 0.1
 """Misfit of a joint from which on another reading of its columns is worth a try."""
@@ -106,7 +106,8 @@ def _unit_of_one(place: str, torque: Float, expected: Expected, misfit: Float, f
     others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0), friction)
     alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
     large = _better(expected.misfits(torque / THOUSAND), misfit) | alone
-    small = _better(expected.misfits(torque * THOUSAND), misfit) | (size * HIDDEN < nominal)
+    # A wrist at rest may carry nothing where the description has a tool: less than friction is no other unit.
+    small = _better(expected.misfits(torque * THOUSAND), misfit) | ((size * HIDDEN < nominal) & (nominal > friction))
     for wrong, name in ((large, "large"), (small, "small")):
         if wrong.any():
             joints = joints_text((np.flatnonzero(wrong) + 1).tolist())
