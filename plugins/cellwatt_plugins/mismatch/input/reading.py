@@ -202,11 +202,10 @@ def _with_plan(run: Run, source: Signals, when: Float, planned: Plan, note: str 
     if run.gaps is not None:
         gaps |= run.gaps
     time = np.clip(run.time, when[0], when[-1])
-    plan = Plan(
-        np.asarray(CubicHermiteSpline(when, planned.position, planned.velocity)(time)),
-        np.asarray(CubicHermiteSpline(when, planned.velocity, planned.acceleration)(time)),
-        onto(run.time, when, planned.acceleration),
-    )
+    position = CubicHermiteSpline(when, planned.position, planned.velocity)
+    velocity = CubicHermiteSpline(when, planned.velocity, planned.acceleration)
+    # Straight lines between accelerations would lack a share of their second derivative, as an elastic joint does.
+    plan = Plan(np.asarray(position(time)), np.asarray(velocity(time)), np.asarray(velocity.derivative()(time)))
     more = [f"{run.name}: {note}"] if note else []
     return replace(run, plan=plan, gaps=gaps if gaps.any() else None, notes=(*run.notes, *more))
 

@@ -251,6 +251,18 @@ def test_a_simulation_of_another_rate_is_interpolated(tmp_path, arm):
     assert run.notes == ()
 
 
+def test_a_slow_simulation_leaves_no_share_of_the_jerk(tmp_path, arm):
+    """Straight lines would lack step² / 8 of the acceleration's second derivative, as an elastic joint does."""
+    recorded = parquet(tmp_path / "run.recording.parquet", recording(times()))
+    simulated = parquet(tmp_path / "run.simulation.parquet", simulation(times(rate=10.0)))
+    (run,) = read_runs([recorded], [simulated], arm[0])
+    jerked = -((0.5 + 0.2 * np.arange(JOINTS)) ** 2) * motion(run.time)[2]
+    off = run.plan.acceleration - motion(run.time)[2]
+    inside = slice(20, -40)
+    share = np.sum(off[inside] * jerked[inside], axis=0) / np.sum(jerked[inside] ** 2, axis=0)
+    assert np.all(np.abs(share) < 0.05 * 0.1**2 / 8)
+
+
 def test_a_simulation_with_a_start_of_its_own_is_lined_up_by_the_motion(tmp_path, arm):
     t = times(20.0)
     seen = parquet(tmp_path / "seen.parquet", recording(t))
