@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from cellwatt.emulation.signals import load_signals
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record.reader import Recording
-from cellwatt_plugins.robot.meter import onto, power_beside
+from cellwatt_plugins.robot.meter import onto, power_beside, with_meters
 
 Float = NDArray[np.float64]
 
@@ -34,15 +33,14 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
     Raises ``RecordingError``.
     """
     tables = [p for p in paths if p.suffix in {".parquet", ".csv"}]
-    if meters and len(meters) != len(tables):
-        raise RecordingError(f"{len(tables)} tables but {len(meters)} meters: give one for each table, in their order")
+    paired = with_meters(tables, meters)
     if not tables:
         yield from Recording.open(paths).frames()
         return
     if len(tables) < len(paths):
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
     start = 0
-    for path, meter in zip_longest(tables, meters):
+    for path, meter in paired:
         signals = load_signals(path)
         columns = dict(signals.columns)
         if meter is not None:

@@ -17,7 +17,7 @@ from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
 from cellwatt_plugins.mismatch.simulators import Simulator, is_simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.meter import power_beside
+from cellwatt_plugins.robot.meter import power_beside, with_meters
 
 Float = NDArray[np.float64]
 
@@ -42,14 +42,8 @@ def read_runs(
     the recordings in the same place. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the
     description lacks what it needs.
     """
-    if meters and len(meters) != len(recordings):
-        raise RecordingError(
-            f"{len(recordings)} recordings but {len(meters)} meters: give one for each, in their order"
-        )
     runs = []
-    every = [read_signals(path, robot) for path in recordings]
-    for i, meter in enumerate(meters):
-        every[i] = replace(every[i], power=power_beside(meter, every[i].time, every[i].needed("position")))
+    every = [_read(path, meter, robot) for path, meter in with_meters(recordings, meters)]
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
     simulator = _simulator(simulations, robot)
@@ -75,6 +69,14 @@ def read_runs(
             run = _with_targets(run, signals)
         runs.append(run if simulator is None else _run_through(simulator, run))
     return runs
+
+
+def _read(path: Path, meter: Path | None, robot: RobotDescription) -> Signals:
+    """A recording, with the power of its meter's own file where there is one."""
+    signals = read_signals(path, robot)
+    if meter is None:
+        return signals
+    return replace(signals, power=power_beside(meter, signals.time, signals.needed("position")))
 
 
 def _simulator(simulations: Sequence[Path], robot: RobotDescription) -> Simulator | None:

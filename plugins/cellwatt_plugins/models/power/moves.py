@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.models.tables import channel_of, read_table
-from cellwatt_plugins.robot.meter import Meter, onto, power_beside
+from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
 
 Float = NDArray[np.float64]
 
@@ -94,10 +93,7 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
     A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` logged the power
     of the tables in the same place. Raises ``RecordingError`` where a column is missing, or nothing is left.
     """
-    if meters and len(meters) != len(paths):
-        raise RecordingError(f"{len(paths)} recordings but {len(meters)} meters: give one for each, in their order")
-    pairs = zip_longest(paths, meters)
-    parts = [part for path, meter in pairs for part in _parts(path, joints, meter)]
+    parts = [part for path, meter in with_meters(paths, meters) for part in _parts(path, joints, meter)]
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} rows in a row with position and velocity of all joints")
     if any(part.payload is None for part in parts):

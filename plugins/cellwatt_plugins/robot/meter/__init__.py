@@ -3,7 +3,7 @@
 Whatever is compared with measured power is first put through the meter: averaged over the same times.
 """
 
-from cellwatt_plugins.robot.meter.file import power_beside
+from cellwatt_plugins.robot.meter.file import power_beside, with_meters
 from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.held import held, onto
 from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power, smooth_motion
@@ -21,4 +21,5 @@ __all__ = [
     "onto",
     "power_beside",
     "smooth_motion",
+    "with_meters",
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +26,15 @@ ROWS: Final = 3
 """Rows of the recording that a value stands for at least: a faster meter's are averaged."""
 SHORTEST: Final = 4 * FURTHEST
 """s of a recording in which the clocks can be found."""
+
+
+def with_meters(recordings: Sequence[Path], meters: Sequence[Path]) -> list[tuple[Path, Path | None]]:
+    """Each recording with the file of its meter, where there are any. Raises ``RecordingError`` for another number."""
+    if meters and len(meters) != len(recordings):
+        raise RecordingError(
+            f"{len(recordings)} recordings but {len(meters)} meters: give one for each, in their order"
+        )
+    return list(zip_longest(recordings, meters))
 
 
 def power_beside(path: Path, time: Float, position: Float) -> Float:
