@@ -169,7 +169,7 @@ async def test_a_sync_that_fails_moves_on_to_another_file(tmp_path, monkeypatch)
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A real file system of 512 kB."""
+    """A real file system of 512 kB. It is detached at once: a killed test leaves no mount behind."""
     folder = tmp_path / "disk"
     folder.mkdir()
     made = subprocess.run(
@@ -180,8 +180,12 @@ def small_disk(tmp_path):
     )
     if made.returncode:
         pytest.skip(f"no permission to mount a small disk: {made.stderr.strip()}")
-    yield folder
-    subprocess.run(["umount", folder], check=True)
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        subprocess.run(["umount", "--lazy", folder], check=True)
+        yield Path(f"/proc/{os.getpid()}/fd/{handle}")
+    finally:
+        os.close(handle)
 
 
 async def test_a_really_full_disk_is_survived(small_disk):
