@@ -60,9 +60,9 @@ async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[s
             view.add("health", status)
             live.update(view.render("recording "))
 
-        cell.on_health = look
+        cell.view.on_health = look
         await cell.run()
-    return cell.status()
+    return cell.view.status()
 
 
 class _Quiet:

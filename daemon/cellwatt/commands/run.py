@@ -54,7 +54,7 @@ async def serve(config: CellConfig) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop)
     loop.add_signal_handler(signal.SIGHUP, reloads.ask)
-    cell.on_health = _tell_systemd
+    cell.view.on_health = _tell_systemd
     try:
         await cell.run(_ready)
     finally:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from cellwatt.align import Aligner
 from cellwatt.channel import Stream
 from cellwatt.frames import Layout
 from cellwatt.runtime.watch import Trouble
@@ -23,14 +22,6 @@ def describe(layout: Layout, streams: Mapping[str, tuple[Stream, ...]]) -> dict[
             for source, given in streams.items()
         },
         "frame": {"rate_hz": layout.rate, "channels": [asdict(c) for c in layout.channels]},
-    }
-
-
-def alignment(aligner: Aligner) -> dict[str, dict[str, int]]:
-    """Samples that did not make it into their frames, by stream, and frames left out."""
-    counts = aligner.counts.items()
-    return {f"{source}/{stream}": asdict(found) for (source, stream), found in counts} | {
-        "cell": {"skipped": aligner.skipped}
     }
 
 

@@ -369,11 +369,11 @@ def config_of(**parts: Any) -> CellConfig:
 async def look(cell: Cell, times: int = 1) -> Mapping[str, Any]:
     """The cell's health after it was looked at anew."""
     looked = asyncio.Event()
-    cell.on_health = lambda _: looked.set()
+    cell.view.on_health = lambda _: looked.set()
     for _ in range(times):
         looked.clear()
         await looked.wait()
-    return cell.status()
+    return cell.view.status()
 
 
 @asynccontextmanager

@@ -84,7 +84,7 @@ def test_a_source_that_was_removed_is_let_go_and_one_that_was_added_runs(at_once
             await DEVICES["meter"].done()
             assert (DEVICES["arm"].open, DEVICES["board"].open, DEVICES["meter"].open) == (0, 1, 1)
             assert list((await look(cell))["sources"]) == ["board", "meter"]
-            assert {c["name"] for c in cell.schema()["frame"]["channels"]} == {
+            assert {c["name"] for c in cell.view.schema()["frame"]["channels"]} == {
                 f"{s}.bus.{q}" for s in ("board", "meter") for q in ("voltage", "current")
             }
 
@@ -190,7 +190,7 @@ def test_other_frames(at_once):
             assert done == "reloaded: frames"
             DEVICES["arm"].tell(give(10))
             await DEVICES["arm"].done()
-            assert cell.schema()["frame"]["rate_hz"] == 25.0
+            assert cell.view.schema()["frame"]["rate_hz"] == 25.0
             assert RECEIVERS["bus"].frames == list(range(len(RECEIVERS["bus"].frames))), "their numbers go on"
             assert len(DEVICES["arm"].runs) == 1
 
@@ -255,7 +255,7 @@ def test_a_reload_during_a_reload_waits_for_it(at_once):
             await asyncio.gather(*(cell.reload(config) for config in notes))
             await until(lambda: DEVICES["arm"].open)
             assert (DEVICES["arm"].open, DEVICES["arm"].most_open) == (1, 1)
-            assert cell.config()["sources"]["arm"]["note"] == "three"
+            assert cell.view.config()["sources"]["arm"]["note"] == "three"
         assert DEVICES["arm"].open == 0
 
     at_once(main())

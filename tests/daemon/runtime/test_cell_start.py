@@ -40,7 +40,7 @@ def test_each_source_is_on_its_own(at_once):
             await DEVICES["arm"].done()
             states = {name: s["state"] for name, s in (await look(cell))["sources"].items()}
             assert states == {"arm": "ok", "board": "retrying", "meter": "starting"}
-            assert cell.status()["state"] == "amber"
+            assert cell.view.status()["state"] == "amber"
             assert RECEIVERS["bus"].values == [0, 1, 2, 3, 4]
 
     at_once(main())
@@ -75,7 +75,7 @@ def test_a_source_that_comes_back_clears_its_alarm(at_once, no_jitter):
                 await asyncio.sleep(10.0)
                 await look(cell)
             assert [a.active for a in RECEIVERS["bus"].of(Alarm)] == [True, False]
-            assert (cell.status()["alarms"], cell.status()["state"]) == ([], "green")
+            assert (cell.view.status()["alarms"], cell.view.status()["state"]) == ([], "green")
 
     at_once(main())
 
@@ -119,7 +119,7 @@ async def test_an_alarm_of_a_stage_reaches_sinks_record_and_health(tmp_path):
         DEVICES["arm"].tell(give(5))
         await until(lambda: len(RECEIVERS["bus"].of(Alarm)) == 3)
         assert (await look(cell))["alarms"] == []
-        assert cell.status()["results"] == 3
+        assert cell.view.status()["results"] == 3
     assert list(Recording.open(tmp_path).results()) == [raised, raised, cleared]
 
 
@@ -132,7 +132,7 @@ async def test_a_stage_that_breaks_is_an_alarm_and_the_data_go_on():
         DEVICES["arm"].tell(answer, give(10))
         await until(lambda: RECEIVERS["bus"].of(Alarm))
         assert RECEIVERS["bus"].of(Alarm)[0].statement == "Stage judge broke: KeyError: 'joint_7'"
-        assert cell.status()["state"] == "amber"
+        assert cell.view.status()["state"] == "amber"
         assert RECEIVERS["bus"].values == list(range(10))
 
 
@@ -165,18 +165,18 @@ async def test_what_is_recorded_is_what_was_given(tmp_path):
 
 async def test_a_cell_may_ask_what_it_is():
     async with running(config_of()) as cell:
-        schema = cell.schema()
+        schema = cell.view.schema()
         assert [s["name"] for s in schema["streams"]["arm"]] == ["supply"]
         assert [c["name"] for c in schema["frame"]["channels"]] == ["arm.bus.voltage", "arm.bus.current"]
-        assert cell.config()["sources"]["arm"]["host"] == "arm"
-        assert (cell.recordings(), cell.history("arm", "supply", cell.session, 0, 10)) == ((), ())
+        assert cell.view.config()["sources"]["arm"]["host"] == "arm"
+        assert (cell.view.recordings(), cell.view.history("arm", "supply", cell.session, 0, 10)) == ((), ())
 
 
 async def test_history_of_a_cell_that_records(tmp_path):
     async with running(config_of(record=tmp_path)) as cell:
         DEVICES["arm"].tell(answer, give(20))
         await DEVICES["arm"].done()
-        found = await asyncio.to_thread(cell.history, "arm", "supply", cell.session, 5, 10)
+        found = await asyncio.to_thread(cell.view.history, "arm", "supply", cell.session, 5, 10)
         assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
 
 

@@ -10,6 +10,7 @@ import pytest
 from cellwatt import Alarm, Frames
 from cellwatt.record import Recording
 from cellwatt.runtime import cell as runtime_cell
+from cellwatt.runtime import tasks as runtime_tasks
 from tests.daemon.runtime.fakes import (
     DEVICES,
     JUDGES,
@@ -110,7 +111,7 @@ def test_health_is_told_once_more_at_the_end(at_once):
         async with running(config_of()) as cell:
             DEVICES["arm"].tell(answer, give(3))
             await DEVICES["arm"].done()
-        assert cell.status()["sources"]["arm"]["received"] == 3
+        assert cell.view.status()["sources"]["arm"]["received"] == 3
         assert RECEIVERS["bus"].health[-1]["sources"]["arm"]["received"] == 3
 
     at_once(main())
@@ -154,7 +155,7 @@ def test_a_driver_that_does_not_let_go_is_cut_off(at_once, monkeypatch, caplog):
 
 
 async def test_a_stage_that_never_ends_is_cut_off_and_the_record_is_closed(tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(runtime_cell, "DRAIN", 0.05)
+    monkeypatch.setattr(runtime_tasks, "DRAIN", 0.05)
     judge = JUDGES["judge"]
     judge.gate.clear()
     async with running(config_of(stages=stages("judge"), record=tmp_path)):
@@ -176,7 +177,7 @@ def test_a_cell_that_is_cancelled_lets_its_devices_go(at_once):
             await asyncio.wait([task])
             assert task.cancelled()
             assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)
-            assert cell.status()["state"]
+            assert cell.view.status()["state"]
 
     with pytest.raises(asyncio.CancelledError):
         at_once(main())

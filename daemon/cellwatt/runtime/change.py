@@ -1,0 +1,47 @@
+"""What differs between two settings of a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from cellwatt.config import CellConfig
+from cellwatt.errors import CellwattError
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Names of the parts that were added, removed or differ; ``frames`` where frames or stages begin anew."""
+
+    sources: Sequence[str]
+    sinks: Sequence[str]
+    stages: Sequence[str]
+    frames: bool
+
+    @classmethod
+    def between(cls, old: CellConfig, new: CellConfig) -> Change:
+        """What is to be done for the new settings.
+
+        Raises ``CellwattError`` for changes that need a restart: site, cell, record.
+        """
+        fixed = [k for k in ("site", "cell", "record") if getattr(old, k) != getattr(new, k)]
+        if fixed:
+            raise CellwattError(f"a change of {', '.join(fixed)} needs a restart; nothing was changed")
+        sources, stages = _changed(old.sources, new.sources), _changed(old.stages, new.stages)
+        frames = bool(sources or stages or old.frames != new.frames or old.robot != new.robot)
+        return cls(sources, _changed(old.sinks, new.sinks), stages, frames)
+
+    def __bool__(self) -> bool:
+        return bool(self.frames or self.sinks)
+
+    def __str__(self) -> str:
+        if not self:
+            return "nothing changed"
+        parts = [f"{kind} {n}" for kind in ("source", "sink", "stage") for n in getattr(self, f"{kind}s")]
+        return "reloaded: " + (", ".join(parts) or "frames")
+
+
+def _changed(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Names that were added, removed or differ."""
+    return [n for n in dict.fromkeys([*old, *new]) if old.get(n) != new.get(n)]

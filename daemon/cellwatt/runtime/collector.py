@@ -1,0 +1,99 @@
+"""The part that collects: sources, the cell's clock, and ticks while no source speaks."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from cellwatt.batch import Batch, Tick
+from cellwatt.cell_clock import CellClock
+from cellwatt.config import CellConfig, SourceConfig
+from cellwatt.driver import Driver
+from cellwatt.registry import driver as find_driver
+from cellwatt.results import Event
+from cellwatt.runtime.source import Source
+from cellwatt.runtime.tasks import Tasks
+from cellwatt.ticker import Ticker
+
+log = logging.getLogger(__name__)
+
+Entry = Batch | Tick | Event
+"""What a collector gives."""
+
+
+class Collector:
+    """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop."""
+
+    def __init__(self, config: CellConfig, clock: CellClock, give: Callable[[Entry], None]) -> None:
+        self.clock = clock
+        self.sources: dict[str, Source] = {}
+        self._config = config
+        self._give = give
+        self._fresh = False
+        self._began = asyncio.Event()
+
+    def start(self, tasks: Tasks, sequences: Mapping[str, Mapping[str, int]] | None = None) -> None:
+        """Begin to read all sources; ``sequences`` says where the numbering of a source's streams goes on."""
+        for source in self._config.sources.values():
+            self._start_source(tasks, source, (sequences or {}).get(source.name))
+        tasks.spawn("ticks", self._ticks())
+
+    async def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
+        """Begin anew, or leave out, the sources ``names``, whose devices were let go of."""
+        self._config = config
+        for name in names:
+            before = self.sources.pop(name, None)
+            if name in config.sources:
+                self._start_source(tasks, config.sources[name], before.sequence if before is not None else None)
+
+    async def stop(self, tasks: Tasks, names: Iterable[str]) -> None:
+        """Let go of the devices of some sources."""
+        await tasks.end(f"source {name}" for name in names)
+
+    async def close(self, tasks: Tasks) -> None:
+        """Let go of all devices."""
+        await tasks.end(["ticks", *(f"source {name}" for name in self.sources)])
+
+    def tell(self, kind: str, text: str, data: Mapping[str, str | float] | None = None) -> None:
+        """Say what happened to the cell itself."""
+        self._give(Event(self.clock.now(), None, kind, text, data or {}))
+
+    def keep_time(self) -> None:
+        """Compare the clock with the host's; to be called once a second."""
+        step = self.clock.discipline() * 1e-9
+        if step:
+            text = (
+                f"the host's wall clock was set by {step:+.3f} s; "
+                "the cell's time does not jump but follows by at most 500 ppm"
+            )
+            log.warning("%s", text)
+            self.tell("wall_clock_step", text, {"step_s": step})
+
+    def status(self) -> dict[str, Any]:
+        """Figures of each source for health, JSON-ready."""
+        return {name: source.status() for name, source in self.sources.items()}
+
+    def _start_source(self, tasks: Tasks, config: SourceConfig, sequence: Mapping[str, int] | None) -> None:
+        driver_class = find_driver(config.driver)
+
+        def make(outlet: Source) -> Driver[Any]:
+            return driver_class(config.name, config.settings, outlet)
+
+        source = Source(config.name, make, self.clock.now, self._take, self._give, sequence)
+        self.sources[config.name] = source
+        tasks.spawn(f"source {config.name}", source.run())
+
+    def _take(self, batch: Batch) -> None:
+        self._fresh = True
+        self._began.set()
+        self._give(batch)
+
+    async def _ticks(self) -> None:
+        await self._began.wait()
+        async with Ticker(self._config.frames.rate) as ticker:
+            async for _ in ticker:
+                if not self._fresh:
+                    self._give(Tick(self.clock.now()))
+                self._fresh = False

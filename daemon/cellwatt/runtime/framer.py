@@ -1,0 +1,50 @@
+"""Frames of all sources, numbered on when the settings change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from cellwatt.align import Aligner
+from cellwatt.batch import Batch, Tick
+from cellwatt.channel import Stream
+from cellwatt.config import FrameSettings
+from cellwatt.frames import Frames, Layout
+
+
+class Framer:
+    """An aligner, and after a change of the settings the next one; frames are numbered on from ``sequence``."""
+
+    def __init__(self, streams: Mapping[str, tuple[Stream, ...]], settings: FrameSettings, sequence: int = 0) -> None:
+        self.sequence = sequence
+        self._aligner = Aligner(streams, settings.rate, settings.latency)
+
+    @property
+    def layout(self) -> Layout:
+        """The columns of the frames."""
+        return self._aligner.layout
+
+    def take(self, entry: Batch | Tick) -> Iterator[Frames]:
+        """The frames that a batch or tick settles."""
+        return self._numbered(self._aligner.tick(entry) if isinstance(entry, Tick) else self._aligner.add(entry))
+
+    def flush(self) -> Iterator[Frames]:
+        """The frames up to the newest sample: the data end here."""
+        return self._numbered(self._aligner.flush())
+
+    def change(self, streams: Mapping[str, tuple[Stream, ...]], settings: FrameSettings) -> None:
+        """Begin anew with other streams or another grid."""
+        self._aligner = Aligner(streams, settings.rate, settings.latency)
+
+    def status(self) -> dict[str, Any]:
+        """Frames given, samples that did not make it into theirs, by stream, and frames left out; JSON-ready."""
+        counts = self._aligner.counts.items()
+        streams = {f"{source}/{stream}": asdict(found) for (source, stream), found in counts}
+        return {"count": self.sequence, "streams": streams | {"cell": {"skipped": self._aligner.skipped}}}
+
+    def _numbered(self, blocks: Iterable[Frames]) -> Iterator[Frames]:
+        for block in blocks:
+            frames = replace(block, sequence=self.sequence)
+            self.sequence += len(frames)
+            yield frames

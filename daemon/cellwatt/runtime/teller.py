@@ -1,0 +1,188 @@
+"""The part that tells: the record, sinks, health and alarms about the daemon, and what sinks may ask."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from cellwatt.batch import Batch, Tick
+from cellwatt.channel import Stream
+from cellwatt.config import CellConfig, SinkConfig, public_config
+from cellwatt.frames import Frames, Layout
+from cellwatt.record import Header, History, Recorder
+from cellwatt.registry import sink as find_sink
+from cellwatt.results import Alarm, Event, Result
+from cellwatt.runtime.delivery import Delivery
+from cellwatt.runtime.health import colour, describe
+from cellwatt.runtime.tasks import Tasks
+from cellwatt.runtime.watch import Watch
+
+log = logging.getLogger(__name__)
+
+Item = Batch | Tick | Event | Frames | Result
+
+
+class Teller:
+    """Records and publishes what it is given, judges the daemon's health, and answers sinks (``CellView``).
+
+    ``now`` is the cell's clock. ``on_health`` is called after each look with what was found.
+    """
+
+    def __init__(self, config: CellConfig, session: int, now: Callable[[], int]) -> None:
+        self.site, self.cell, self.session = config.site, config.cell, session
+        self.sinks: dict[str, Delivery] = {}
+        self.recorder: Recorder | None = None
+        self.on_health: Callable[[Mapping[str, Any]], None] = lambda _status: None
+        self._config = config
+        self._now = now
+        self._history: History | None = None
+        self._streams: Mapping[str, tuple[Stream, ...]] = {}
+        self._layout = Layout((), config.frames.rate)
+        self._results = 0
+        self._active: dict[str, Alarm] = {}
+        self._watch = Watch()
+        self._status: dict[str, Any] = {}
+
+    # life -----------------------------------------------------------------------------------------
+
+    async def start(self, tasks: Tasks, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
+        """Begin to record and to publish. Raises ``CellwattError`` where a part cannot be started."""
+        self._streams, self._layout = streams, layout
+        if self._config.record is not None:
+            self.recorder = Recorder(self._config.record, self._header())
+            await asyncio.to_thread(self.recorder.start)
+            self._history = History(self._config.record.folder, self.recorder)
+            tasks.spawn("recovery", self._report_recovery(self.recorder))
+        for sink in self._config.sinks.values():
+            self._start_sink(tasks, sink)
+
+    async def stop(self, tasks: Tasks, names: Iterable[str]) -> None:
+        """End some sinks."""
+        await tasks.end(f"sink {name}" for name in names)
+
+    def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
+        """Take other settings: the sinks ``names``, which have ended, begin anew or are left out."""
+        self._config = config
+        for name in names:
+            self.sinks.pop(name, None)
+            if name in config.sinks:
+                self._start_sink(tasks, config.sinks[name])
+
+    def redeclare(self, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
+        """What follows comes from other streams, or is laid out otherwise: it goes into a new file."""
+        self._streams, self._layout = streams, layout
+        if self.recorder is not None:
+            self.recorder.redeclare(self._header())
+
+    async def close(self, tasks: Tasks) -> None:
+        """Let sinks and the record finish what is queued."""
+        await self.stop(tasks, self.sinks)
+        if self.recorder is not None:
+            await self.recorder.close()
+
+    def _header(self) -> Header:
+        config = self._config
+        return Header(self.site, self.cell, self.session, config.robot, config.text, self._streams)
+
+    async def _report_recovery(self, recorder: Recorder) -> None:
+        for recovery in await recorder.recovered():
+            self.take(Event(self._now(), None, "recovered", str(recovery)))
+
+    def _start_sink(self, tasks: Tasks, config: SinkConfig) -> None:
+        sink = find_sink(config.name)(config.name, config.settings, self)
+        delivery = self.sinks[config.name] = Delivery(config.name, sink)
+        tasks.spawn(f"sink {config.name}", delivery.run())
+
+    # data -----------------------------------------------------------------------------------------
+
+    def take(self, item: Item) -> None:
+        """Record one item and hand it to the sinks; never blocks."""
+        if self.recorder is not None:
+            _record(self.recorder, item)
+        if isinstance(item, Tick):
+            return
+        if not isinstance(item, Batch | Frames | Event):
+            self._results += 1
+        if isinstance(item, Alarm):
+            self._note_alarm(item)
+        for sink in self.sinks.values():
+            sink.offer(item)
+
+    def _note_alarm(self, alarm: Alarm) -> None:
+        if not alarm.active or alarm.id not in self._active:
+            log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
+        if alarm.active:
+            self._active[alarm.id] = alarm
+        else:
+            self._active.pop(alarm.id, None)
+
+    # health ---------------------------------------------------------------------------------------
+
+    def look(self, parts: Mapping[str, Any]) -> None:
+        """Judge the daemon's health by the figures of its parts, and tell it."""
+        now = self._now()
+        status = self._status = self._measure(now, parts)
+        for alarm in self._watch.look(status, now):
+            self.take(alarm)
+        status["results"] = self._results
+        status["state"] = colour(status, self._watch.troubles)
+        status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
+        status["alarms"] = [asdict(a) for a in self._active.values()]
+        for sink in self.sinks.values():
+            sink.health(status)
+        if self.recorder is not None:
+            self.recorder.health(now, status)
+        self.on_health(status)
+
+    def _measure(self, now: int, parts: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            "site": self.site,
+            "cell": self.cell,
+            "session": self.session,
+            "time": now,
+            **parts,
+            "results": self._results,
+            "sinks": {name: sink.status() for name, sink in self.sinks.items()},
+            "recorder": self.recorder.stats() if self.recorder is not None else None,
+        }
+
+    # what sinks may ask (cellwatt.sink.CellView) -----------------------------------------------------
+
+    def status(self) -> Mapping[str, Any]:
+        """See ``CellView.status``."""
+        return self._status
+
+    def config(self) -> Mapping[str, Any]:
+        """See ``CellView.config``."""
+        return public_config(self._config)
+
+    def schema(self) -> Mapping[str, Any]:
+        """See ``CellView.schema``."""
+        return describe(self._layout, self._streams)
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        """See ``CellView.recordings``."""
+        return self._history.recordings() if self._history is not None else ()
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        """See ``CellView.history``."""
+        if self._history is None:
+            return ()
+        return self._history.history(source, stream, session, first, count)
+
+
+def _record(recorder: Recorder, item: Item) -> None:
+    match item:
+        case Batch():
+            recorder.batch(item)
+        case Tick():
+            recorder.tick(item)
+        case Frames():
+            recorder.frames(item)
+        case Event():
+            recorder.event(item)
+        case _:
+            recorder.result(item)
