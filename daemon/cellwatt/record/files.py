@@ -12,6 +12,7 @@ from typing import NamedTuple
 from cellwatt.record.encoder import Encoder, Item, Redeclared
 from cellwatt.record.header import FileName, Header
 from cellwatt.record.openfile import OpenFile
+from cellwatt.record.retention import listing
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.upkeep import Upkeep, is_full
 
@@ -137,6 +138,8 @@ class Files:
 
     def _ready(self) -> tuple[OpenFile, Encoder]:
         if self.open is None or self._encoder is None:
+            if not self.count:
+                self._number = self._unused()
             header = replace(self._header, number=self._number)
             name = str(FileName(header.session, header.number, header.cell))
             try:
@@ -151,6 +154,11 @@ class Files:
             self.count += 1
             self.bytes += self.open.size
         return self.open, self._encoder
+
+    def _unused(self) -> int:
+        """The number after those that an earlier process of this session gave to files."""
+        names = (kept.name for kept in listing(self._settings.folder, self._header.cell))
+        return 1 + max((name.number for name in names if name.session == self._header.session), default=0)
 
     def _commit(self) -> None:
         file = self.open

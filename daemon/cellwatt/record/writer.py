@@ -41,7 +41,7 @@ class Recorder:
 
     def __init__(self, settings: RecordSettings, header: Header) -> None:
         self.settings = settings
-        self.cell = header.cell
+        self.cell, self.session = header.cell, header.session
         self._upkeep = Upkeep(settings, header.cell)
         self._files = Files(settings, header, self._upkeep)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -128,6 +128,10 @@ class Recorder:
             self._wake.notify_all()
             self._wake.wait_for(lambda: self._settled >= target or not self._thread.is_alive(), timeout)
             return self._settled >= target
+
+    def progress(self) -> tuple[int, int]:
+        """How many items were taken so far, and how many of them, the first ones, are dealt with."""
+        return self._accepted, self._settled
 
     def live(self) -> tuple[Path, Contents] | None:
         """The file being written, and its contents as far as they are on disk; they grow in another thread."""

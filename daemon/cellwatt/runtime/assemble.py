@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
@@ -99,15 +99,35 @@ def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:
     Raises ``ConfigError`` with every stage whose settings do not fit the layout.
     """
     problems: list[Problem] = []
-    makers = stage_makers(config, layout)
-    stages: dict[str, Stage[Any]] = {}
-    for name, make in makers.items():
+    chains: list[Chain] = []
+    for group in chain_names(config):
         with _collecting(problems):
-            stages[name] = make()
+            chains.append(make_chain(config, layout, group))
     if problems:
         raise ConfigError(ordered(problems))
-    groups = group_by_needs(stages, {name: stage.kind for name, stage in config.stages.items()})
-    return [Chain({n: makers[n] for n in group}, {n: stages[n] for n in group}) for group in groups]
+    return chains
+
+
+def chain_names(config: CellConfig) -> list[list[str]]:
+    """The stages of a cell by name, in chains that share no results, each in the order in which they run."""
+    kinds = {name: stage.kind for name, stage in config.stages.items()}
+    return group_by_needs({name: find_stage(kind) for name, kind in kinds.items()}, kinds)
+
+
+def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chain:
+    """Stages that hand results to each other, ready to run.
+
+    Raises ``ConfigError`` with every one of them whose settings do not fit the layout.
+    """
+    problems: list[Problem] = []
+    makers = stage_makers(config, layout)
+    stages: dict[str, Stage[Any]] = {}
+    for name in names:
+        with _collecting(problems):
+            stages[name] = makers[name]()
+    if problems:
+        raise ConfigError(ordered(problems))
+    return Chain({n: makers[n] for n in names}, stages)
 
 
 def stage_makers(config: CellConfig, layout: Layout) -> dict[str, StageMaker]:

@@ -35,7 +35,7 @@ class _Slot:
     needs: Sequence[str] = field(default_factory=tuple)
 
 
-def group_by_needs(stages: Mapping[str, Stage[Any]], kinds: Mapping[str, str]) -> list[list[str]]:
+def group_by_needs(stages: Mapping[str, Stage[Any] | type[Stage[Any]]], kinds: Mapping[str, str]) -> list[list[str]]:
     """Names of stages in groups that share no results, each in an order in which needs come first.
 
     ``kinds`` maps a stage's name to its kind; a stage needs every stage of the kinds in its ``needs``.

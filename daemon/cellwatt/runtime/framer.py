@@ -14,10 +14,16 @@ from cellwatt.frames import Frames, Layout
 
 
 class Framer:
-    """An aligner, and after a change of the settings the next one; frames are numbered on from ``sequence``."""
+    """An aligner, and after a change of the settings the next one; frames are numbered on from ``sequence``.
 
-    def __init__(self, streams: Mapping[str, tuple[Stream, ...]], settings: FrameSettings, sequence: int = 0) -> None:
+    Frames up to time ``after``, ns, were given out already and are left out.
+    """
+
+    def __init__(
+        self, streams: Mapping[str, tuple[Stream, ...]], settings: FrameSettings, sequence: int = 0, after: int = 0
+    ) -> None:
         self.sequence = sequence
+        self._after = after
         self._aligner = Aligner(streams, settings.rate, settings.latency)
 
     @property
@@ -45,6 +51,12 @@ class Framer:
 
     def _numbered(self, blocks: Iterable[Frames]) -> Iterator[Frames]:
         for block in blocks:
-            frames = replace(block, sequence=self.sequence)
+            fresh = block.time > self._after
+            if not fresh.any():
+                continue
+            arrays = (
+                {} if fresh.all() else {n: getattr(block, n)[fresh] for n in ("time", "values", "quality", "bound")}
+            )
+            frames = replace(block, sequence=self.sequence, **arrays)
             self.sequence += len(frames)
             yield frames

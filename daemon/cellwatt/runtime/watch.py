@@ -56,6 +56,10 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
     for name, sink in status["sinks"].items():
         if sink["state"] != "ok":
             found.append(Trouble("sink_down", "warning", name, f"Sink {name} is down: {sink['error']}", {}))
+    for name, process in status.get("processes", {}).items():
+        if process["down"]:
+            text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
+            found.append(Trouble("process_down", "error", name, text, {"restarts": process["restarts"]}))
     recorder = status.get("recorder")
     if recorder is not None and recorder["state"] != "ok":
         text = f"Recording is disturbed: {recorder['state']} {recorder.get('problem', '')}".rstrip()

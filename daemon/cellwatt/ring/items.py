@@ -1,0 +1,221 @@
+"""The daemon's items in a ring: samples and frames as the rows of the record, all else as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeVar
+
+from cellwatt.batch import Batch
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.record import messages
+from cellwatt.record.header import stream_from_dict, stream_to_dict
+from cellwatt.record.rows import FrameRows, SampleRows
+from cellwatt.ring.memory import Record, Ring
+
+_ROWS, _STATUS, _MARK, _FIRST_MESSAGE = 1, 2, 3, 16
+_KINDS = {kind: number for number, kind in enumerate(messages.TOPICS, _FIRST_MESSAGE)}
+_TYPES = {number: kind for kind, number in _KINDS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """Figures of the process that writes, for health."""
+
+    figures: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """From here on the settings numbered ``generation`` are in force."""
+
+    generation: int
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """The reader was too slow: ``size`` bytes were written over before it came to them."""
+
+    size: int
+
+
+Block = TypeVar("Block", Batch, Frames)
+Item = Batch | Frames | messages.Message | Status | Mark
+
+
+class ItemWriter:
+    """Puts items into a ring; a writer that follows another numbers on where that one ended."""
+
+    def __init__(self, ring: Ring) -> None:
+        self._ring = ring
+        self._streams: dict[tuple[str, str], tuple[int, SampleRows]] = {}
+        self._frames: tuple[int, FrameRows] | None = None
+        self._count = _FIRST_MESSAGE + len(_KINDS)
+        """Channels below this number are those of kinds without rows."""
+        for line in ring.declared()[0]:
+            self._know(*_read_declaration(line))
+
+    def put(self, item: Item) -> None:
+        """Add one item; a block that is too large for the ring goes in parts."""
+        match item:
+            case Batch():
+                number, rows = self._rows_of_stream(item)
+                self._put_rows(item, number, rows.encode(item, number).tobytes())
+            case Frames():
+                number, frame_rows = self._rows_of_layout(item.layout)
+                self._put_rows(item, number, frame_rows.encode(item, number).tobytes())
+            case Status():
+                self._put_message(_STATUS, json.dumps(item.figures).encode())
+            case Mark():
+                self._put_message(_MARK, str(item.generation).encode())
+            case _:
+                self._put_message(_KINDS[type(item)], messages.encode(item))
+
+    def numbers(self) -> dict[str, dict[str, int]]:
+        """The sequence number with which each stream goes on, by source."""
+        found: dict[str, dict[str, int]] = {}
+        for (source, stream), (number, _) in self._streams.items():
+            found.setdefault(source, {})[stream] = self._ring.following(number)
+        return found
+
+    def frames(self) -> tuple[int, int]:
+        """The number with which frames go on, and the time of the last one, ns; zeros before the first."""
+        return (self._ring.following(self._frames[0]), self._ring.note) if self._frames is not None else (0, 0)
+
+    def end(self) -> None:
+        """No more items will come."""
+        self._ring.end()
+
+    def _put_message(self, kind: int, body: bytes) -> None:
+        self._ring.put(kind, kind, self._ring.following(kind), 1, body)
+
+    def _put_rows(self, item: Batch | Frames, number: int, body: bytes) -> None:
+        if len(body) <= self._ring.largest or len(item) == 1:
+            note = int(item.time[-1]) if isinstance(item, Frames) else None
+            self._ring.put(_ROWS, number, item.sequence, len(item), body, note)
+            return
+        middle = len(item) // 2
+        for part in (slice(0, middle), slice(middle, len(item))):
+            self.put(part_of(item, part))  # type: ignore[type-var]
+
+    def _rows_of_stream(self, batch: Batch) -> tuple[int, SampleRows]:
+        known = self._streams.get((batch.source, batch.stream.name))
+        # Most often it is the same object, which spares comparing every channel.
+        if known is not None and (known[1].stream is batch.stream or known[1].stream == batch.stream):
+            return known
+        rows = SampleRows(batch.source, batch.stream)
+        return self._declare(rows), rows
+
+    def _rows_of_layout(self, layout: Layout) -> tuple[int, FrameRows]:
+        known = self._frames
+        if known is not None and (known[1].layout is layout or known[1].layout == layout):
+            return known
+        rows = FrameRows(layout)
+        return self._declare(rows), rows
+
+    def _declare(self, rows: SampleRows | FrameRows) -> int:
+        number = self._count
+        self._ring.declare(_declaration(number, rows))
+        self._know(number, rows)
+        return number
+
+    def _know(self, number: int, rows: SampleRows | FrameRows) -> None:
+        self._count = number + 1
+        if isinstance(rows, FrameRows):
+            self._frames = number, rows
+        else:
+            self._streams[rows.source, rows.stream.name] = number, rows
+
+
+class ItemReader:
+    """Reads the items of a ring as reader number ``reader``, from where that one had got to.
+
+    ``position`` is where the next item begins; ``settle`` says that all before it need not be read again.
+    """
+
+    def __init__(self, ring: Ring, reader: int) -> None:
+        self.ring = ring
+        self.reader = reader
+        self.position = ring.position(reader)
+        self.skipped = 0
+        """Bytes that were written over before they were read."""
+        self._rows: dict[int, SampleRows | FrameRows] = {}
+        self._declared = 0
+        self._channel = 0
+
+    @property
+    def bell(self) -> int:
+        """A descriptor that can be read once there is something new."""
+        return self.ring.bell(self.reader)
+
+    def quiet(self) -> None:
+        """Wait for news from now on; look for items after it, not before."""
+        self.ring.quiet(self.reader)
+
+    def items(self) -> Iterator[Item | Skipped]:
+        """What there is now, in order."""
+        self.quiet()
+        while True:
+            record, following = self.ring.read(self.position)
+            missed = following - self.position
+            self.position = following
+            if record is not None:
+                yield self._item(record)
+            elif missed:
+                self.skipped += missed
+                yield Skipped(missed)
+            else:
+                return
+
+    def settle(self) -> None:
+        """All that was given is dealt with."""
+        self.ring.settle(self.reader, self.position)
+
+    def newest(self) -> int:
+        """The number with which the channel that was read last goes on."""
+        return self.ring.following(self._channel)
+
+    @property
+    def over(self) -> bool:
+        """Whether the writer has ended and all was read."""
+        return self.ring.ended and self.position >= self.ring.head
+
+    def _item(self, record: Record) -> Item:
+        if record.kind == _ROWS:
+            self._channel = record.channel
+            rows = self._rows.get(record.channel) or self._look_up(record.channel)
+            size = int.from_bytes(record.body[1:9], "little")
+            return rows.decode(record.body, 0, size, record.sequence)[0]
+        if record.kind == _STATUS:
+            return Status(json.loads(record.body))
+        if record.kind == _MARK:
+            return Mark(int(record.body))
+        return messages.decode(_TYPES[record.kind], record.body)
+
+    def _look_up(self, channel: int) -> SampleRows | FrameRows:
+        lines, self._declared = self.ring.declared(self._declared)
+        self._rows.update(map(_read_declaration, lines))
+        return self._rows[channel]
+
+
+def part_of(item: Block, part: slice) -> Block:
+    """Some samples of a block."""
+    arrays = {name: getattr(item, name)[part] for name in ("time", "bound", "values", "quality")}
+    if isinstance(item, Batch) and item.device_time is not None:
+        arrays["device_time"] = item.device_time[part]
+    return replace(item, sequence=item.sequence + part.start, **arrays)
+
+
+def _declaration(number: int, rows: SampleRows | FrameRows) -> bytes:
+    if isinstance(rows, FrameRows):
+        return json.dumps({"number": number, "layout": asdict(rows.layout)}).encode()
+    return json.dumps({"number": number, "source": rows.source, "stream": stream_to_dict(rows.stream)}).encode()
+
+
+def _read_declaration(line: bytes) -> tuple[int, SampleRows | FrameRows]:
+    plain = json.loads(line)
+    if "layout" in plain:
+        channels = tuple(FrameChannel(**channel) for channel in plain["layout"]["channels"])
+        return plain["number"], FrameRows(Layout(channels, plain["layout"]["rate"]))
+    return plain["number"], SampleRows(plain["source"], stream_from_dict(plain["stream"]))

@@ -1,0 +1,200 @@
+"""Records in shared memory: one process writes, several read, and the oldest are written over.
+
+The memory belongs to no file and no name; processes that a fork made share it, and it lasts as long as one of
+them. The writer never waits. A reader that falls behind by more than the ring holds is told how far it was left
+behind and goes on with the oldest record that is still whole.
+
+Layout, native 64-bit words first: number of bytes ever written (*head*), of the oldest byte still whole (*tail*),
+1 once no more will come, length of the declarations, a note of the writer; then the position up to which each
+reader has dealt with what it read, and the next sequence number of each channel. Declarations follow, which are
+only ever added to, then the records, each with a head of 32 bytes and a length that is a multiple of 32. A record
+becomes visible when *head* moves past it, so a writer that is killed leaves no half record. One that was written
+over while it was copied is known by *tail*, and by its checksum on machines that reorder stores.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import struct
+import zlib
+from typing import Final, NamedTuple
+
+READERS: Final = 32
+CHANNELS: Final = 4096
+DECLARATIONS: Final = 16 << 20
+"""Room for what channels are; only what is used takes memory."""
+
+_HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _POSITIONS = 0, 1, 2, 3, 4, 8
+_COUNTS = _POSITIONS + READERS
+_WORDS = _COUNTS + CHANNELS
+_START = -(-_WORDS * 8 // mmap.PAGESIZE) * mmap.PAGESIZE
+_RECORD = struct.Struct("=IIHHIqq")
+"""Length with this head, checksum of the body, kind, channel, length of the body, sequence number, spare."""
+_STEP: Final = _RECORD.size
+_PADDING: Final = 0
+
+
+class Record(NamedTuple):
+    """One record: what it is (``kind``), of which channel, with which number of its channel."""
+
+    kind: int
+    channel: int
+    sequence: int
+    body: bytes
+
+
+class Ring:
+    """``size`` bytes of records for ``readers`` readers; made before the processes that use it are forked."""
+
+    def __init__(self, size: int, readers: int) -> None:
+        if not 0 < readers <= READERS:
+            raise ValueError(f"a ring has 1 to {READERS} readers, not {readers}")
+        self.size = -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
+        self._memory = mmap.mmap(-1, _START + DECLARATIONS + self.size, mmap.MAP_SHARED | mmap.MAP_ANONYMOUS)
+        view = memoryview(self._memory)
+        # Stores to a view of 64-bit words are single stores; struct writes byte by byte.
+        self._words = view[:_START].cast("Q")
+        self._declarations = view[_START : _START + DECLARATIONS]
+        self._data = view[_START + DECLARATIONS :]
+        self._bells = tuple(os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC) for _ in range(readers))
+
+    @property
+    def largest(self) -> int:
+        """Bytes that a record may hold at most."""
+        return self.size // 4 - _STEP
+
+    # writer ---------------------------------------------------------------------------------------
+
+    def put(self, kind: int, channel: int, sequence: int, count: int, body: bytes, note: int | None = None) -> None:
+        """Add a record that numbers ``count`` things of its channel from ``sequence`` on, and wake all readers.
+
+        ``note`` is for who writes after this process. Raises ``ValueError`` where the body is longer than ``largest``.
+        """
+        if len(body) > self.largest:
+            raise ValueError(f"a record of {len(body)} bytes does not fit a ring that takes {self.largest}")
+        words, data = self._words, self._data
+        length = -(-(len(body) + _STEP) // _STEP) * _STEP
+        at = words[_HEAD] % self.size
+        if at + length > self.size:
+            self._make_room(self.size - at)
+            _RECORD.pack_into(data, at, self.size - at, 0, _PADDING, 0, 0, 0, 0)
+            words[_HEAD] += self.size - at
+            at = 0
+        self._make_room(length)
+        _RECORD.pack_into(data, at, length, zlib.crc32(body), kind, channel, len(body), sequence, 0)
+        data[at + _STEP : at + _STEP + len(body)] = body
+        # In this order a kill in between leaves a hole in the numbers, not a number given twice.
+        words[_COUNTS + channel] = sequence + count
+        if note is not None:
+            words[_NOTE] = note
+        words[_HEAD] += length
+        self._ring()
+
+    def following(self, channel: int) -> int:
+        """The next sequence number of a channel, also where another process wrote the one before."""
+        return self._words[_COUNTS + channel]
+
+    @property
+    def note(self) -> int:
+        """The last note of the writer, 0 before the first."""
+        return self._words[_NOTE]
+
+    def declare(self, line: bytes) -> None:
+        """Add a line that says what a channel is, for readers of all times."""
+        end = self._words[_DECLARED]
+        if end + len(line) + 1 > DECLARATIONS:
+            raise ValueError("the settings were changed too often for one run of the daemon: restart it")
+        self._declarations[end : end + len(line) + 1] = line + b"\n"
+        self._words[_DECLARED] = end + len(line) + 1
+
+    def end(self) -> None:
+        """No more records will come, until ``begin``."""
+        self._words[_ENDED] = 1
+        self._ring()
+
+    def begin(self) -> None:
+        """Another writer will follow the one that ended."""
+        self._words[_ENDED] = 0
+
+    def _make_room(self, length: int) -> None:
+        words = self._words
+        tail, needed = words[_TAIL], words[_HEAD] + length - self.size
+        if tail < needed:
+            while tail < needed:
+                tail += _RECORD.unpack_from(self._data, tail % self.size)[0]
+            words[_TAIL] = tail
+
+    def _ring(self) -> None:
+        for bell in self._bells:
+            os.eventfd_write(bell, 1)
+
+    # readers --------------------------------------------------------------------------------------
+
+    def bell(self, reader: int) -> int:
+        """A descriptor that can be read once there is something new; ``quiet`` takes that back."""
+        return self._bells[reader]
+
+    def quiet(self, reader: int) -> None:
+        """Wait for news from now on; look for records after it, not before."""
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self._bells[reader])
+
+    @property
+    def head(self) -> int:
+        """Bytes ever written."""
+        return self._words[_HEAD]
+
+    @property
+    def tail(self) -> int:
+        """Position of the oldest record still whole."""
+        return self._words[_TAIL]
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more records will come."""
+        return bool(self._words[_ENDED])
+
+    def read(self, position: int) -> tuple[Record | None, int]:
+        """The record at ``position`` and where the next one begins.
+
+        ``None`` with the same position: there is none yet. ``None`` with a later one: what was there has been
+        written over.
+        """
+        while True:
+            if position < self.tail:
+                return None, self.tail
+            if position >= self.head:
+                return None, position
+            at = position % self.size
+            length, check, kind, channel, size, sequence, _ = _RECORD.unpack_from(self._data, at)
+            body = bytes(self._data[at + _STEP : at + _STEP + size])
+            if position < self.tail:
+                return None, self.tail
+            if kind != _PADDING:
+                if zlib.crc32(body) != check:
+                    return None, self.head
+                return Record(kind, channel, sequence, body), position + length
+            position += length
+
+    def position(self, reader: int) -> int:
+        """Up to where a reader has dealt with what it read."""
+        return self._words[_POSITIONS + reader]
+
+    def settle(self, reader: int, position: int) -> None:
+        """All before ``position`` is dealt with: who comes after this reader goes on there."""
+        self._words[_POSITIONS + reader] = position
+
+    def declared(self, after: int = 0) -> tuple[list[bytes], int]:
+        """Lines declared after so many bytes, and how many bytes there are now."""
+        end = self._words[_DECLARED]
+        return bytes(self._declarations[after:end]).splitlines(), end
+
+    def close(self) -> None:
+        """Give the memory back, as far as this process is concerned."""
+        for view in (self._words, self._declarations, self._data):
+            view.release()
+        self._memory.close()
+        for bell in self._bells:
+            os.close(bell)

@@ -1,0 +1,103 @@
+"""The process that makes frames of what was collected."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable
+from typing import Final
+
+from cellwatt.batch import Batch, Tick
+from cellwatt.frames import Frames
+from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
+from cellwatt.runtime.assemble import streams_of
+from cellwatt.runtime.framer import Framer
+from cellwatt.runtime.processes.shared import ALIGN, Apply, Assignment, Ready, figures
+from cellwatt.runtime.processes.waiting import turns
+
+GATHERED: Final = 0.004
+"""s for which samples gather before they are looked at: frames are given out later than that anyway."""
+BEFORE: Final = 3.0
+"""s before the last frame from which a process that follows another reads again, so that its frames are the same."""
+SAID: Final = 1.0  # s between figures
+
+
+def align(assignment: Assignment) -> None:
+    """Make frames until nothing more is collected."""
+    _Aligning(assignment).run()
+
+
+class _Aligning:
+    def __init__(self, assignment: Assignment) -> None:
+        shared = assignment.shared
+        self._assignment = assignment
+        self._config, self._generation = assignment.config, assignment.generation
+        self._in = ItemReader(shared.raw, ALIGN)
+        self._out = ItemWriter(shared.frames)
+        self._streams = {name: streams_of(source) for name, source in self._config.sources.items()}
+        self._framer = Framer(self._streams, self._config.frames, *self._out.frames())
+        self._fitting: dict[int, bool] = {}
+        """Whether a stream, by its identity, is one of those in force."""
+        self._read: deque[tuple[float, int]] = deque()
+        self._skipped = 0
+        self._said = 0.0
+
+    def run(self) -> None:
+        self._out.put(Mark(self._generation))
+        self._assignment.control.send(Ready())
+        for _ in turns(self._in, self._assignment.control, SAID):
+            for item in self._in.items():
+                self._take(item)
+            self._look(time.monotonic())
+            time.sleep(GATHERED)
+        self._give(self._framer.flush())
+        self._say()
+        self._out.end()
+
+    def _take(self, item: object) -> None:
+        match item:
+            case Batch():
+                if self._fits(item):
+                    self._give(self._framer.take(item))
+            case Tick():
+                self._give(self._framer.take(item))
+            case Mark() if item.generation > self._generation:
+                self._change(item.generation)
+            case Skipped():
+                self._skipped += item.size
+            case _:
+                pass
+
+    def _fits(self, batch: Batch) -> bool:
+        """Whether a batch is of the settings in force; a process that follows another may meet older ones."""
+        fits = self._fitting.get(id(batch.stream))
+        if fits is None:
+            fits = self._fitting[id(batch.stream)] = batch.stream in self._streams.get(batch.source, ())
+        return fits
+
+    def _give(self, blocks: Iterable[Frames]) -> None:
+        for frames in blocks:
+            self._out.put(frames)
+
+    def _change(self, generation: int) -> None:
+        while self._generation < generation:
+            message = self._assignment.control.recv()
+            assert isinstance(message, Apply)
+            self._config, self._generation = message.config, message.generation
+        self._give(self._framer.flush())
+        self._streams = {name: streams_of(source) for name, source in self._config.sources.items()}
+        self._framer.change(self._streams, self._config.frames)
+        self._fitting.clear()
+        self._out.put(Mark(generation))
+
+    def _look(self, now: float) -> None:
+        self._read.append((now, self._in.position))
+        while self._read[0][0] < now - BEFORE:
+            self._in.ring.settle(ALIGN, self._read.popleft()[1])
+        if now - self._said >= SAID:
+            self._said = now
+            self._say()
+
+    def _say(self) -> None:
+        said = figures("align", self._assignment, skipped_bytes=self._skipped, frames=self._framer.status())
+        self._out.put(Status(said))

@@ -1,0 +1,109 @@
+"""A process that runs one chain of stages on the frames."""
+
+from __future__ import annotations
+
+import logging
+import os
+import resource
+import time
+from collections.abc import Iterable
+from typing import Final
+
+from cellwatt.frames import Frames
+from cellwatt.results import Result
+from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
+from cellwatt.runtime.assemble import layout_of, make_chain, streams_of
+from cellwatt.runtime.processes.shared import Assignment, Ready, figures
+from cellwatt.runtime.processes.waiting import turns
+from cellwatt.runtime.worker import QUEUED_FRAMES
+
+log = logging.getLogger(__name__)
+
+NICE: Final = 5
+"""What judges gives way to what collects, aligns and tells."""
+MEMORY: Final = 2 << 30
+"""Bytes that the stages of a chain may take; one that asks for more is made anew."""
+SAID: Final = 1.0  # s between figures
+
+
+def judge(assignment: Assignment) -> None:
+    """Run the stages until no more frames come, or others take over. Raises ``ConfigError`` as ``make_chain`` does."""
+    os.nice(NICE)
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+    _Judging(assignment).run()
+
+
+class _Judging:
+    def __init__(self, assignment: Assignment) -> None:
+        shared, config = assignment.shared, assignment.config
+        self._assignment = assignment
+        self._held = assignment.held
+        self._in = ItemReader(shared.frames, assignment.slot + 1)
+        self._out = ItemWriter(shared.results[assignment.slot])
+        streams = {name: streams_of(source) for name, source in config.sources.items()}
+        self._layout = layout_of(streams, config.frames)
+        self._fitting: dict[int, bool] = {}
+        self._chain = make_chain(config, self._layout, assignment.stages)
+        self._following: int | None = None
+        self._dropped = self._waiting = 0
+        self._said = 0.0
+
+    def run(self) -> None:
+        control = self._assignment.control
+        control.send(Ready())
+        for _ in turns(self._in, control, SAID):
+            if not self._turn():
+                break
+            if time.monotonic() - self._said >= SAID:
+                self._say()
+        self._give(self._chain.close())
+        self._say()
+        self._out.end()
+
+    def _turn(self) -> bool:
+        """Judge what there is; ``False`` where others have taken over."""
+        for item in self._in.items():
+            # Before the work: what makes a stage crash is not given to its successor.
+            self._in.settle()
+            if isinstance(item, Frames):
+                self._take(item)
+            elif isinstance(item, Mark) and item.generation > self._assignment.generation:
+                return False
+            elif isinstance(item, Mark) and item.generation == self._assignment.generation:
+                self._held = False
+        return True
+
+    def _take(self, frames: Frames) -> None:
+        if self._held or not self._fits(frames):
+            return
+        if self._following is not None:
+            self._dropped += max(frames.sequence - self._following, 0)
+        self._following = frames.sequence + len(frames)
+        self._waiting = self._in.newest() - self._following
+        if self._waiting > QUEUED_FRAMES:
+            self._dropped += len(frames)
+        else:
+            self._give(self._chain.process(frames))
+        if time.monotonic() - self._said >= SAID:
+            self._say()
+
+    def _fits(self, frames: Frames) -> bool:
+        fits = self._fitting.get(id(frames.layout))
+        if fits is None:
+            fits = self._fitting[id(frames.layout)] = frames.layout == self._layout
+        return fits
+
+    def _give(self, results: Iterable[Result]) -> None:
+        for result in results:
+            try:
+                self._out.put(result)
+            except ValueError:
+                log.exception("a result of the stages %s cannot be passed on", ", ".join(self._chain.names))
+
+    def _say(self) -> None:
+        self._said = time.monotonic()
+        stages = {
+            name: known | {"dropped": self._dropped, "waiting": max(self._waiting, 0)}
+            for name, known in self._chain.status().items()
+        }
+        self._out.put(Status(figures(f"judge {'+'.join(self._chain.names)}", self._assignment, stages=stages)))

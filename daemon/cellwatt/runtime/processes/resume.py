@@ -1,0 +1,66 @@
+"""Where the record of a process that was killed ends, so that its successor writes nothing twice."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from io import FileIO
+from pathlib import Path
+
+from cellwatt.batch import Batch
+from cellwatt.errors import RecordingError
+from cellwatt.frames import Frames
+from cellwatt.record import Recorder, decoder
+from cellwatt.record.decoder import track_of
+from cellwatt.record.reader import chunk_data
+from cellwatt.record.retention import listing
+from cellwatt.record.summary import survey
+from cellwatt.ring.items import Block, part_of
+
+LAST = 8
+"""Chunks at the end of a file in which what a ring still holds may be."""
+
+
+@dataclass(slots=True)
+class Resume:
+    """The number with which each stream, and the frames, go on after what is in the record."""
+
+    following: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    @classmethod
+    async def of(cls, recorder: Recorder | None, *, restarts: int) -> Resume:
+        """What this session's record holds; empty where the process is the first of its session."""
+        if recorder is None or not restarts:
+            return cls()
+        await recorder.recovered()
+        return await asyncio.to_thread(cls._read, recorder.settings.folder, recorder.cell, recorder.session)
+
+    @classmethod
+    def _read(cls, folder: Path, cell: str, session: int) -> Resume:
+        found = cls()
+        files = [f for f in listing(folder, cell) if f.name.session == session and f.closed]
+        for kept in files[-2:]:
+            try:
+                contents = survey(kept.path).contents
+            except RecordingError:
+                continue
+            tracks = {n: t for n, c in contents.channels.items() if (t := track_of(c)) is not None and t.rows}
+            with FileIO(kept.path, "rb") as file:
+                for chunk in contents.chunks[-LAST:]:
+                    for item in decoder.items(chunk_data(file, chunk), tracks, tracks):
+                        if isinstance(item, Batch | Frames):
+                            found.following[_key(item)] = item.sequence + len(item)
+        return found
+
+    def fresh(self, item: Block) -> Block | None:
+        """What of a block is not in the record yet."""
+        first = self.following.get(_key(item), 0)
+        if item.sequence >= first:
+            return item
+        if item.sequence + len(item) <= first:
+            return None
+        return part_of(item, slice(first - item.sequence, len(item)))
+
+
+def _key(item: Batch | Frames) -> tuple[str, str]:
+    return (item.source, item.stream.name) if isinstance(item, Batch) else ("", "")

@@ -1,0 +1,122 @@
+"""What the processes of a daemon share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from cellwatt.cell_clock import CellClock
+from cellwatt.channel import Stream
+from cellwatt.config import CellConfig
+from cellwatt.frames import Layout
+from cellwatt.ring import Ring
+
+SLOTS: Final = 16
+"""Chains of stages that may run at a time; during a reload the old ones and the new."""
+KEPT: Final = 10.0
+"""s of data that a ring holds: how long a reader may stand still before it misses some."""
+SMALLEST, LARGEST = 4 << 20, 64 << 20  # bytes of a ring
+RESULTS: Final = 4 << 20
+"""Bytes of results that a chain may be ahead of who records and publishes them."""
+_USUAL_RATE = 100.0
+"""Hz, of streams that declare none."""
+
+ALIGN, TELL = 0, 1
+"""Readers of the raw ring."""
+FRAMES_TELL = 0
+"""Reader of the frames who tells; chain number n is reader n + 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """The cell's clock and session, and the rings: raw from *collect*, frames from *align*, results of each chain."""
+
+    clock: CellClock
+    session: int
+    raw: Ring
+    frames: Ring
+    results: tuple[Ring, ...]
+
+    @classmethod
+    def of(cls, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> Shared:
+        """Rings that hold some seconds of what these streams and frames give."""
+        clock = CellClock()
+        raw = sum((s.rate or _USUAL_RATE) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
+        frames = layout.rate * (50 + 19 * len(layout.channels))
+        results = tuple(Ring(RESULTS, 1) for _ in range(SLOTS))
+        for ring in results:
+            ring.end()
+        return cls(clock, clock.now(), _ring(raw, 2), _ring(frames, 1 + SLOTS), results)
+
+
+def _ring(rate: float, readers: int) -> Ring:
+    """A ring for ``rate`` bytes a second."""
+    return Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What one process is to do: ``stages`` for a chain in ``slot``; ``held``: begin with what this generation brings.
+
+    ``generation`` numbers the settings since the start, ``restarts`` how often the process was begun again.
+    """
+
+    shared: Shared
+    config: CellConfig
+    generation: int
+    control: Connection
+    restarts: int = 0
+    stages: tuple[str, ...] = ()
+    slot: int = 0
+    held: bool = False
+
+
+# What supervisor and processes say to each other -----------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """The process serves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The process cannot do its work, for a reason that a person can mend."""
+
+    error: Exception
+
+
+@dataclass(frozen=True, slots=True)
+class InForce:
+    """Everything works by the settings of this generation."""
+
+    generation: int
+
+
+@dataclass(frozen=True, slots=True)
+class Apply:
+    """Settings to be taken: at once where a process reads devices, at their ``Mark`` where it reads a ring."""
+
+    generation: int
+    config: CellConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Come to an end."""
+
+
+def figures(part: str, assignment: Assignment, **more: Any) -> dict[str, Any]:
+    """What a process says of itself about once a second."""
+    import os
+    import time
+
+    return {
+        "part": part,
+        "pid": os.getpid(),
+        "restarts": assignment.restarts,
+        "cpu_s": round(time.process_time(), 2),
+        **more,
+    }

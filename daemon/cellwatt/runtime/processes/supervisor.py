@@ -1,0 +1,316 @@
+"""``cellwatt run``: starts the processes of a cell, begins again those that die, applies new settings, and stops.
+
+It does no work of its own and has one thread, so that it can fork a process at any time in milliseconds, with
+all that is imported already there and shared.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import selectors
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from cellwatt.config import CellConfig, load
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.runtime import systemd
+from cellwatt.runtime.assemble import chain_names, layout_of, streams_of
+from cellwatt.runtime.change import Change
+from cellwatt.runtime.processes.align import align
+from cellwatt.runtime.processes.collect import collect
+from cellwatt.runtime.processes.judge import judge
+from cellwatt.runtime.processes.part import Part
+from cellwatt.runtime.processes.shared import SLOTS, Apply, Assignment, Failed, InForce, Ready, Shared, Stop
+from cellwatt.runtime.processes.tell import tell
+
+log = logging.getLogger(__name__)
+
+LOOK: Final = 1.0
+"""Longest time, s, without a look at the clock."""
+END: Final = 12.0
+"""Longest time, s, that one process may take to come to its end."""
+
+
+@dataclass(slots=True)
+class _Reload:
+    """New settings on their way: the judges that will work by them, and what they wait for."""
+
+    config: CellConfig
+    change: Change
+    generation: int
+    judges: dict[int, Part] = field(default_factory=dict)
+    sent: bool = False
+
+
+class Supervisor:
+    """The processes of one cell. ``run`` serves until SIGTERM or SIGINT; SIGHUP applies what changed in the file."""
+
+    def __init__(self, config: CellConfig) -> None:
+        self._config = config
+        self._generation = 1
+        streams = {name: streams_of(source) for name, source in config.sources.items()}
+        self._shared = Shared.of(streams, layout_of(streams, config.frames))
+        self._collect = Part("collect", collect, self._assign())
+        self._align = Part("align", align, self._assign())
+        self._tell = Part("tell", tell, self._assign())
+        self._judges = self._new_judges(config, held=False)
+        self._ending: list[Part] = []
+        """Judges whose chain others have taken over."""
+        self._stop_asked = self._reload_asked = False
+        self._reload: _Reload | None = None
+        self._failed: Exception | None = None
+
+    @property
+    def _parts(self) -> list[Part]:
+        held = list(self._reload.judges.values()) if self._reload is not None else []
+        return [self._collect, self._align, self._tell, *self._judges.values(), *held, *self._ending]
+
+    def run(self) -> None:
+        """Serve the cell. Raises ``CellwattError`` where a part cannot be started."""
+        gc.collect()
+        gc.freeze()
+        with self._signals() as self._selector:
+            # Judges take longest to begin, and what is collected meanwhile waits for them.
+            for part in [self._tell, self._align, *self._judges.values(), self._collect]:
+                self._start(part)
+            while not self._stop_asked and self._failed is None and not all(p.ready for p in self._parts):
+                self._turn()
+            if self._failed is None and not self._stop_asked:
+                systemd.notify(READY="1")
+            while not self._stop_asked and self._failed is None:
+                self._turn()
+                self._go_on_reloading()
+            systemd.notify(STOPPING="1")
+            self._shut_down()
+        if self._failed is not None:
+            raise self._failed
+
+    @contextmanager
+    def _signals(self) -> Iterator[selectors.DefaultSelector]:
+        """Note what is asked of the daemon, and wake up at it."""
+
+        def note(number: int, _frame: object) -> None:
+            if number == signal.SIGHUP:
+                self._reload_asked = True
+            else:
+                self._stop_asked = True
+
+        read, write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        numbers = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+        before = {number: signal.signal(number, note) for number in numbers}
+        wakeup = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
+        with selectors.DefaultSelector() as selector:
+            selector.register(read, selectors.EVENT_READ, lambda: os.read(read, 64))
+            try:
+                yield selector
+            finally:
+                signal.set_wakeup_fd(wakeup)
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+                os.close(read)
+                os.close(write)
+
+    # processes ------------------------------------------------------------------------------------
+
+    def _assign(self, **more: Any) -> Callable[[Connection, int], Assignment]:
+        def make(control: Connection, restarts: int) -> Assignment:
+            return Assignment(self._shared, self._config, self._generation, control, restarts, **more)
+
+        return make
+
+    def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, Part]:
+        """A process for each chain of stages, in slots that are free."""
+        used = {} if not held else self._judges
+        free = iter(slot for slot in range(SLOTS) if slot not in used)
+        generation = self._generation + held
+        made: dict[int, Part] = {}
+        for names in chain_names(config):
+            slot = next(free, None)
+            if slot is None:
+                raise CellwattError(f"a cell has at most {SLOTS} chains of stages that share no results")
+            made[slot] = Part(
+                f"judge {'+'.join(names)}", judge, self._assign_judge(config, generation, names, slot, held)
+            )
+        return made
+
+    def _assign_judge(
+        self, config: CellConfig, generation: int, names: list[str], slot: int, held: bool
+    ) -> Callable[[Connection, int], Assignment]:
+        def make(control: Connection, restarts: int) -> Assignment:
+            waits = held and self._generation < generation
+            if not restarts:
+                self._shared.frames.settle(slot + 1, self._shared.frames.head)
+            self._shared.results[slot].begin()
+            return Assignment(
+                self._shared, config, generation, control, restarts, stages=tuple(names), slot=slot, held=waits
+            )
+
+        return make
+
+    def _start(self, part: Part) -> None:
+        part.start([p for p in self._parts if p is not part])
+        assert part.control is not None
+        self._selector.register(part.control, selectors.EVENT_READ, lambda: self._hear(part))
+        self._selector.register(part.exit, selectors.EVENT_READ, lambda: self._bury(part))
+
+    def _turn(self) -> None:
+        """Wait for news and deal with them; begin again what has died and is due."""
+        now = time.monotonic()
+        serving = self._serving()
+        due = [p.again_at - now for p in serving if not p.alive]
+        for key, _ in self._selector.select(max(min([LOOK, *due]), 0.0)):
+            if key.fileobj in self._selector.get_map():
+                key.data()
+        self._shared.clock.discipline()
+        for part in serving:
+            if not part.alive and time.monotonic() >= part.again_at and self._failed is None:
+                self._start(part)
+
+    def _serving(self) -> list[Part]:
+        return [self._collect, self._align, self._tell, *self._judges.values()]
+
+    def _hear(self, part: Part) -> None:
+        assert part.control is not None
+        try:
+            message = part.control.recv()
+        except (EOFError, OSError):  # it is about to end
+            self._forget(part.control)
+            return
+        match message:
+            case Ready():
+                part.ready = True
+            case InForce() if self._reload is not None:
+                self._reload_done(self._reload)
+            case Failed():
+                self._take_failure(part, message.error)
+            case _:
+                pass
+
+    def _take_failure(self, part: Part, error: Exception) -> None:
+        if self._reload is not None and part in self._reload.judges.values():
+            self._give_up_reload(error)
+        elif not part.restarts and self._generation == 1 and not all(p.ready for p in self._serving()):
+            self._failed = error
+        else:
+            log.error("%s: %s", part.name, error)
+
+    def _bury(self, part: Part) -> None:
+        if part.control is not None and part.control.poll():
+            self._hear(part)  # its last words
+        self._forget(part.control)
+        self._forget(part.exit)
+        why = part.reap()
+        if part in self._ending:
+            self._ending.remove(part)
+        elif self._failed is None and not self._stop_asked:
+            pause = max(part.again_at - time.monotonic(), 0.0)
+            log.error("the process %s ended by %s; it is begun again in %.1f s", part.name, why, pause)
+
+    def _forget(self, held: Connection | int | None) -> None:
+        if held is not None and held in self._selector.get_map():
+            self._selector.unregister(held)
+
+    # end ------------------------------------------------------------------------------------------
+
+    def _shut_down(self) -> None:
+        """Bring all to their end in the order in which data pass, each with all that it was given."""
+        if self._reload is not None:
+            for part in self._reload.judges.values():
+                self._end(part, at_once=True)
+            self._reload = None
+        self._collect.send(Stop())
+        self._end(self._collect)
+        self._shared.raw.end()
+        self._end(self._align)
+        self._shared.frames.end()
+        for slot, part in self._judges.items():
+            self._end(part)
+            self._shared.results[slot].end()
+        for part in list(self._ending):
+            self._end(part)
+        for ring in self._shared.results:
+            ring.end()
+        if not self._tell.alive and self._failed is None:
+            self._start(self._tell)
+        self._end(self._tell, at_once=self._failed is not None)
+
+    def _end(self, part: Part, *, at_once: bool = False) -> None:
+        end = time.monotonic() + (0.0 if at_once else END)
+        while part.alive and time.monotonic() < end:
+            for key, _ in self._selector.select(max(end - time.monotonic(), 0.0)):
+                if key.fileobj in self._selector.get_map():
+                    key.data()
+        if part.alive:
+            if not at_once:
+                log.warning("the process %s did not end within %.0f s: what it held is lost", part.name, END)
+            part.kill()
+            self._bury(part)
+
+    # reload ---------------------------------------------------------------------------------------
+
+    def _go_on_reloading(self) -> None:
+        reload = self._reload
+        if reload is None:
+            if self._reload_asked:
+                self._reload_asked = False
+                self._begin_reload()
+        elif not reload.sent and all(part.ready for part in reload.judges.values()):
+            self._send(reload)
+
+    def _begin_reload(self) -> None:
+        systemd.reloading()
+        try:
+            config = load(self._config.path)
+            change = Change.between(self._config, config)
+            if not change:
+                self._config = config
+                log.info("%s", change)
+                systemd.notify(READY="1")
+                return
+            streams = {name: streams_of(source) for name, source in config.sources.items()}
+            layout_of(streams, config.frames)
+            judges = self._new_judges(config, held=True) if change.frames else {}
+        except (ConfigError, CellwattError) as error:
+            self._refuse(error)
+            return
+        self._reload = _Reload(config, change, self._generation + 1, judges)
+        for part in judges.values():
+            self._start(part)
+
+    def _send(self, reload: _Reload) -> None:
+        """All that can fail is done: hand the settings over, to who reads devices last."""
+        reload.sent = True
+        self._config = reload.config
+        if not reload.change.frames:
+            self._tell.send(Apply(self._generation, reload.config))
+            return
+        self._generation = reload.generation
+        self._ending += self._judges.values()
+        self._judges, reload.judges = reload.judges, {}
+        for part in (self._align, self._tell, self._collect):
+            part.send(Apply(reload.generation, reload.config))
+
+    def _reload_done(self, reload: _Reload) -> None:
+        log.info("%s", reload.change)
+        self._reload = None
+        systemd.notify(READY="1")
+
+    def _give_up_reload(self, error: Exception) -> None:
+        assert self._reload is not None
+        judges, self._reload = list(self._reload.judges.values()), None
+        self._ending += judges
+        for part in judges:
+            self._end(part, at_once=True)
+        self._refuse(error)
+
+    def _refuse(self, error: Exception) -> None:
+        many = "\n" if isinstance(error, ConfigError) else " "
+        log.error("not reloaded, the old settings stay in force:%s%s", many, error)
+        systemd.notify(READY="1")

@@ -1,0 +1,253 @@
+"""The process that tells: the record, sinks and answers, health."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from cellwatt.batch import Batch
+from cellwatt.channel import Stream
+from cellwatt.config import CellConfig
+from cellwatt.errors import CellwattError
+from cellwatt.frames import Frames, Layout
+from cellwatt.results import Event
+from cellwatt.ring import ItemReader, Mark, Skipped, Status
+from cellwatt.runtime import systemd
+from cellwatt.runtime.assemble import layout_of, streams_of
+from cellwatt.runtime.change import Change
+from cellwatt.runtime.processes.resume import Resume
+from cellwatt.runtime.processes.shared import FRAMES_TELL, TELL, Apply, Assignment, InForce, Ready, figures
+from cellwatt.runtime.tasks import Tasks
+from cellwatt.runtime.teller import Teller
+from cellwatt.ticker import Ticker
+
+log = logging.getLogger(__name__)
+
+HEALTH_RATE: Final = 1.0  # Hz
+AT_ONCE: Final = 100
+"""Items of one ring that are dealt with before the loop may turn to something else."""
+ALONE: Final = 5.0
+"""s after the end of the supervisor in which all others must come to their end, too."""
+SILENT: Final = 4.0
+"""s without figures after which a process is told to be down."""
+
+
+def tell(assignment: Assignment) -> None:
+    """Record and publish until all others have ended. Raises ``CellwattError`` where a part cannot be started."""
+    try:
+        asyncio.run(_Telling(assignment).run())
+    except ExceptionGroup as failures:
+        if all(isinstance(error, CellwattError) for error in failures.exceptions):
+            raise failures.exceptions[0] from None
+        raise
+
+
+class _Way:
+    """One ring as it is read here; ``checkpoints`` are its positions and what the recorder had taken by then."""
+
+    def __init__(self, reader: ItemReader) -> None:
+        self.reader = reader
+        self.items: Iterator[Any] = iter(())
+        self.checkpoints: deque[tuple[int, int]] = deque()
+        self.again = False
+        """Is to be gone on with, though nothing new may come."""
+        self.held = False
+        """Waits until another ring has come to the same settings."""
+
+
+class _Telling:
+    def __init__(self, assignment: Assignment) -> None:
+        shared = assignment.shared
+        self._assignment = assignment
+        self._config, self._generation = assignment.config, assignment.generation
+        self._teller = Teller(assignment.config, shared.session, shared.clock.now)
+        self._teller.on_health = tell_systemd
+        self._raw = _Way(ItemReader(shared.raw, TELL))
+        self._frames = _Way(ItemReader(shared.frames, FRAMES_TELL))
+        self._results = [_Way(ItemReader(ring, 0)) for ring in shared.results]
+        self._ways = [self._raw, self._frames, *self._results]
+        self._said: dict[str, tuple[float, Mapping[str, Any]]] = {}
+        self._applying: asyncio.Queue[Apply] = asyncio.Queue()
+        self._marked = asyncio.Event()
+        self._over = asyncio.Event()
+        self._lag = 0.0
+
+    async def run(self) -> None:
+        control, loop = self._assignment.control, asyncio.get_running_loop()
+        async with asyncio.TaskGroup() as group:
+            self._tasks = Tasks(group)
+            await self._teller.start(self._tasks, *self._declared(self._config))
+            self._resume = await Resume.of(self._teller.recorder, restarts=self._assignment.restarts)
+            helpers = [group.create_task(self._heart()), group.create_task(self._apply())]
+            for way in self._ways:
+                loop.add_reader(way.reader.bell, self._drain, way)
+                self._drain(way)
+            loop.add_reader(control.fileno(), self._hear)
+            control.send(Ready())
+            gc.collect()
+            gc.freeze()
+            await self._over.wait()
+            loop.remove_reader(control.fileno())
+            for way in self._ways:
+                loop.remove_reader(way.reader.bell)
+            for helper in helpers:
+                helper.cancel()
+            self._look()
+            await self._teller.close(self._tasks)
+        self._settle()
+
+    def _declared(self, config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]:
+        streams = {name: streams_of(source) for name, source in config.sources.items()}
+        return streams, layout_of(streams, config.frames)
+
+    # rings ----------------------------------------------------------------------------------------
+
+    def _drain(self, way: _Way) -> None:
+        way.again = False
+        for _ in range(AT_ONCE):
+            item = self._next(way)
+            if item is None:
+                break
+            self._take(way, item)
+        else:
+            way.again = True
+            asyncio.get_running_loop().call_soon(self._go_on, way)
+        self._note(way)
+        if all(way.reader.over and not way.held for way in self._ways):
+            self._over.set()
+
+    def _go_on(self, way: _Way) -> None:
+        if way.again:
+            self._drain(way)
+
+    def _next(self, way: _Way) -> Any:
+        if way.held:
+            way.reader.quiet()
+            return None
+        item = next(way.items, None)
+        if item is None:
+            way.items = way.reader.items()
+            item = next(way.items, None)
+        return item
+
+    def _take(self, way: _Way, item: Any) -> None:
+        match item:
+            case Status():
+                self._said[item.figures["part"]] = time.monotonic(), item.figures
+            case Mark():
+                self._come_to(way, item.generation)
+            case Skipped():
+                text = f"{item.size} bytes were written over before they could be recorded: this PC is too busy"
+                log.warning("%s", text)
+                self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
+            case Batch() | Frames():
+                fresh = self._resume.fresh(item)  # type: ignore[type-var]
+                if fresh is not None:
+                    self._teller.take(fresh)
+            case _:
+                self._teller.take(item)
+
+    def _note(self, way: _Way) -> None:
+        recorder = self._teller.recorder
+        taken = recorder.progress()[0] if recorder is not None else 0
+        if not way.checkpoints or way.checkpoints[-1][1] != way.reader.position:
+            way.checkpoints.append((taken, way.reader.position))
+
+    def _settle(self) -> None:
+        """What is in the file, or needs none, is not read again by who follows this process."""
+        recorder = self._teller.recorder
+        settled = recorder.progress()[1] if recorder is not None else 0
+        for way in self._ways:
+            while way.checkpoints and way.checkpoints[0][0] <= settled:
+                way.reader.ring.settle(way.reader.reader, way.checkpoints.popleft()[1])
+
+    # settings -------------------------------------------------------------------------------------
+
+    def _hear(self) -> None:
+        try:
+            message = self._assignment.control.recv()
+        except EOFError:  # the supervisor is gone: the others end by themselves
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(self._assignment.control.fileno())
+            loop.call_later(ALONE, self._over.set)
+            return
+        assert isinstance(message, Apply)
+        self._applying.put_nowait(message)
+
+    def _come_to(self, way: _Way, generation: int) -> None:
+        """Hold a ring that is ahead of the settings here; frames that follow older ones come first."""
+        if generation > self._generation:
+            way.held = True
+            self._marked.set()
+
+    async def _apply(self) -> None:
+        while True:
+            message = await self._applying.get()
+            change = Change.between(self._config, message.config)
+            while change.frames and not (self._raw.held and self._frames.held):
+                self._marked.clear()
+                await self._marked.wait()
+            await self._change(message, change)
+            for way in (self._raw, self._frames):
+                way.held = False
+                self._drain(way)
+            self._assignment.control.send(InForce(message.generation))
+
+    async def _change(self, message: Apply, change: Change) -> None:
+        await self._teller.stop(self._tasks, change.sinks)
+        self._config, self._generation = message.config, message.generation
+        self._teller.change(self._tasks, message.config, change.sinks)
+        if change.frames:
+            self._teller.redeclare(*self._declared(message.config))
+        self._teller.take(Event(self._assignment.shared.clock.now(), None, "reloaded", str(change)))
+
+    # health ---------------------------------------------------------------------------------------
+
+    async def _heart(self) -> None:
+        async with Ticker(HEALTH_RATE) as ticker:
+            async for tick in ticker:
+                self._lag = max(0.0, asyncio.get_running_loop().time() - tick.deadline * 1e-9)
+                self._assignment.shared.clock.discipline()
+                self._settle()
+                try:
+                    self._look()
+                except Exception:
+                    # Health is worth a lot, but never the data: it is looked at again in a second.
+                    log.exception("the look at the cell's health failed")
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        said = {part: known for part, (_, known) in self._said.items()}
+        ages = {part: now - heard for part, (heard, _) in self._said.items()}
+        stages = {
+            name: s for part, known in said.items() if part.startswith("judge") for name, s in known["stages"].items()
+        }
+        collect, align = said.get("collect", {}), said.get("align", {})
+        here = figures("tell", self._assignment, loop_lag_ms=round(1e3 * self._lag, 3))
+        self._teller.look(
+            {
+                "utc_error_ms": collect.get("utc_error_ms", 0.0),
+                "loop_lag_ms": collect.get("loop_lag_ms", 0.0),
+                "sources": collect.get("sources", {}),
+                "frames": align.get("frames", {"count": 0, "streams": {}}),
+                "stages": {name: stages[name] for name in self._config.stages if name in stages},
+                "processes": {
+                    part: {k: v for k, v in known.items() if k not in ("part", "sources", "stages", "frames")}
+                    | {"silent_s": round(ages.get(part, 0.0), 1), "down": ages.get(part, 0.0) > SILENT}
+                    for part, known in {**said, "tell": here}.items()
+                },
+            }
+        )
+
+
+def tell_systemd(status: Mapping[str, Any]) -> None:
+    """Say that the daemon works, and in one line how the cell is."""
+    up = sum(s["state"] == "ok" for s in status["sources"].values())
+    text = f"{status['state']}: {up} of {len(status['sources'])} sources up, {len(status['alarms'])} alarms"
+    reason = " ".join(status["reasons"][0].split()) if status["reasons"] else ""
+    systemd.notify(WATCHDOG="1", STATUS=f"{text}; {reason}" if reason else text)
