@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict
@@ -24,6 +24,18 @@ Item = Batch | Frames | Result | Event
 """What is published live."""
 
 
+class Journal(Protocol):
+    """What was told in this session, also by a process that this one follows."""
+
+    def put(self, item: Result | Event) -> int:
+        """Note one item; gives its number among those of its kind."""
+        ...
+
+    def past(self) -> Iterator[tuple[int, Result | Event]]:
+        """The last items with their numbers, each kind in order."""
+        ...
+
+
 class CellView(Protocol):
     """What a sink may ask of the running cell. All methods may be called from any thread."""
 
@@ -31,6 +43,8 @@ class CellView(Protocol):
     cell: str
     session: int
     """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
+    journal: Journal | None
+    """What was told so far, where the process that tells may be begun anew within a session."""
 
     def status(self) -> Mapping[str, Any]:
         """Health of every part with its figures, JSON-ready."""

@@ -55,7 +55,9 @@ class Daemon:
     async def start(self, **environment: str) -> None:
         command = [sys.executable, "-m", "cellwatt.commands", "run", str(self.file)]
         with (self.folder / "daemon.log").open("ab") as log:
-            self.process = await asyncio.create_subprocess_exec(*command, stderr=log, env={**os.environ, **environment})
+            self.process = await asyncio.create_subprocess_exec(
+                *command, stderr=log, env={**os.environ, **environment}, start_new_session=True
+            )
 
     async def stop(self) -> int:
         """SIGTERM; the exit code."""
@@ -65,9 +67,10 @@ class Daemon:
         return await asyncio.wait_for(self.process.wait(), PATIENCE)
 
     async def kill(self) -> None:
+        """SIGKILL to all its processes, as systemd does where the first of them dies."""
         assert self.process is not None
         with contextlib.suppress(ProcessLookupError):
-            self.process.kill()
+            os.killpg(self.process.pid, signal.SIGKILL)
         await self.process.wait()
 
     def hang_up(self) -> None:

@@ -13,6 +13,7 @@ from cellwatt.publish.keys import ALARM, FRAME, alarm_path
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import topic_of
 from cellwatt.results import Alarm, Event, Result
+from cellwatt.sink import Journal
 
 RESULTS_KEPT: Final = 4096
 """Results and events kept of each topic."""
@@ -31,10 +32,11 @@ class Backlog:
     """Numbers results, events and frames, and keeps the last of each and the alarms that are active now.
 
     ``session`` is the start of this numbering, UTC ns: a sink that is made anew begins a new one, so that a number
-    is never given twice. Frames are kept up to ``frame_bytes``. Called from several threads.
+    is never given twice; with a ``journal`` it goes on with the numbering there. Frames are kept up to
+    ``frame_bytes``. Called from several threads.
     """
 
-    def __init__(self, session: int, frame_bytes: float) -> None:
+    def __init__(self, session: int, frame_bytes: float, journal: Journal | None = None) -> None:
         self.session = session
         self._lock = threading.Lock()
         self._topics: dict[str, _Numbering] = {}
@@ -42,6 +44,9 @@ class Backlog:
         self._frames: deque[tuple[Mark, Frames]] = deque()
         self._frame_bytes = 0
         self._most_bytes = frame_bytes
+        self._journal = journal
+        for number, item in journal.past() if journal is not None else ():
+            self._keep(number, item)
 
     def add(self, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
         """Number and keep a result or event; gives its mark and where it is to be put.
@@ -50,11 +55,18 @@ class Backlog:
         """
         topic = topic_of(item)
         with self._lock:
-            numbering = self._topics.setdefault(topic, _Numbering(self.session))
-            mark = Mark(numbering.session, numbering.following, 1, _time_of(item))
-            numbering.following += 1
-            numbering.kept.append((mark, item))
-            return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
+            if self._journal is not None:
+                return self._keep(self._journal.put(item), item)
+            numbering = self._topics.get(topic)
+            return self._keep(numbering.following if numbering is not None else 0, item)
+
+    def _keep(self, number: int, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
+        topic = topic_of(item)
+        numbering = self._topics.setdefault(topic, _Numbering(self.session))
+        mark = Mark(numbering.session, number, 1, _time_of(item))
+        numbering.following = number + 1
+        numbering.kept.append((mark, item))
+        return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
 
     def add_frames(self, frames: Frames) -> Mark:
         """Keep frames under their own numbers; where those jump, a new numbering begins."""

@@ -62,7 +62,9 @@ class ZenohSink(Sink[ZenohSettings]):
         super().__init__(name, settings, view)
         self._keys = CellKeys(view.site, view.cell)
         self._outbox = Outbox(settings.queue, self.account)
-        self._backlog = Backlog(time.time_ns(), settings.frame_memory)
+        self._backlog = Backlog(
+            time.time_ns() if view.journal is None else view.session, settings.frame_memory, view.journal
+        )
         self._answers = Answers(view, self._keys, self._backlog, self._outbox.count, self._health)
         self._topics: dict[tuple[str, str], str] = {}
         self._status: Mapping[str, Any] = {}

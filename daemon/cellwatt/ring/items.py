@@ -44,6 +44,11 @@ Block = TypeVar("Block", Batch, Frames)
 Item = Batch | Frames | messages.Message | Status | Mark
 
 
+def number_of(kind: type[messages.Message]) -> int:
+    """The channel of a kind of message, the same in every ring."""
+    return _KINDS[kind]
+
+
 class ItemWriter:
     """Puts items into a ring; a writer that follows another numbers on where that one ended."""
 
@@ -143,6 +148,8 @@ class ItemReader:
         self._rows: dict[int, SampleRows | FrameRows] = {}
         self._declared = 0
         self._channel = 0
+        self.sequence = 0
+        """Number of the item that was read last, in its channel."""
 
     @property
     def bell(self) -> int:
@@ -182,6 +189,7 @@ class ItemReader:
         return self.ring.ended and self.position >= self.ring.head
 
     def _item(self, record: Record) -> Item:
+        self.sequence = record.sequence
         if record.kind == _ROWS:
             self._channel = record.channel
             rows = self._rows.get(record.channel) or self._look_up(record.channel)

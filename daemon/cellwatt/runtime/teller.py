@@ -19,6 +19,7 @@ from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
+from cellwatt.sink import Journal
 
 log = logging.getLogger(__name__)
 
@@ -28,10 +29,13 @@ Item = Batch | Tick | Event | Frames | Result
 class Teller:
     """Records and publishes what it is given, judges the daemon's health, and answers sinks (``CellView``).
 
-    ``now`` is the cell's clock. ``on_health`` is called after each look with what was found.
+    ``now`` is the cell's clock. ``journal`` holds what another process told before this one. ``on_health`` is called
+    after each look with what was found.
     """
 
-    def __init__(self, config: CellConfig, session: int, now: Callable[[], int]) -> None:
+    def __init__(
+        self, config: CellConfig, session: int, now: Callable[[], int], journal: Journal | None = None
+    ) -> None:
         self.site, self.cell, self.session = config.site, config.cell, session
         self.sinks: dict[str, Delivery] = {}
         self.recorder: Recorder | None = None
@@ -42,8 +46,11 @@ class Teller:
         self._streams: Mapping[str, tuple[Stream, ...]] = {}
         self._layout = Layout((), config.frames.rate)
         self._results = 0
-        self._active: dict[str, Alarm] = {}
-        self._watch = Watch()
+        self.journal = journal
+        past = [item for _, item in journal.past() if isinstance(item, Alarm)] if journal is not None else []
+        self._active = {alarm.id: alarm for alarm in past}
+        self._active = {name: alarm for name, alarm in self._active.items() if alarm.active}
+        self._watch = Watch(self._active.values())
         self._status: dict[str, Any] = {}
 
     # life -----------------------------------------------------------------------------------------
@@ -100,10 +107,17 @@ class Teller:
 
     def take(self, item: Item) -> None:
         """Record one item and hand it to the sinks; never blocks."""
+        self.record(item)
+        if not isinstance(item, Tick):
+            self.tell(item)
+
+    def record(self, item: Item) -> None:
+        """Record one item, where anything is recorded."""
         if self.recorder is not None:
             _record(self.recorder, item)
-        if isinstance(item, Tick):
-            return
+
+    def tell(self, item: Batch | Event | Frames | Result) -> None:
+        """Hand one item to the sinks."""
         if not isinstance(item, Batch | Frames | Event):
             self._results += 1
         if isinstance(item, Alarm):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -19,6 +19,22 @@ LEAST: Final = 0.9
 """Share of the samples due that a stream must give."""
 UNSURE: Final = 0.05
 """s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
+
+
+KINDS: Final = frozenset(
+    {
+        "source_down",
+        "source_slow",
+        "clock_unsure",
+        "accounting",
+        "stage_broken",
+        "stage_slow",
+        "sink_down",
+        "process_down",
+        "recorder",
+    }
+)
+"""Alarms about the daemon itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +119,18 @@ def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
 
 
 class Watch:
-    """Turns what ``troubles`` finds, look by look, into alarms that are raised once and cleared once."""
+    """Turns what ``troubles`` finds, look by look, into alarms that are raised once and cleared once.
 
-    def __init__(self) -> None:
+    ``active`` are the alarms that another watch has left active; those of other kinds are not ours to clear.
+    """
+
+    def __init__(self, active: Iterable[Alarm] = ()) -> None:
         self.troubles: list[Trouble] = []
         """What the last look found, alarm or not yet."""
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque()
         self._seen: dict[tuple[str, str], int] = {}
         self._clean: dict[tuple[str, str], int] = {}
-        self._active: dict[tuple[str, str], Alarm] = {}
+        self._active = {(alarm.kind, alarm.id.partition(":")[2]): alarm for alarm in active if alarm.kind in KINDS}
 
     def look(self, status: Mapping[str, Any], now: int) -> list[Alarm]:
         """Alarms raised or cleared by this look; ``now`` ns UTC."""

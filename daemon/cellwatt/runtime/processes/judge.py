@@ -13,7 +13,7 @@ from cellwatt.frames import Frames
 from cellwatt.results import Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import layout_of, make_chain, streams_of
-from cellwatt.runtime.processes.shared import Assignment, Ready, figures
+from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 from cellwatt.runtime.worker import QUEUED_FRAMES
 
@@ -38,7 +38,7 @@ class _Judging:
         shared, config = assignment.shared, assignment.config
         self._assignment = assignment
         self._held = assignment.held
-        self._in = ItemReader(shared.frames, assignment.slot + 1)
+        self._in = ItemReader(shared.frames, OTHERS + assignment.slot)
         self._out = ItemWriter(shared.results[assignment.slot])
         streams = {name: streams_of(source) for name, source in config.sources.items()}
         self._layout = layout_of(streams, config.frames)

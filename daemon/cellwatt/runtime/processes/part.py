@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import time
@@ -18,7 +19,7 @@ from cellwatt.runtime.processes.shared import Assignment, Failed
 log = logging.getLogger(__name__)
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s
-STEADY: Final = 30.0
+STEADY: Final = 2.0
 """A process that served for so long, s, is begun again at once."""
 BROKEN: Final = 1
 """Exit code of a process that ended by a mistake of ours."""
@@ -37,7 +38,8 @@ class Part:
     control: Connection | None = None
     ready: bool = False
     restarts: int = 0
-    again_at: float = 0.0
+    again_at: float = math.inf
+    """When to begin it again, monotonic s."""
     _began: float = 0.0
     _failures: int = 0
     _others: list[Connection] = field(default_factory=list)

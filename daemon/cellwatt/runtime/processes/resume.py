@@ -12,6 +12,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recorder, decoder
 from cellwatt.record.decoder import track_of
+from cellwatt.record.messages import Message
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import listing
 from cellwatt.record.summary import survey
@@ -26,6 +27,8 @@ class Resume:
     """The number with which each stream, and the frames, go on after what is in the record."""
 
     following: dict[tuple[str, str], int] = field(default_factory=dict)
+    messages: list[Message] = field(default_factory=list)
+    """The last ones."""
 
     @classmethod
     async def of(cls, recorder: Recorder | None, *, restarts: int) -> Resume:
@@ -44,13 +47,22 @@ class Resume:
                 contents = survey(kept.path).contents
             except RecordingError:
                 continue
-            tracks = {n: t for n, c in contents.channels.items() if (t := track_of(c)) is not None and t.rows}
+            tracks = {n: t for n, c in contents.channels.items() if (t := track_of(c)) is not None}
             with FileIO(kept.path, "rb") as file:
                 for chunk in contents.chunks[-LAST:]:
                     for item in decoder.items(chunk_data(file, chunk), tracks, tracks):
                         if isinstance(item, Batch | Frames):
                             found.following[_key(item)] = item.sequence + len(item)
+                        else:
+                            found.messages.append(item)
         return found
+
+    def lacks(self, message: Message) -> bool:
+        """Whether a result or event is not in the record yet."""
+        if message in self.messages:
+            self.messages.remove(message)
+            return False
+        return True
 
     def fresh(self, item: Block) -> Block | None:
         """What of a block is not in the record yet."""

@@ -23,21 +23,27 @@ RESULTS: Final = 4 << 20
 _USUAL_RATE = 100.0
 """Hz, of streams that declare none."""
 
-ALIGN, TELL = 0, 1
-"""Readers of the raw ring."""
-FRAMES_TELL = 0
-"""Reader of the frames who tells; chain number n is reader n + 1."""
+TELL, TOLD, OTHERS = 0, 1, 2
+"""Readers of a ring: who tells, up to where that is in the record; up to where it is told; the first of the others."""
+ALIGN = OTHERS
+"""Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
+ALARMS: Final = 2 << 20
+"""Bytes of alarms and events that are kept for who tells next; of other results as much as ``RESULTS``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """The cell's clock and session, and the rings: raw from *collect*, frames from *align*, results of each chain."""
+    """The cell's clock and session, and the rings: raw from *collect*, frames from *align*, results of each chain.
+
+    ``told`` is the journal of who tells.
+    """
 
     clock: CellClock
     session: int
     raw: Ring
     frames: Ring
     results: tuple[Ring, ...]
+    told: tuple[Ring, Ring]
 
     @classmethod
     def of(cls, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> Shared:
@@ -45,10 +51,11 @@ class Shared:
         clock = CellClock()
         raw = sum((s.rate or _USUAL_RATE) * (60 + 10 * len(s.channels)) for its in streams.values() for s in its)
         frames = layout.rate * (50 + 19 * len(layout.channels))
-        results = tuple(Ring(RESULTS, 1) for _ in range(SLOTS))
+        results = tuple(Ring(RESULTS, OTHERS) for _ in range(SLOTS))
         for ring in results:
             ring.end()
-        return cls(clock, clock.now(), _ring(raw, 2), _ring(frames, 1 + SLOTS), results)
+        told = Ring(ALARMS, 1), Ring(RESULTS, 1)
+        return cls(clock, clock.now(), _ring(raw, OTHERS + 1), _ring(frames, OTHERS + SLOTS), results, told)
 
 
 def _ring(rate: float, readers: int) -> Ring:

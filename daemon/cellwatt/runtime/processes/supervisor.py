@@ -12,7 +12,7 @@ import os
 import selectors
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -27,7 +27,7 @@ from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.part import Part
-from cellwatt.runtime.processes.shared import SLOTS, Apply, Assignment, Failed, InForce, Ready, Shared, Stop
+from cellwatt.runtime.processes.shared import OTHERS, SLOTS, Apply, Assignment, Failed, InForce, Ready, Shared, Stop
 from cellwatt.runtime.processes.tell import tell
 
 log = logging.getLogger(__name__)
@@ -77,20 +77,29 @@ class Supervisor:
         gc.collect()
         gc.freeze()
         with self._signals() as self._selector:
-            # Judges take longest to begin, and what is collected meanwhile waits for them.
-            for part in [self._tell, self._align, *self._judges.values(), self._collect]:
-                self._start(part)
-            while not self._stop_asked and self._failed is None and not all(p.ready for p in self._parts):
-                self._turn()
-            if self._failed is None and not self._stop_asked:
+            # No device is opened before it is clear that the settings fit.
+            self._begin([self._tell, self._align, *self._judges.values()])
+            self._begin([self._collect])
+            if self._collect.ready:
                 systemd.notify(READY="1")
-            while not self._stop_asked and self._failed is None:
+            while self._serves:
                 self._turn()
                 self._go_on_reloading()
             systemd.notify(STOPPING="1")
             self._shut_down()
         if self._failed is not None:
             raise self._failed
+
+    @property
+    def _serves(self) -> bool:
+        return not self._stop_asked and self._failed is None
+
+    def _begin(self, parts: Sequence[Part]) -> None:
+        """Start processes and wait until all of them serve."""
+        for part in parts if self._serves else ():
+            self._start(part)
+        while self._serves and not all(part.ready for part in parts):
+            self._turn()
 
     @contextmanager
     def _signals(self) -> Iterator[selectors.DefaultSelector]:
@@ -146,7 +155,7 @@ class Supervisor:
         def make(control: Connection, restarts: int) -> Assignment:
             waits = held and self._generation < generation
             if not restarts:
-                self._shared.frames.settle(slot + 1, self._shared.frames.head)
+                self._shared.frames.settle(OTHERS + slot, self._shared.frames.head)
             self._shared.results[slot].begin()
             return Assignment(
                 self._shared, config, generation, control, restarts, stages=tuple(names), slot=slot, held=waits
@@ -237,9 +246,9 @@ class Supervisor:
             self._end(part)
         for ring in self._shared.results:
             ring.end()
-        if not self._tell.alive and self._failed is None:
-            self._start(self._tell)
-        self._end(self._tell, at_once=self._failed is not None)
+        if not self._tell.alive and self._tell.restarts and self._failed is None:
+            self._start(self._tell)  # what was collected is still to be recorded
+        self._end(self._tell)
 
     def _end(self, part: Part, *, at_once: bool = False) -> None:
         end = time.monotonic() + (0.0 if at_once else END)
@@ -311,6 +320,8 @@ class Supervisor:
         self._refuse(error)
 
     def _refuse(self, error: Exception) -> None:
-        many = "\n" if isinstance(error, ConfigError) else " "
-        log.error("not reloaded, the old settings stay in force:%s%s", many, error)
+        if isinstance(error, ConfigError):
+            log.error("not reloaded, the old settings stay in force:\n%s", error)
+        else:
+            log.error("not reloaded: %s", error)
         systemd.notify(READY="1")

@@ -10,18 +10,18 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from cellwatt.batch import Batch
+from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Event
-from cellwatt.ring import ItemReader, Mark, Skipped, Status
+from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import layout_of, streams_of
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
-from cellwatt.runtime.processes.shared import FRAMES_TELL, TELL, Apply, Assignment, InForce, Ready, figures
+from cellwatt.runtime.processes.shared import TELL, TOLD, Apply, Assignment, InForce, Ready, figures
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.teller import Teller
 from cellwatt.ticker import Ticker
@@ -65,11 +65,11 @@ class _Telling:
         shared = assignment.shared
         self._assignment = assignment
         self._config, self._generation = assignment.config, assignment.generation
-        self._teller = Teller(assignment.config, shared.session, shared.clock.now)
+        self._teller = Teller(assignment.config, shared.session, shared.clock.now, RingJournal(*shared.told))
         self._teller.on_health = tell_systemd
         self._raw = _Way(ItemReader(shared.raw, TELL))
-        self._frames = _Way(ItemReader(shared.frames, FRAMES_TELL))
-        self._results = [_Way(ItemReader(ring, 0)) for ring in shared.results]
+        self._frames = _Way(ItemReader(shared.frames, TELL))
+        self._results = [_Way(ItemReader(ring, TELL)) for ring in shared.results]
         self._ways = [self._raw, self._frames, *self._results]
         self._said: dict[str, tuple[float, Mapping[str, Any]]] = {}
         self._applying: asyncio.Queue[Apply] = asyncio.Queue()
@@ -148,9 +148,21 @@ class _Telling:
             case Batch() | Frames():
                 fresh = self._resume.fresh(item)  # type: ignore[type-var]
                 if fresh is not None:
-                    self._teller.take(fresh)
+                    self._teller.record(fresh)
+                self._teller.tell(item)
+            case Tick():
+                self._teller.record(item)
             case _:
-                self._teller.take(item)
+                self._take_message(way, item)
+
+    def _take_message(self, way: _Way, item: Any) -> None:
+        """Results and events, which have no numbers in the record: where each got to is noted in its ring."""
+        if self._resume.lacks(item):
+            self._teller.record(item)
+        reader = way.reader
+        if reader.position > reader.ring.position(TOLD):
+            self._teller.tell(item)
+            reader.ring.settle(TOLD, reader.position)
 
     def _note(self, way: _Way) -> None:
         recorder = self._teller.recorder

@@ -1,0 +1,106 @@
+"""Processes of the daemon that are killed, crash, hang or grow: the others go on, and nothing is lost or told twice."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from cellwatt.emulation import EmulatorProcess
+from cellwatt.record import Recording
+from tests.patience import PATIENCE
+from tests.system.running import Audience, running
+from tests.system.test_daemon import ur
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+
+RAW = "raw/arm/rtde"
+
+
+def pid_of(audience: Audience, part: str) -> int:
+    return int(audience.status["processes"][part]["pid"])
+
+
+def numbers(audience: Audience) -> np.ndarray:
+    """Numbers of the samples that the subscriber got, in the order in which it did."""
+    return np.concatenate([np.arange(b.sequence, b.sequence + len(b)) for b in audience.batches[RAW]])
+
+
+def frame_numbers(audience: Audience) -> np.ndarray:
+    return np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in audience.frames])
+
+
+def recorded(folder: Path) -> Recording:
+    return Recording.open(folder / "record")
+
+
+async def killed(audience: Audience, part: str, random: np.random.Generator) -> None:
+    """Kill a process at some moment, and wait until its successor has said something."""
+    await audience.until(lambda a: part in a.status.get("processes", {}))
+    await asyncio.sleep(random.uniform(0, 0.2))
+    before = pid_of(audience, part)
+    os.kill(before, signal.SIGKILL)
+    await audience.until(lambda a: pid_of(a, part) != before)
+
+
+@pytest.mark.parametrize("part", ["tell", "align", "judge segment"])
+async def test_a_process_that_is_killed_costs_no_sample(tmp_path: Path, part: str) -> None:
+    random = np.random.default_rng(3)
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
+        text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"
+        async with running(tmp_path, text) as (daemon, audience):
+            await audience.until(lambda a: a.received[RAW] > 500)
+            for _ in range(3):
+                await killed(audience, part, random)
+            end = audience.received[RAW] + 500
+            await audience.until(lambda a: a.received[RAW] > end)
+            assert audience.source("arm")["received"] == audience.source("arm")["expected"]
+            assert await daemon.stop() == 0
+            assert not audience.gaps
+            for got in (numbers(audience), frame_numbers(audience)):
+                assert np.array_equal(got, np.arange(got[0], got[0] + len(got)))
+    kept = await asyncio.to_thread(recorded, tmp_path)
+    sequence = (await asyncio.to_thread(kept.batches, "arm", "rtde")).sequence
+    assert np.array_equal(sequence, np.arange(len(sequence)))
+    blocks = await asyncio.to_thread(list, kept.frames())
+    frames = np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in blocks])
+    assert np.array_equal(frames, np.arange(len(frames)))
+    assert np.all(np.diff(np.concatenate([f.time for f in blocks])) > 0)
+    assert f"the process {part} ended by signal SIGKILL" in daemon.log
+
+
+async def test_a_collector_that_is_killed_is_back_at_once(tmp_path: Path) -> None:
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device,
+        running(tmp_path, f"sources:\n{ur('arm', device.address)}") as (daemon, audience),
+    ):
+        await audience.until(lambda a: a.received[RAW] > 500 and "collect" in a.status.get("processes", {}))
+        before = pid_of(audience, "collect")
+        os.kill(before, signal.SIGKILL)
+        await audience.until(lambda a: pid_of(a, "collect") != before and a.source("arm").get("received", 0) > 500)
+        assert await daemon.stop() == 0
+    kept = await asyncio.to_thread(recorded(tmp_path).batches, "arm", "rtde")
+    assert np.all(np.diff(kept.sequence) >= 1)
+    assert np.sum(np.diff(kept.sequence) - 1) <= 1, "at most the block in hand when it was killed"
+    assert np.all(np.diff(kept.time) > 0)
+
+
+async def test_what_the_supervisor_leaves_behind_ends_by_itself(tmp_path: Path) -> None:
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
+        text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"
+        async with running(tmp_path, text) as (daemon, audience):
+            await audience.until(lambda a: a.received[RAW] > 500 and "judge segment" in a.status.get("processes", {}))
+            pids = [psutil.Process(p["pid"]) for p in audience.status["processes"].values()]
+            assert daemon.process is not None
+            daemon.process.kill()
+            await daemon.process.wait()
+            _, alive = await asyncio.to_thread(psutil.wait_procs, pids, timeout=PATIENCE)
+            assert not alive
+    assert not list((tmp_path / "record").glob("*.part")), "the record was closed in order"
+    sequence = (await asyncio.to_thread(recorded(tmp_path).batches, "arm", "rtde")).sequence
+    assert np.array_equal(sequence, np.arange(len(sequence)))
