@@ -6,18 +6,22 @@ What the parts do was told them before the daemon's processes were forked, and w
 from __future__ import annotations
 
 import asyncio
+import ctypes
+import logging
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import Any
 
-from cellwatt import registry
+from cellwatt import Frames, registry
 from cellwatt.commands import main
+from cellwatt.results import Result
 from tests.daemon.commands.calling import CELL
 from tests.daemon.runtime import fakes
-from tests.daemon.runtime.fakes import DEVICES, JUDGES, Order, answer, give, until
+from tests.daemon.runtime.fakes import DEVICES, JUDGES, Order, answer, give, prediction, until
 
 MORE = CELL + "  board: {driver: fake, host: board}\n"
 
@@ -83,6 +87,51 @@ def stage_does_not_fit(_: Path) -> None:
     JUDGES["judge"].refuse = ValueError("the model is of another robot")
 
 
+def bad_stage(give: Callable[..., Sequence[Result]], told: str) -> Callable[[Path], None]:
+    """A stage of the chain ``judge`` does this at its third block; that of the other chain predicts on."""
+
+    def once(frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
+        judge = JUDGES["judge"]
+        judge.made += 1
+        return give(frames, upstream) if judge.made == 4 else ()
+
+    def scenario(cell: Path) -> None:
+        JUDGES["judge"].give = once
+        JUDGES["other"].give = lambda frames, _: [prediction("other", frames.sequence)]
+        stop = send(signal.SIGTERM)
+        DEVICES["arm"].tell(answer, give_in_time(100), logged(cell, told), give_in_time(50), stop)
+
+    return scenario
+
+
+def give_in_time(n: int) -> Order:
+    """Samples one by one, as a device gives them."""
+
+    async def order(driver: Any) -> None:
+        for _ in range(n):
+            await give(1)(driver)
+            await asyncio.sleep(0.01)
+
+    return order
+
+
+def aborts(*_: object) -> Sequence[Result]:
+    os.abort()
+
+
+def grows(*_: object) -> Sequence[Result]:
+    kept = []
+    while True:
+        kept.append(bytearray(64 << 20))
+
+
+def holds_the_interpreter(*_: object) -> Sequence[Result]:
+    """A call into C that lets no other thread of its process go on."""
+    ctypes.PyDLL(None).sleep(3)
+    logging.getLogger("cellwatt").warning("held for 3 s")
+    return ()
+
+
 SCENARIOS: dict[str, Callable[[Path], None]] = {
     "SIGTERM": stop(signal.SIGTERM),
     "SIGINT": stop(signal.SIGINT),
@@ -93,6 +142,9 @@ SCENARIOS: dict[str, Callable[[Path], None]] = {
     "stage refused": mistake(CELL + "stages: {judge: {}}\n"),
     "another site": mistake(CELL.replace("site: plant", "site: other")),
     "stage does not fit": stage_does_not_fit,
+    "stage aborts": bad_stage(aborts, "ended by signal SIGABRT"),
+    "stage grows": bad_stage(grows, "stage judge broke"),
+    "stage holds the interpreter": bad_stage(holds_the_interpreter, "held for 3 s"),
 }
 
 

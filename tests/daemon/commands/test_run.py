@@ -13,6 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from cellwatt.record import Recording
+from cellwatt.results import Prediction
 from tests.daemon.commands.calling import CELL, cell
 from tests.patience import PATIENCE
 
@@ -122,3 +123,23 @@ def test_a_stage_that_does_not_fit_is_told_before_anything_is_opened(cell: Path)
     assert ended.code == 2
     assert ended.log.endswith(f"{cell}:5:10: stages.judge: the model is of another robot\n")
     assert "answers" not in ended.log
+
+
+@pytest.mark.parametrize(
+    ("scenario", "told"),
+    [
+        ("stage aborts", "the process judge judge ended by signal SIGABRT"),
+        ("stage grows", "stage judge broke; it is made anew"),
+        ("stage holds the interpreter", "held for 3 s"),
+    ],
+)
+def test_a_stage_that_breaks_its_process_breaks_nothing_else(cell: Path, scenario: str, told: str) -> None:
+    cell.write_text(CELL + "stages: {judge: {}, other: {stage: judge}}\n")
+    ended = run(scenario, cell)
+    assert ended.code == 0
+    assert values(cell, "arm") == list(range(150))
+    kept = Recording.open(cell.parent / "kept")
+    frames = [block.sequence for block in kept.frames()]
+    predicted = [p.sequence for p in kept.results() if isinstance(p, Prediction) and p.model == "other"]
+    assert predicted == frames
+    assert told in ended.log
