@@ -55,6 +55,12 @@ class EmulatorProcess:
     async def __aexit__(self, *_: object) -> None:
         await self._end()
 
+    @property
+    def pid(self) -> int:
+        """The child's process id, inside the context."""
+        assert self._child is not None
+        return self._child.pid
+
     async def inject(self, fault: Fault) -> None:
         """Begin a fault."""
         await self._ask({"fault": asdict(fault)})

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import resource
 import time
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Final
 
 from cellwatt.frames import Frames
@@ -20,17 +22,29 @@ from cellwatt.runtime.worker import QUEUED_FRAMES
 log = logging.getLogger(__name__)
 
 NICE: Final = 5
-"""What judges gives way to what collects, aligns and tells."""
+"""How much who judges gives way to who collects, aligns and tells."""
 MEMORY: Final = 2 << 30
 """Bytes that the stages of a chain may take; one that asks for more is made anew."""
+FIRST_TO_GO: Final = 500
+"""Added to what the kernel thinks of a process when memory runs out: judges are ended before all others."""
 SAID: Final = 1.0  # s between figures
 
 
 def judge(assignment: Assignment) -> None:
     """Run the stages until no more frames come, or others take over. Raises ``ConfigError`` as ``make_chain`` does."""
-    os.nice(NICE)
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
+    _give_way()
     _Judging(assignment).run()
+
+
+def _give_way() -> None:
+    """Leave cores and memory to the other processes, as far as the unit allows to say so."""
+    for step in (
+        lambda: os.nice(NICE),
+        lambda: resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY)),
+        lambda: Path("/proc/self/oom_score_adj").write_text(f"{FIRST_TO_GO}\n"),
+    ):
+        with contextlib.suppress(OSError, ValueError):
+            step()
 
 
 class _Judging:
