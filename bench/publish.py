@@ -53,6 +53,7 @@ class View:
 
     site, cell = SITE, CELL
     session = 1
+    journal = None
 
     def __init__(self) -> None:
         self.recorded: dict[str, list[Batch]] = {f"arm_{i}": [] for i in range(SOURCES)}

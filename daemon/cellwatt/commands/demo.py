@@ -100,6 +100,10 @@ def _show(summary: Mapping[str, Any]) -> None:
             console.print(summary["meter"]["statement"])
     for name, reason in summary.get("left_out", {}).items():
         console.print(f"{name} is left out: {reason}", style="bold yellow")
+    for name, source in summary["sources"].items():
+        if source["host_stalled"]:
+            told = f"{name}: {source['host_stalled']} samples fell due while this PC stood still or was taken by others"
+            console.print(told, style="bold yellow")
     for problem in summary["problems"]:
         console.print(problem, style="bold red")
     if summary["ok"]:

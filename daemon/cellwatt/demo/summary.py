@@ -8,6 +8,7 @@ from typing import Any
 from cellwatt.demo import fault
 from cellwatt.demo.cells import SMALL
 from cellwatt.demo.seen import Seen
+from cellwatt.slots import HOST
 
 RATE_TOLERANCE = 0.02
 """By how much a measured rate may differ from the nominal one, as a share of it."""
@@ -62,7 +63,10 @@ def summary_of_every_driver(
 
 
 def sources_of(seen: Seen) -> dict[str, dict[str, Any]]:
-    """By source: its account, what was lost, and of each stream samples, rate, jitter and what was delivered."""
+    """By source: its account, what was lost, what fell due while this PC stood still, and its streams.
+
+    Of each stream samples, rate, jitter and what was delivered.
+    """
     return {name: _source(name, status, seen) for name, status in seen.status.get("sources", {}).items()}
 
 
@@ -102,9 +106,10 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
         | {"clock_bound_ms": _bound(status, stream)}
         for stream, figures in status["streams"].items()
     }
-    lost = sum(status["missed"].values()) + sum(status["dropped"].values())
+    stalled = status["missed"].get(HOST, 0)
+    lost = sum(status["missed"].values()) + sum(status["dropped"].values()) - stalled
     kept = ("expected", "received", "missed", "dropped", "residue")
-    return {k: status[k] for k in kept} | {"lost": lost, "streams": streams}
+    return {k: status[k] for k in kept} | {"lost": lost, "host_stalled": stalled, "streams": streams}
 
 
 def _bound(status: Mapping[str, Any], stream: str) -> float | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import AbstractAsyncContextManager
 from importlib import import_module
 from typing import Literal
@@ -15,7 +14,8 @@ from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError
 from cellwatt.quantity import Hertz, Seconds
-from cellwatt.ticker import Beat, Ticker
+from cellwatt.slots import Slots
+from cellwatt.ticker import Ticker
 from cellwatt_drivers.kinova import kortex, registers
 from cellwatt_drivers.kinova.kortex import KortexLink, open_kortex
 from cellwatt_drivers.kinova.link import Answer, LateError, Link, open_link
@@ -80,9 +80,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         super().__init__(name, settings, outlet)
         _require(name, settings.protocol)
         self._reads = _reads(settings)
-        self._period = round(1e9 / settings.rate)
-        self._deadline = 0
-        self._idle = 0
+        self._slots = Slots(settings.rate)
         self._turns = Turns()
         self._last: dict[str, list[int]] = {}
         self._before: Float | None = None
@@ -128,31 +126,18 @@ class KinovaDriver(Driver[KinovaSettings]):
         async with self._open() as link:
             self.outlet.connected(await self._greet(link))
             self._turns = Turns()
-            resumed = self._deadline != 0
+            self._slots.connected()
             async with Ticker(self.settings.rate) as ticker:
                 async for beat in ticker:
-                    self._account_lost(beat, resumed)
-                    resumed, self._deadline = False, beat.deadline
+                    for slots, reason in self._slots.begin(beat):
+                        self._miss(slots * len(self._reads), reason)
                     for done, read in enumerate(self._reads):
                         await self._serve(link, read, len(self._reads) - done)
-                    self._idle = time.monotonic_ns()
-
-    def _account_lost(self, beat: Beat, resumed: bool) -> None:
-        """Miss the slots between the last one and this one, by what held them up."""
-        if resumed:
-            self._miss((round((beat.deadline - self._deadline) / self._period) - 1) * len(self._reads), "disconnected")
-            return
-        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
-        slow = min(max(slow, 0), beat.merged)
-        self._miss(slow * len(self._reads), "slow answers")
-        self._miss((beat.merged - slow) * len(self._reads), "merged tick")
-        if beat.merged > slow:
-            self.outlet.account.count("merged ticks", beat.merged - slow)
+                    self._slots.end()
 
     def _miss(self, polls: int, reason: str) -> None:
-        if polls > 0:
-            self.outlet.account.expect(polls)
-            self.outlet.account.miss(polls, reason)
+        self.outlet.account.expect(polls)
+        self.outlet.account.miss(polls, reason)
 
     async def _serve(self, link: Link | KortexLink, read: Read, left: int) -> None:
         """One request; where it fails, the ``left`` ones of this slot are missed."""

@@ -18,7 +18,8 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.quantity import Hertz, Seconds
-from cellwatt.ticker import Beat, Ticker
+from cellwatt.slots import Slots
+from cellwatt.ticker import Ticker
 from cellwatt_drivers.modbus_meter.bus import (
     ILLEGAL_ADDRESS,
     ILLEGAL_VALUE,
@@ -121,9 +122,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         window = settings.window or self._map.window
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
-        self._period = round(1e9 / settings.rate)
-        self._deadline = 0
-        self._idle = 0
+        self._slots = Slots(settings.rate)
         self._heard = 0
         self._told = ""
         self._overloaded: frozenset[str] = frozenset()
@@ -143,13 +142,13 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         async with self._open() as bus:
             self.outlet.connected(await self._greet(bus))
             self._heard = time.monotonic_ns()
-            resumed = self._deadline != 0
+            self._slots.connected()
             async with Ticker(self.settings.rate) as ticker:
                 async for tick in ticker:
-                    self._account_lost(tick, resumed)
-                    resumed, self._deadline = False, tick.deadline
+                    for slots, reason in self._slots.begin(tick):
+                        self._miss(slots, reason)
                     await self._serve(bus)
-                    self._idle = time.monotonic_ns()
+                    self._slots.end()
 
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
@@ -175,22 +174,9 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         notes = {"map": self._map.source, "requests a poll": str(len(self._blocks))}
         return Identity(self._map.maker, self._map.model, notes=notes)
 
-    def _account_lost(self, tick: Beat, resumed: bool) -> None:
-        """Miss the polls between the last one and this one, by what held them up."""
-        if resumed:
-            self._miss(round((tick.deadline - self._deadline) / self._period) - 1, "disconnected")
-            return
-        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
-        slow = min(max(slow, 0), tick.merged)
-        self._miss(slow, "slow answers")
-        self._miss(tick.merged - slow, "merged tick")
-        if tick.merged > slow:
-            self.outlet.account.count("merged ticks", tick.merged - slow)
-
     def _miss(self, polls: int, reason: str) -> None:
-        if polls > 0:
-            self.outlet.account.expect(polls)
-            self.outlet.account.miss(polls, reason)
+        self.outlet.account.expect(polls)
+        self.outlet.account.miss(polls, reason)
 
     async def _serve(self, bus: Bus) -> None:
         try:

@@ -16,7 +16,8 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.quantity import Hertz, Seconds
-from cellwatt.ticker import Beat, Ticker
+from cellwatt.slots import Slots
+from cellwatt.ticker import Ticker
 from cellwatt_drivers.scpi_analyzer.analyzer import Analyzer
 from cellwatt_drivers.scpi_analyzer.dialect import DIALECTS, Element, Model
 from cellwatt_drivers.scpi_analyzer.line import Answer, LateError, Line, open_serial, open_tcp
@@ -110,9 +111,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         window = settings.window or self._dialect.window
         channels = (replace(f.channel, window=0.0 if f.channel.kind == "counter" else window) for f in functions)
         self._stream = Stream("measured", tuple(channels), settings.rate, "host")
-        self._period = round(1e9 / settings.rate)
-        self._deadline = 0
-        self._idle = 0
+        self._slots = Slots(settings.rate)
         self._delivered = 0
         self._last_text = ""
         self._overloaded: set[str] = set()
@@ -194,34 +193,21 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     async def _poll(self, analyzer: Analyzer, order: tuple[str, ...]) -> None:
         columns = [order.index(item) for item in self._items]
-        resumed = self._deadline != 0
+        self._slots.connected()
         check = time.monotonic() + self.settings.error_check
         async with Ticker(self.settings.rate) as ticker:
             async for tick in ticker:
-                self._account_lost(tick, resumed)
-                resumed, self._deadline = False, tick.deadline
+                for slots, reason in self._slots.begin(tick):
+                    self._miss(slots, reason)
                 await self._read(analyzer, columns, order)
                 if time.monotonic() >= check:
                     check = time.monotonic() + self.settings.error_check
                     self._report(await analyzer.errors(), "while measuring")
-                self._idle = time.monotonic_ns()
-
-    def _account_lost(self, tick: Beat, resumed: bool) -> None:
-        """Miss the polls between the last one and this one, by what held them up."""
-        if resumed:
-            self._miss(round((tick.deadline - self._deadline) / self._period) - 1, "disconnected")
-            return
-        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
-        slow = min(max(slow, 0), tick.merged)
-        self._miss(slow, "slow answers")
-        self._miss(tick.merged - slow, "merged tick")
-        if tick.merged > slow:
-            self.outlet.account.count("merged ticks", tick.merged - slow)
+                self._slots.end()
 
     def _miss(self, polls: int, reason: str) -> None:
-        if polls > 0:
-            self.outlet.account.expect(polls)
-            self.outlet.account.miss(polls, reason)
+        self.outlet.account.expect(polls)
+        self.outlet.account.miss(polls, reason)
 
     async def _read(self, analyzer: Analyzer, columns: list[int], order: tuple[str, ...]) -> None:
         try:

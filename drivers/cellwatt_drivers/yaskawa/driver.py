@@ -16,7 +16,8 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
-from cellwatt.ticker import Beat, Ticker
+from cellwatt.slots import Slots
+from cellwatt.ticker import Ticker
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
 from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLate, open_link
@@ -125,8 +126,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._period = round(1e9 / self._rate)
         self._alarms = AlarmWatch(name, outlet)
         self._slot = 0
-        self._deadline = 0
-        self._idle = 0
+        self._slots = Slots(self._rate)
         self._heard = 0
         self._failure: NoAnswerError | None = None
         self._newest: dict[str, int] = {}
@@ -147,13 +147,13 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         async with self._open() as link:
             self.outlet.connected(await self._greet(link))
             self._heard = time.monotonic_ns()
-            resumed = self._deadline != 0
+            self._slots.connected()
             async with Ticker(self._rate) as ticker:
                 async for tick in ticker:
-                    self._account_lost(tick, resumed)
+                    for slots, reason in self._slots.begin(tick):
+                        self._miss_slots(slots, reason)
                     await self._serve_slot(link, tick.deadline)
                     self._check_silence(link)
-                    resumed = False
 
     def _open(self) -> AbstractAsyncContextManager[Link]:
         return open_link(self.settings.host, self.settings.port, self.settings.timeout, self.outlet)
@@ -164,21 +164,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             reads["status"] = _STATUS
         return await greet(link, self.settings.control_group, self.settings.axes, reads)
 
-    def _account_lost(self, tick: Beat, resumed: bool) -> None:
-        """Miss the slots between the last one served and this one, by what held them up."""
-        if resumed:
-            self._miss_slots(round((tick.deadline - self._deadline) / self._period) - 1, "disconnected")
-            return
-        slow = (self._idle - self._deadline) // self._period - 1 if self._deadline else 0
-        slow = min(max(slow, 0), tick.merged)
-        self._miss_slots(slow, "slow answers")
-        self._miss_slots(tick.merged - slow, "merged tick")
-        if tick.merged > slow:
-            self.outlet.account.count("merged ticks", tick.merged - slow)
-
     def _miss_slots(self, slots: int, reason: str) -> None:
-        if slots <= 0:
-            return
         due = slots * len(self._polls)
         if self._state:
             due += (self._slot + slots) // self._every - self._slot // self._every
@@ -188,13 +174,12 @@ class YaskawaDriver(Driver[YaskawaSettings]):
 
     async def _serve_slot(self, link: Link, deadline: int) -> None:
         until = deadline + self._period
-        self._deadline = deadline
         self._slot += 1
         for poll in self._polls:
             await self._serve(link, poll, until)
         if self._state and self._slot % self._every == 0:
             await self._serve_state(link, self._state, until)
-        self._idle = time.monotonic_ns()
+        self._slots.end()
 
     async def _serve(self, link: Link, poll: Poll, until: int) -> None:
         missed = False

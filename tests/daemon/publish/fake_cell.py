@@ -77,6 +77,8 @@ class FakeView:
 
     site, cell = SITE, CELL
 
+    journal = None
+
     def __init__(self, session: int = EPOCH) -> None:
         self.session = session
         self.lag = 0
