@@ -1,0 +1,130 @@
+"""Items on their way through a ring: what comes out is what was put in, also where the writer changed meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt.batch import Tick
+from cellwatt.frames import Frames
+from cellwatt.results import Alarm, Event, Prediction
+from cellwatt.ring import ItemReader, ItemWriter, Mark, Ring, RingJournal, Skipped, Status
+from tests.daemon.record.making import ARM, batch_of
+from tests.daemon.runtime.fakes import LAYOUT, alarm, frames_of, prediction
+
+
+@pytest.fixture
+def ring():
+    made = Ring(1 << 16, readers=2)
+    yield made
+    made.close()
+
+
+def same(one, other) -> bool:
+    arrays = ("time", "bound", "values", "quality")
+    return type(one) is type(other) and all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name == "values") for name in arrays
+    )
+
+
+def test_every_kind_of_item_comes_through(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    event = Event(5, "arm", "lost", "arm: nobody answers", {"after_s": 3.0})
+    items = [batch_of(0, 3), Tick(7), frames_of(0, 4), event, alarm(), prediction("m", 1), Mark(2), Status({"a": 1})]
+    for item in items:
+        writer.put(item)
+    got = list(reader.items())
+    for put, found in zip(items, got, strict=True):
+        if isinstance(put, Frames) or put is items[0]:
+            assert same(put, found)
+            assert found.sequence == put.sequence
+        else:
+            assert found == put
+    assert (got[0].source, got[0].stream) == (items[0].source, items[0].stream)
+    assert got[2].layout == LAYOUT
+    assert list(reader.items()) == []
+
+
+def test_a_block_that_is_too_large_goes_in_parts(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    large = batch_of(0, 300)
+    assert len(large) * 50 > ring.largest
+    writer.put(large)
+    parts = [item for item in reader.items() if not isinstance(item, Skipped)]
+    assert len(parts) > 1
+    assert [p.sequence for p in parts] == list(np.cumsum([0, *map(len, parts)])[:-1])
+    whole = replace(
+        parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in ("time", "bound", "values", "quality")}
+    )
+    assert same(whole, large)
+
+
+def test_a_writer_that_follows_another_numbers_on_and_knows_its_streams(ring):
+    reader = ItemReader(ring, 0)
+    first = ItemWriter(ring)
+    first.put(batch_of(0, 5))
+    first.put(frames_of(0, 3))
+    second = ItemWriter(ring)
+    batch = batch_of(0, 1)
+    assert second.numbers() == {batch.source: {batch.stream.name: 5}}
+    assert second.frames() == (3, int(frames_of(0, 3).time[-1]))
+    second.put(batch_of(5, 2))
+    assert len(ring.declared()[0]) == 2, "declared once"
+    assert [i.sequence for i in reader.items()] == [0, 0, 5]
+
+
+def test_a_reader_that_follows_another_goes_on_where_that_one_had_settled(ring):
+    writer, first = ItemWriter(ring), ItemReader(ring, 1)
+    for n in range(10):
+        writer.put(batch_of(n, 1))
+    for item in first.items():
+        if item.sequence == 6:
+            break
+        first.settle()
+    assert [i.sequence for i in ItemReader(ring, 1).items()] == [6, 7, 8, 9]
+
+
+def test_a_stream_that_changes_is_another_channel(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    other = replace(ARM, rate=77.0)
+    writer.put(batch_of(0, 1))
+    writer.put(replace(batch_of(1, 1), stream=other))
+    assert [i.stream.rate for i in reader.items()] == [ARM.rate, 77.0]
+
+
+def test_what_a_slow_reader_missed_is_told(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    for n in range(3000):
+        writer.put(batch_of(n, 1))
+    got = list(reader.items())
+    assert isinstance(got[0], Skipped)
+    assert got[0].size == reader.skipped > 0
+    numbers = [i.sequence for i in got[1:]]
+    assert numbers == list(range(3000 - len(numbers), 3000))
+
+
+def test_the_end_is_told_once_all_was_read(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    writer.put(Tick(1))
+    writer.end()
+    assert not reader.over
+    assert list(reader.items()) == [Tick(1)]
+    assert reader.over
+
+
+def test_a_journal_numbers_each_kind_and_gives_the_last_of_it_back():
+    rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
+    journal = RingJournal(*rings)
+    numbers = [journal.put(item) for item in (alarm("a"), prediction("m", 1), alarm("a", active=False))]
+    assert numbers == [0, 0, 1]
+    for n in range(5000):
+        assert journal.put(prediction("m", n)) == n + 1
+    past = list(RingJournal(*rings).past())
+    assert [(n, a.active) for n, a in past if isinstance(a, Alarm)] == [(0, True), (1, False)]
+    predictions = [(n, p.sequence) for n, p in past if isinstance(p, Prediction)]
+    assert predictions[-1] == (5000, 4999)
+    assert RingJournal(*rings).put(prediction("m", 0)) == 5001
+    for ring in rings:
+        ring.close()
