@@ -54,13 +54,19 @@ def daemon(path: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def weigh(process: subprocess.Popen[bytes], seconds: float) -> dict[str, float]:
-    """CPU share of one core and memory over a span."""
-    child = psutil.Process(process.pid)
-    before, start = child.cpu_times(), time.monotonic()
+    """CPU share of one core over a span, and memory at its end, of all processes; what they share counts once."""
+    first = psutil.Process(process.pid)
+    everyone = [first, *first.children(recursive=True)]
+    before, start = _computed(everyone), time.monotonic()
     time.sleep(seconds)
-    after, spent = child.cpu_times(), time.monotonic() - start
-    cpu = (after.user + after.system - before.user - before.system) / spent
-    return {"cpu_percent": round(100 * cpu, 2), "rss_mb": round(child.memory_info().rss / 1e6, 1)}
+    cpu = (_computed(everyone) - before) / (time.monotonic() - start)
+    memory = sum(p.memory_full_info().pss for p in everyone)
+    return {"cpu_percent": round(100 * cpu, 2), "pss_mb": round(memory / 1e6, 1), "processes": len(everyone)}
+
+
+def _computed(everyone: list[psutil.Process]) -> float:
+    times = [p.cpu_times() for p in everyone]
+    return sum(t.user + t.system for t in times)
 
 
 def idle(seconds: float) -> dict[str, float]:
@@ -91,7 +97,7 @@ async def typical(seconds: float) -> dict[str, Any]:
                 await asyncio.sleep(10)
                 first = await asyncio.to_thread(weigh, process, seconds / 2)
                 second = await asyncio.to_thread(weigh, process, seconds / 2)
-            return second | {"growth_mb_per_h": round((second["rss_mb"] - first["rss_mb"]) * 7200 / seconds, 1)}
+            return second | {"growth_mb_per_h": round((second["pss_mb"] - first["pss_mb"]) * 7200 / seconds, 1)}
 
 
 def check() -> float:

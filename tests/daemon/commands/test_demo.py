@@ -14,10 +14,16 @@ from tests.daemon.commands.calling import Call, call
 __all__ = ["call"]
 
 STREAM = {"nominal_hz": 500.0, "rate_hz": 499.98, "jitter_p99_ms": 0.4, "samples": 15000, "delivered": 15000}
-GOOD = {
+GOOD: dict[str, Any] = {
     "ok": True,
     "problems": [],
-    "sources": {"arm": {"lost": 0, "streams": {"rtde": STREAM, "io": STREAM | {"nominal_hz": 0.0, "rate_hz": None}}}},
+    "sources": {
+        "arm": {
+            "lost": 0,
+            "host_stalled": 0,
+            "streams": {"rtde": STREAM, "io": STREAM | {"nominal_hz": 0.0, "rate_hz": None}},
+        }
+    },
 }
 FAULT = {
     "frames": 1500,
@@ -68,6 +74,13 @@ def test_a_run_that_lost_something(call: Call, folders: dict[str, Any]) -> None:
     assert "arm lost 3 samples" in ended.out
     assert "franka is left out: pylibfranka is not installed" in ended.out
     assert "nothing was lost" not in ended.out
+
+
+def test_what_the_host_held_up_is_told_and_fails_nothing(call: Call, folders: dict[str, Any]) -> None:
+    folders["summary"] = GOOD | {"sources": {"arm": GOOD["sources"]["arm"] | {"host_stalled": 7}}}
+    ended = call("demo", "--seconds", "1")
+    assert ended.code == 0
+    assert "arm: 7 samples fell due while this PC stood still" in ended.out
 
 
 @pytest.mark.parametrize(("summary", "code"), [(GOOD, 0), (BAD, 1)])

@@ -49,8 +49,8 @@ def test_every_kind_of_item_comes_through(ring):
 
 def test_a_block_that_is_too_large_goes_in_parts(ring):
     writer, reader = ItemWriter(ring), ItemReader(ring, 0)
-    large = batch_of(0, 300)
-    assert len(large) * 50 > ring.largest
+    large = batch_of(0, 350)
+    assert len(large) * 100 > ring.largest
     writer.put(large)
     parts = [item for item in reader.items() if not isinstance(item, Skipped)]
     assert len(parts) > 1
