@@ -5,7 +5,7 @@
 ``polls``: an arm at 500 Hz, a power board, and two polled arms at 50 and 40 Hz, beside busy processes at equal
 priority; what was missed, in per cent of what was due. The emulated devices run at real-time priority, so that what is
 missing is the daemon's. The daemon runs with the rights of who calls this (as root: real-time scheduling) and, as
-``no_rights``, as the user nobody. ``--peer`` is the checkout of another version, measured in turns with this one.
+``no_rights``, without those that concern scheduling and memory. ``--peer`` is the checkout of another version, measured in turns with this one.
 
 ``kills``: ``kill -9`` at random moments beside busy processes: samples missing from the record or from a subscriber,
 or told twice, and how long nothing came.
@@ -18,9 +18,11 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import ctypes
 import json
 import os
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -41,7 +43,7 @@ from cellwatt.subscriber import Gap, Health, LinkSettings, Subscriber
 
 HERE = Path(__file__).resolve().parents[1]
 DEVICES = {"arm": "ur", "board": "power_board", "yaskawa": "yaskawa", "kinova": "kinova"}
-NOBODY = 65534
+CAP_IPC_LOCK, CAP_SYS_NICE, PR_CAPBSET_DROP = 14, 23, 24
 
 
 @contextlib.contextmanager
@@ -68,31 +70,32 @@ async def devices() -> AsyncIterator[str]:
             os.sched_setscheduler(device.pid, os.SCHED_RR, os.sched_param(20))
             host, _, port = device.address.rpartition(":")
             where = f"port: {device.address}" if driver == "power_board" else f"host: {host}, port: {port}"
-            if driver == "power_board":
-                _open_to_all(Path(device.address))
             lines.append(f"  {name}: {{driver: {driver}, {where}}}\n")
         yield "".join(lines)
 
 
-def _open_to_all(port: Path) -> None:
-    port.resolve().chmod(0o666)
+def without_rights() -> None:
+    """What a user is not allowed: a higher priority, real-time scheduling, locked memory."""
+    libc = ctypes.CDLL(None)
+    for capability in (CAP_IPC_LOCK, CAP_SYS_NICE):
+        libc.prctl(PR_CAPBSET_DROP, capability, 0, 0, 0)
+    for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE, resource.RLIMIT_MEMLOCK):
+        resource.setrlimit(limit, (0, 0))
 
 
 @contextlib.contextmanager
-def daemon(tree: Path, folder: Path, sources: str, more: str = "", *, nobody: bool = False) -> Iterator[Any]:
+def daemon(tree: Path, folder: Path, sources: str, more: str = "", *, rights: bool = True) -> Iterator[Any]:
     """``cellwatt run`` of a checkout, with the packages installed here."""
     path = folder / "cell.yaml"
     path.write_text(f"site: bench\ncell: bench\nsources:\n{sources}{more}record: {{folder: {folder / 'record'}}}\n")
     parts = os.pathsep.join(str(tree / part) for part in ("daemon", "drivers", "plugins"))
-    who: dict[str, Any] = {"user": NOBODY, "group": NOBODY, "extra_groups": []} if nobody else {}
-    folder.chmod(0o777)
     with (folder / "daemon.log").open("w") as log:
         process = subprocess.Popen(
             [sys.executable, "-m", "cellwatt.commands", "run", str(path)],
             stderr=log,
             env={**os.environ, "PYTHONPATH": parts, "OMP_NUM_THREADS": "1"},
             start_new_session=True,
-            **who,
+            preexec_fn=None if rights else without_rights,
         )
     try:
         yield process
@@ -105,12 +108,12 @@ def daemon(tree: Path, folder: Path, sources: str, more: str = "", *, nobody: bo
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-async def polls(tree: Path, seconds: float, neighbours: int, *, nobody: bool) -> dict[str, Any]:
+async def polls(tree: Path, seconds: float, neighbours: int, *, rights: bool) -> dict[str, Any]:
     """Per cent of the samples due that each source missed."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         async with devices() as sources:
-            with daemon(tree, folder, sources, "stages: {segment: {source: arm}}\n", nobody=nobody):
+            with daemon(tree, folder, sources, "stages: {segment: {source: arm}}\n", rights=rights):
                 await asyncio.sleep(8)  # connected, and all is loaded
                 with busy(neighbours):
                     await asyncio.sleep(seconds)
@@ -236,12 +239,12 @@ def main() -> None:
     figures: dict[str, Any] = {}
     if "polls" in a.only:
         trees = {"now": HERE, **({"peer": a.peer.resolve()} if a.peer else {})}
-        rights = {"rights": False, **({"no_rights": True} if os.geteuid() == 0 else {})}
+        rights = {"rights": True, "no_rights": False}
         figures["polls"] = defaultdict(list)
         for _ in range(a.repeats):
             for version, tree in trees.items():
-                for name, nobody in rights.items():
-                    found = asyncio.run(polls(tree, a.seconds, a.neighbours, nobody=nobody))
+                for name, allowed in rights.items():
+                    found = asyncio.run(polls(tree, a.seconds, a.neighbours, rights=allowed))
                     figures["polls"][f"{version}_{name}"].append(found)
                     print(version, name, found, file=sys.stderr, flush=True)
     if "kills" in a.only:
