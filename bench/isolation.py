@@ -5,7 +5,8 @@
 ``polls``: an arm at 500 Hz, a power board, and two polled arms at 50 and 40 Hz, beside busy processes at equal
 priority; what was missed, in per cent of what was due. The emulated devices run at real-time priority, so that what is
 missing is the daemon's. The daemon runs with the rights of who calls this (as root: real-time scheduling) and, as
-``no_rights``, without those that concern scheduling and memory. ``--peer`` is the checkout of another version, measured in turns with this one.
+``no_rights``, without those that concern scheduling and memory. ``--peer`` is the checkout of another version, measured
+in turns with this one.
 
 ``kills``: ``kill -9`` at random moments beside busy processes: samples missing from the record or from a subscriber,
 or told twice, and how long nothing came.
@@ -70,6 +71,7 @@ async def devices() -> AsyncIterator[str]:
             os.sched_setscheduler(device.pid, os.SCHED_RR, os.sched_param(20))
             host, _, port = device.address.rpartition(":")
             where = f"port: {device.address}" if driver == "power_board" else f"host: {host}, port: {port}"
+            where += ", read: [torque]" if driver == "yaskawa" else ""
             lines.append(f"  {name}: {{driver: {driver}, {where}}}\n")
         yield "".join(lines)
 
@@ -113,7 +115,7 @@ async def polls(tree: Path, seconds: float, neighbours: int, *, rights: bool) ->
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         async with devices() as sources:
-            with daemon(tree, folder, sources, "stages: {segment: {source: arm}}\n", rights=rights):
+            with daemon(tree, folder, sources, "stages: {segment: {arm: arm}}\n", rights=rights):
                 await asyncio.sleep(8)  # connected, and all is loaded
                 with busy(neighbours):
                     await asyncio.sleep(seconds)
@@ -142,7 +144,7 @@ async def kills(rounds: int, neighbours: int) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             async with devices() as sources:
-                more = f"stages: {{segment: {{source: arm}}}}\nzenoh: {{listen: [tcp/127.0.0.1:{PORT}]}}\n"
+                more = f"stages: {{segment: {{arm: arm}}}}\nzenoh: {{listen: [tcp/127.0.0.1:{PORT}]}}\n"
                 with daemon(HERE, folder, sources, more), busy(neighbours):
                     found[part] = await _killed(part, rounds)
             kept = Recording.open(folder / "record")
