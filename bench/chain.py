@@ -3,7 +3,7 @@
     python bench/chain.py --json
 
 Emulated UR controllers (500 Hz, the full default recipe plus more: 62 values) run in one process, the daemon in
-another, alone on its core, a plain Zenoh subscriber in a third. Latency is told from the subscriber's receipt:
+others, on all cores or alone on one, a plain Zenoh subscriber in a last. Latency is told from the subscriber's receipt:
 ``daemon`` since the daemon read the packet, ``emulator`` since the emulator sent it (the fastest packet of a run
 counts as 0, so constant transport time is not in it). The peer is the same traffic put on Zenoh by a bare loop.
 """
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
+from footprint import computed, family, memory
 from numpy.typing import NDArray
 
 CHANNELS = (
@@ -117,8 +117,8 @@ def percentiles(values: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def run(robots: int, seconds: float) -> dict[str, Any]:
-    """One run of the daemon; its CPU share, losses and the subscriber's figures."""
+def run(robots: int, seconds: float, cores: int) -> dict[str, Any]:
+    """One run of the daemon on one core, or on all; its CPU share, losses and the subscriber's figures."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -128,19 +128,19 @@ def run(robots: int, seconds: float) -> dict[str, Any]:
         daemon = subprocess.Popen(
             [sys.executable, "-m", "cellwatt.commands", "run", str(folder / "cell.yaml")],
             stderr=(folder / "log").open("w"),
-            preexec_fn=lambda: os.sched_setaffinity(0, {0}),
+            preexec_fn=(lambda: os.sched_setaffinity(0, {0})) if cores == 1 else None,
         )
         subscriber = spawn("listen", endpoint, cpus={1})
         try:
             line(subscriber)
             time.sleep(WARM_UP)
-            process = psutil.Process(daemon.pid)
-            before, start = process.cpu_times(), time.monotonic()
+            parts = family(daemon.pid)
+            before, start = computed(parts), time.monotonic()
             tell(subscriber)
             time.sleep(seconds)
             tell(subscriber)
-            after, spent = process.cpu_times(), time.monotonic() - start
-            memory = process.memory_info().rss
+            cpu = (computed(parts) - before) / (time.monotonic() - start)
+            weight = memory(parts)
             figures = json.loads(line(subscriber))
             daemon.send_signal(signal.SIGTERM)
             daemon.wait(30)
@@ -149,7 +149,6 @@ def run(robots: int, seconds: float) -> dict[str, Any]:
             for child in (daemon, subscriber, emulators):
                 child.kill()
                 child.wait()
-    cpu = (after.user + after.system - before.user - before.system) / spent
     sources = status["sources"].values()
     lost = sum(sum(s["missed"].values()) + sum(s["dropped"].values()) for s in sources)
     unpublished = sum(status["sinks"]["zenoh"]["dropped"].values())
@@ -160,7 +159,7 @@ def run(robots: int, seconds: float) -> dict[str, Any]:
         "lost": lost,
         "not_published": unpublished,
         "not_recorded": sum(status["recorder"]["drops"].values()),
-        "rss_mb": round(memory / 1e6, 1),
+        "pss_mb": weight,
     }
 
 
@@ -215,13 +214,14 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=15.0)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--robots", type=int, nargs="*", default=[8, 16, 32])
+    parser.add_argument("--cores", type=int, choices=[1, 2], default=2, help="1: the daemon alone on one core")
     parser.add_argument("--role", nargs=2, metavar=("ROLE", "ARGUMENT"))
     a = parser.parse_args()
     if a.role:
         role, argument = a.role
         asyncio.run(devices(int(argument))) if role == "devices" else listen(argument)
         return
-    runs = [run(robots, a.seconds) for robots in a.robots for _ in range(a.repeats)]
+    runs = [run(robots, a.seconds, a.cores) for robots in a.robots for _ in range(a.repeats)]
     if a.json:
         print(json.dumps(runs))
     else:

@@ -55,18 +55,28 @@ def daemon(path: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 def weigh(process: subprocess.Popen[bytes], seconds: float) -> dict[str, float]:
     """CPU share of one core over a span, and memory at its end, of all processes; what they share counts once."""
-    first = psutil.Process(process.pid)
-    everyone = [first, *first.children(recursive=True)]
-    before, start = _computed(everyone), time.monotonic()
+    parts = family(process.pid)
+    before, start = computed(parts), time.monotonic()
     time.sleep(seconds)
-    cpu = (_computed(everyone) - before) / (time.monotonic() - start)
-    memory = sum(p.memory_full_info().pss for p in everyone)
-    return {"cpu_percent": round(100 * cpu, 2), "pss_mb": round(memory / 1e6, 1), "processes": len(everyone)}
+    cpu = (computed(parts) - before) / (time.monotonic() - start)
+    return {"cpu_percent": round(100 * cpu, 2), "pss_mb": memory(parts), "processes": len(parts)}
 
 
-def _computed(everyone: list[psutil.Process]) -> float:
-    times = [p.cpu_times() for p in everyone]
-    return sum(t.user + t.system for t in times)
+def family(pid: int) -> list[psutil.Process]:
+    """A process and its children."""
+    first = psutil.Process(pid)
+    return [first, *first.children(recursive=True)]
+
+
+def computed(parts: list[psutil.Process]) -> float:
+    """Processor time so far, s."""
+    times = [p.cpu_times() for p in parts]
+    return float(sum(t.user + t.system for t in times))
+
+
+def memory(parts: list[psutil.Process]) -> float:
+    """MB, what several share counted once."""
+    return round(sum(p.memory_full_info().pss for p in parts) / 1e6, 1)
 
 
 def idle(seconds: float) -> dict[str, float]:
