@@ -21,7 +21,7 @@ from cellwatt.commands import main
 from cellwatt.results import Result
 from tests.daemon.commands.calling import CELL
 from tests.daemon.runtime import fakes
-from tests.daemon.runtime.fakes import DEVICES, JUDGES, Order, answer, give, prediction, until
+from tests.daemon.runtime.fakes import DEVICES, JUDGES, FakeStage, Order, answer, give, prediction, until
 
 MORE = CELL + "  board: {driver: fake, host: board}\n"
 
@@ -132,6 +132,13 @@ def holds_the_interpreter(*_: object) -> Sequence[Result]:
     return ()
 
 
+class AbortingStage(FakeStage):
+    """Takes its process with it as it is made."""
+
+    def __init__(self, *_: object) -> None:
+        os.abort()
+
+
 SCENARIOS: dict[str, Callable[[Path], None]] = {
     "SIGTERM": stop(signal.SIGTERM),
     "SIGINT": stop(signal.SIGINT),
@@ -140,6 +147,7 @@ SCENARIOS: dict[str, Callable[[Path], None]] = {
     "not YAML": mistake("site: ["),
     "no such driver": mistake(CELL.replace("fake", "fakes")),
     "stage refused": mistake(CELL + "stages: {judge: {}}\n"),
+    "new stage aborts": mistake(CELL + "stages: {abort: {}}\n"),
     "another site": mistake(CELL.replace("site: plant", "site: other")),
     "stage does not fit": stage_does_not_fit,
     "stage aborts": bad_stage(aborts, "ended by signal SIGABRT"),
@@ -150,7 +158,10 @@ SCENARIOS: dict[str, Callable[[Path], None]] = {
 
 def points(group: str) -> list[EntryPoint]:
     """Stands for ``importlib.metadata.entry_points``."""
-    return list(entry_points(group=group)) if group == "cellwatt.commands" else fakes.entry_points(group)
+    if group == "cellwatt.commands":
+        return list(entry_points(group=group))
+    aborting = EntryPoint("abort", "tests.daemon.commands.fake_run:AbortingStage", "cellwatt.stages")
+    return [*fakes.entry_points(group), *([aborting] if group == aborting.group else [])]
 
 
 if __name__ == "__main__":

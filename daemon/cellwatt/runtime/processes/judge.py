@@ -65,13 +65,14 @@ class _Judging:
     def run(self) -> None:
         control = self._assignment.control
         control.send(Ready())
+        replaced = False
         for _ in turns(self._in, control, SAID):
-            if not self._turn():
+            if replaced := not self._turn():
                 break
             if time.monotonic() - self._said >= SAID:
                 self._say()
         self._give(self._chain.close())
-        self._say()
+        self._say(replaced=replaced)
         self._out.end()
 
     def _turn(self) -> bool:
@@ -114,10 +115,10 @@ class _Judging:
             except ValueError:
                 log.exception("a result of the stages %s cannot be passed on", ", ".join(self._chain.names))
 
-    def _say(self) -> None:
+    def _say(self, **more: bool) -> None:
         self._said = time.monotonic()
         stages = {
             name: known | {"dropped": self._dropped, "waiting": max(self._waiting, 0)}
             for name, known in self._chain.status().items()
         }
-        self._out.put(Status(figures(f"judge {'+'.join(self._chain.names)}", self._assignment, stages=stages)))
+        self._out.put(Status(figures(f"judge {'+'.join(self._chain.names)}", self._assignment, stages=stages, **more)))

@@ -19,7 +19,7 @@ def claim() -> str:
 
 def _scheduling() -> str:
     try:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REALTIME))
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(REALTIME))
     except OSError:
         pass
     else:

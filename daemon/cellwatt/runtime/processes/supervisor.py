@@ -195,6 +195,8 @@ class Supervisor:
         match message:
             case Ready():
                 part.ready = True
+                if part is self._tell and self._reload is not None and self._reload.sent:
+                    self._reload_done(self._reload)  # it was begun again, by the new settings
             case InForce() if self._reload is not None:
                 self._reload_done(self._reload)
             case Failed():
@@ -218,6 +220,8 @@ class Supervisor:
         why = part.reap()
         if part in self._ending:
             self._ending.remove(part)
+        elif self._reload is not None and part in self._reload.judges.values():
+            self._give_up_reload(CellwattError(f"the process {part.name} ended by {why}; nothing was changed"))
         elif self._failed is None and not self._stop_asked:
             pause = max(part.again_at - time.monotonic(), 0.0)
             log.error("the process %s ended by %s; it is begun again in %.1f s", part.name, why, pause)
@@ -301,7 +305,7 @@ class Supervisor:
             self._tell.send(Apply(self._generation, reload.config))
             return
         self._generation = reload.generation
-        self._ending += self._judges.values()
+        self._ending += [part for part in self._judges.values() if part.alive]
         self._judges, reload.judges = reload.judges, {}
         for part in (self._align, self._tell, self._collect):
             part.send(Apply(reload.generation, reload.config))
@@ -314,7 +318,7 @@ class Supervisor:
     def _give_up_reload(self, error: Exception) -> None:
         assert self._reload is not None
         judges, self._reload = list(self._reload.judges.values()), None
-        self._ending += judges
+        self._ending += [part for part in judges if part.alive]
         for part in judges:
             self._end(part, at_once=True)
         self._refuse(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import logging
 import time
@@ -31,6 +32,8 @@ log = logging.getLogger(__name__)
 HEALTH_RATE: Final = 1.0  # Hz
 AT_ONCE: Final = 100
 """Items of one ring that are dealt with before the loop may turn to something else."""
+MARKED: Final = 3.0
+"""Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
 ALONE: Final = 5.0
 """s after the end of the supervisor in which all others must come to their end, too."""
 SILENT: Final = 4.0
@@ -138,7 +141,7 @@ class _Telling:
     def _take(self, way: _Way, item: Any) -> None:
         match item:
             case Status():
-                self._said[item.figures["part"]] = time.monotonic(), item.figures
+                self._note_figures(item.figures)
             case Mark():
                 self._come_to(way, item.generation)
             case Skipped():
@@ -154,6 +157,12 @@ class _Telling:
                 self._teller.record(item)
             case _:
                 self._take_message(way, item)
+
+    def _note_figures(self, figures: Mapping[str, Any]) -> None:
+        if figures.get("replaced"):
+            self._said.pop(figures["part"], None)
+        else:
+            self._said[figures["part"]] = time.monotonic(), figures
 
     def _take_message(self, way: _Way, item: Any) -> None:
         """Results and events, which have no numbers in the record: where each got to is noted in its ring."""
@@ -201,9 +210,11 @@ class _Telling:
         while True:
             message = await self._applying.get()
             change = Change.between(self._config, message.config)
-            while change.frames and not (self._raw.held and self._frames.held):
-                self._marked.clear()
-                await self._marked.wait()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(MARKED):
+                    while change.frames and not (self._raw.held and self._frames.held):
+                        self._marked.clear()
+                        await self._marked.wait()
             await self._change(message, change)
             for way in (self._raw, self._frames):
                 way.held = False
@@ -216,6 +227,7 @@ class _Telling:
         self._teller.change(self._tasks, message.config, change.sinks)
         if change.frames:
             self._teller.redeclare(*self._declared(message.config))
+            self._said = {part: known for part, known in self._said.items() if not part.startswith("judge")}
         self._teller.take(Event(self._assignment.shared.clock.now(), None, "reloaded", str(change)))
 
     # health ---------------------------------------------------------------------------------------
