@@ -44,19 +44,25 @@ from cellwatt.subscriber import Gap, Health, LinkSettings, Subscriber
 
 HERE = Path(__file__).resolve().parents[1]
 DEVICES = {"arm": "ur", "board": "power_board", "yaskawa": "yaskawa", "kinova": "kinova"}
-CAP_IPC_LOCK, CAP_SYS_NICE, PR_CAPBSET_DROP = 14, 23, 24
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
+PR_SET_PDEATHSIG, PR_CAPBSET_DROP = 1, 24
 
 
 @contextlib.contextmanager
 def busy(n: int) -> Iterator[None]:
     """n processes that want all they can get."""
-    running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(n)]
+    command = [sys.executable, "-c", "while True: pass"]
+    running = [subprocess.Popen(command, preexec_fn=_end_with_parent) for _ in range(n)]
     try:
         yield
     finally:
         for process in running:
             process.kill()
             process.wait()
+
+
+def _end_with_parent() -> None:
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 @contextlib.asynccontextmanager
