@@ -100,6 +100,9 @@ class Supervisor:
             self._start(part)
         while self._serves and not all(part.ready for part in parts):
             self._turn()
+        for part in parts:  # what was said before a signal came
+            if part.control is not None and part.control.poll():
+                self._hear(part)
 
     @contextmanager
     def _signals(self) -> Iterator[selectors.DefaultSelector]:
