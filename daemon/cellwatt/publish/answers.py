@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
+from cellwatt.blocks import cut, join
 from cellwatt.errors import CellwattError
 from cellwatt.publish.backlog import Backlog
-from cellwatt.publish.blocks import cut, join
 from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
 from cellwatt.publish.keys import ALARM, FRAME, CellKeys, alarm_path, raw_topic
 from cellwatt.publish.mark import Mark

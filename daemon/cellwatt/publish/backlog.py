@@ -53,18 +53,15 @@ class Backlog:
 
         That is one path, but two for an alarm whose severity changed: whoever follows the old one must hear of it.
         """
-        topic = topic_of(item)
         with self._lock:
-            if self._journal is not None:
-                return self._keep(self._journal.put(item), item)
-            numbering = self._topics.get(topic)
-            return self._keep(numbering.following if numbering is not None else 0, item)
+            return self._keep(None if self._journal is None else self._journal.put(item), item)
 
-    def _keep(self, number: int, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
+    def _keep(self, number: int | None, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
+        """``number`` is the item's, ``None`` for the next of its topic."""
         topic = topic_of(item)
         numbering = self._topics.setdefault(topic, _Numbering(self.session))
-        mark = Mark(numbering.session, number, 1, _time_of(item))
-        numbering.following = number + 1
+        mark = Mark(numbering.session, numbering.following if number is None else number, 1, _time_of(item))
+        numbering.following = mark.end
         numbering.kept.append((mark, item))
         return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
 

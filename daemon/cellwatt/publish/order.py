@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from cellwatt.batch import Batch
+from cellwatt.blocks import cut
 from cellwatt.frames import Frames
-from cellwatt.publish.blocks import cut
 from cellwatt.results import Event, Result
 
 _PAST: Final = 16

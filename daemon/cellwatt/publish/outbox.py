@@ -13,7 +13,7 @@ from typing import Final
 
 from cellwatt.account import Account
 from cellwatt.batch import Batch
-from cellwatt.publish.blocks import concatenate, follows
+from cellwatt.blocks import concatenate, follows
 from cellwatt.publish.mark import Mark
 from cellwatt.sink import Item
 

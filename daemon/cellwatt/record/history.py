@@ -12,9 +12,8 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from cellwatt.batch import Batch
+from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError
 from cellwatt.record import decoder
 from cellwatt.record.container import Chunk, Contents
@@ -208,27 +207,12 @@ def _between(
         for batch in _batches(file, chunk, tracks, channel):
             if batch.sequence >= stop:
                 return
-            cut = trim(batch, first, stop)
-            if cut is not None:
-                yield cut
+            part = trim(batch, first, stop)
+            if part is not None:
+                yield part
 
 
 def trim(batch: Batch, first: int, stop: int) -> Batch | None:
     """The part of a batch with sequence numbers from ``first`` to before ``stop``."""
     low, high = max(first - batch.sequence, 0), min(stop - batch.sequence, len(batch))
-    if low >= high:
-        return None
-    if (low, high) == (0, len(batch)):
-        return batch
-    part = np.s_[low:high]
-    return Batch(
-        source=batch.source,
-        stream=batch.stream,
-        sequence=batch.sequence + low,
-        arrival=batch.arrival,
-        time=batch.time[part],
-        bound=batch.bound[part],
-        values=batch.values[part],
-        quality=batch.quality[part],
-        device_time=None if batch.device_time is None else batch.device_time[part],
-    )
+    return cut(batch, low, high) if low < high else None

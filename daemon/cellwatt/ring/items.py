@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from cellwatt.batch import Batch
+from cellwatt.blocks import cut
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import messages
 from cellwatt.record.header import stream_from_dict, stream_to_dict
@@ -40,7 +41,6 @@ class Skipped:
     size: int
 
 
-Block = TypeVar("Block", Batch, Frames)
 Item = Batch | Frames | messages.Message | Status | Mark
 
 
@@ -101,8 +101,8 @@ class ItemWriter:
             self._ring.put(_ROWS, number, item.sequence, len(item), body, note)
             return
         middle = len(item) // 2
-        for part in (slice(0, middle), slice(middle, len(item))):
-            self.put(part_of(item, part))  # type: ignore[type-var]
+        self.put(cut(item, 0, middle))
+        self.put(cut(item, middle, len(item)))
 
     def _rows_of_stream(self, batch: Batch) -> tuple[int, SampleRows]:
         known = self._streams.get((batch.source, batch.stream.name))
@@ -205,14 +205,6 @@ class ItemReader:
         lines, self._declared = self.ring.declared(self._declared)
         self._rows.update(map(_read_declaration, lines))
         return self._rows[channel]
-
-
-def part_of(item: Block, part: slice) -> Block:
-    """Some samples of a block."""
-    arrays = {name: getattr(item, name)[part] for name in ("time", "bound", "values", "quality")}
-    if isinstance(item, Batch) and item.device_time is not None:
-        arrays["device_time"] = item.device_time[part]
-    return replace(item, sequence=item.sequence + part.start, **arrays)
 
 
 def _declaration(number: int, rows: SampleRows | FrameRows) -> bytes:

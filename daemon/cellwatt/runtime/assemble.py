@@ -51,6 +51,15 @@ def prepare(config: CellConfig) -> Prepared:
     Raises ``ConfigError`` with every source and stage whose settings do not fit the cell: a channel given
     twice, a model of another robot or with other units, a file that is damaged.
     """
+    streams, layout = declared(config)
+    return Prepared(streams, layout, make_chains(config, layout))
+
+
+def declared(config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]:
+    """What the sources of a cell will deliver, and the columns of its frames.
+
+    Raises ``ConfigError`` with every source whose settings do not fit.
+    """
     problems: list[Problem] = []
     streams: dict[str, tuple[Stream, ...]] = {}
     for source in config.sources.values():
@@ -58,8 +67,7 @@ def prepare(config: CellConfig) -> Prepared:
             streams[source.name] = streams_of(source)
     if problems:
         raise ConfigError(ordered(problems))
-    layout = layout_of(streams, config.frames)
-    return Prepared(streams, layout, make_chains(config, layout))
+    return streams, layout_of(streams, config.frames)
 
 
 def streams_of(source: SourceConfig) -> tuple[Stream, ...]:

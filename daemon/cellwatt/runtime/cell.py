@@ -15,7 +15,7 @@ from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry
 from cellwatt.runtime.framer import Framer
-from cellwatt.runtime.tasks import Tasks
+from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
 from cellwatt.runtime.worker import Worker
 from cellwatt.ticker import Ticker
@@ -48,12 +48,8 @@ class Cell:
 
         Raises ``CellwattError`` where a part cannot be started.
         """
-        try:
+        with plain_errors():
             await self._serve(ready)
-        except ExceptionGroup as failures:
-            if all(isinstance(error, CellwattError) for error in failures.exceptions):
-                raise failures.exceptions[0] from None
-            raise
 
     async def _serve(self, ready: Callable[[], None]) -> None:
         async with asyncio.TaskGroup() as group:
@@ -166,7 +162,7 @@ class Cell:
         if change.frames:
             await self._end_frames()
         self._config = config
-        await self._collector.change(self._tasks, config, change.sources)
+        self._collector.change(self._tasks, config, change.sources)
         self.view.change(self._tasks, config, change.sinks)
         if change.frames:
             self._begin_frames(prepared)

@@ -40,7 +40,7 @@ class Collector:
             self._start_source(tasks, source, (sequences or {}).get(source.name))
         tasks.spawn("ticks", self._ticks())
 
-    async def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
+    def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
         """Begin anew, or leave out, the sources ``names``, whose devices were let go of."""
         self._config = config
         for name in names:

@@ -6,8 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from typing import Any
 
+import numpy as np
+
 from cellwatt.align import Aligner
 from cellwatt.batch import Batch, Tick
+from cellwatt.blocks import cut
 from cellwatt.channel import Stream
 from cellwatt.config import FrameSettings
 from cellwatt.frames import Frames, Layout
@@ -51,12 +54,9 @@ class Framer:
 
     def _numbered(self, blocks: Iterable[Frames]) -> Iterator[Frames]:
         for block in blocks:
-            fresh = block.time > self._after
-            if not fresh.any():
+            given = int(np.searchsorted(block.time, self._after, side="right"))
+            if given == len(block):
                 continue
-            arrays = (
-                {} if fresh.all() else {n: getattr(block, n)[fresh] for n in ("time", "values", "quality", "bound")}
-            )
-            frames = replace(block, sequence=self.sequence, **arrays)
+            frames = replace(cut(block, given, len(block)), sequence=self.sequence)
             self.sequence += len(frames)
             yield frames

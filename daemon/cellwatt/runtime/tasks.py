@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
-from collections.abc import Coroutine, Iterable
+from collections.abc import Coroutine, Iterable, Iterator
 from typing import Any
+
+from cellwatt.errors import CellwattError
 
 log = logging.getLogger(__name__)
 
 DRAIN = 5.0
 """Longest time, s, that a stop waits for a part to finish what is queued."""
+
+
+@contextlib.contextmanager
+def plain_errors() -> Iterator[None]:
+    """Where all that tasks of a group raised is meant for a person, raise the first of it by itself."""
+    try:
+        yield
+    except ExceptionGroup as failures:
+        if all(isinstance(error, CellwattError) for error in failures.exceptions):
+            raise failures.exceptions[0] from None
+        raise
 
 
 class Tasks:

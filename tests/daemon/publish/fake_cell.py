@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
-from cellwatt.publish.blocks import cut
+from cellwatt.blocks import cut
 
 SITE, CELL = "plant-1", "weld-3"
 EPOCH = 1_800_000_000_000_000_000

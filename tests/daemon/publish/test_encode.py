@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from cellwatt import Batch, Channel, Frames, Layout, ProtocolError, Stream
-from cellwatt.publish.blocks import concatenate, cut, follows, join
+from cellwatt.blocks import concatenate, cut, follows, join
 from cellwatt.publish.encode import decode, encode_batch, encode_frames, named
 from cellwatt.publish.mark import Mark
 from tests.daemon.publish.fake_cell import HOST_STREAM, LAYOUT, STREAM, batch, frames

@@ -10,7 +10,7 @@ from typing import Final
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
-from cellwatt.runtime.assemble import streams_of
+from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.processes.shared import ALIGN, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
@@ -34,7 +34,7 @@ class _Aligning:
         self._config, self._generation = assignment.config, assignment.generation
         self._in = ItemReader(shared.raw, ALIGN)
         self._out = ItemWriter(shared.frames)
-        self._streams = {name: streams_of(source) for name, source in self._config.sources.items()}
+        self._streams, _ = declared(self._config)
         self._framer = Framer(self._streams, self._config.frames, *self._out.frames())
         self._fitting: dict[int, bool] = {}
         """Whether a stream, by its identity, is one of those in force."""
@@ -85,7 +85,7 @@ class _Aligning:
             assert isinstance(message, Apply)
             self._config, self._generation = message.config, message.generation
         self._give(self._framer.flush())
-        self._streams = {name: streams_of(source) for name, source in self._config.sources.items()}
+        self._streams, _ = declared(self._config)
         self._framer.change(self._streams, self._config.frames)
         self._fitting.clear()
         self._out.put(Mark(generation))

@@ -83,7 +83,7 @@ class _Collecting:
             await self._collector.stop(self._tasks, change.sources)
             self._ring.put(Mark(message.generation))
             self._config = message.config
-            await self._collector.change(self._tasks, message.config, change.sources)
+            self._collector.change(self._tasks, message.config, change.sources)
 
     def _give(self, entry: Entry) -> None:
         try:

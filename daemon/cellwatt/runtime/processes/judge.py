@@ -14,7 +14,7 @@ from typing import Final
 from cellwatt.frames import Frames
 from cellwatt.results import Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
-from cellwatt.runtime.assemble import layout_of, make_chain, streams_of
+from cellwatt.runtime.assemble import declared, make_chain
 from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 from cellwatt.runtime.worker import QUEUED_FRAMES
@@ -54,8 +54,7 @@ class _Judging:
         self._held = assignment.held
         self._in = ItemReader(shared.frames, OTHERS + assignment.slot)
         self._out = ItemWriter(shared.results[assignment.slot])
-        streams = {name: streams_of(source) for name, source in config.sources.items()}
-        self._layout = layout_of(streams, config.frames)
+        _, self._layout = declared(config)
         self._fitting: dict[int, bool] = {}
         self._chain = make_chain(config, self._layout, assignment.stages)
         self._following: int | None = None

@@ -8,7 +8,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any, Final
@@ -42,7 +42,6 @@ class Part:
     """When to begin it again, monotonic s."""
     _began: float = 0.0
     _failures: int = 0
-    _others: list[Connection] = field(default_factory=list)
 
     @property
     def alive(self) -> bool:

@@ -8,6 +8,7 @@ from io import FileIO
 from pathlib import Path
 
 from cellwatt.batch import Batch
+from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recorder, decoder
@@ -16,7 +17,6 @@ from cellwatt.record.messages import Message
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import listing
 from cellwatt.record.summary import survey
-from cellwatt.ring.items import Block, part_of
 
 LAST = 8
 """Chunks at the end of a file in which what a ring still holds may be."""
@@ -71,7 +71,7 @@ class Resume:
             return item
         if item.sequence + len(item) <= first:
             return None
-        return part_of(item, slice(first - item.sequence, len(item)))
+        return cut(item, first - item.sequence, len(item))
 
 
 def _key(item: Batch | Frames) -> tuple[str, str]:

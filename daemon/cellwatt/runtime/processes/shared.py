@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -12,6 +14,7 @@ from cellwatt.channel import Stream
 from cellwatt.config import CellConfig
 from cellwatt.frames import Layout
 from cellwatt.ring import Ring
+from cellwatt.ring.memory import READERS
 
 SLOTS: Final = 16
 """Chains of stages that may run at a time; during a reload the old ones and the new."""
@@ -23,8 +26,9 @@ RESULTS: Final = 4 << 20
 _USUAL_RATE = 100.0
 """Hz, of streams that declare none."""
 
-TELL, TOLD, OTHERS = 0, 1, 2
-"""Readers of a ring: who tells, up to where that is in the record; up to where it is told; the first of the others."""
+TELL, OTHERS, TOLD = 0, 1, READERS - 1
+"""Readers of a ring: who tells, up to where that is in the record; the first of the others. Up to where it is told is a
+position without a reader of its own."""
 ALIGN = OTHERS
 """Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
 ALARMS: Final = 2 << 20
@@ -117,9 +121,6 @@ class Stop:
 
 def figures(part: str, assignment: Assignment, **more: Any) -> dict[str, Any]:
     """What a process says of itself about once a second."""
-    import os
-    import time
-
     return {
         "part": part,
         "pid": os.getpid(),

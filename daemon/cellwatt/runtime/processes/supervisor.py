@@ -16,12 +16,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from typing import Any, Final
+from typing import Final
 
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.runtime import systemd
-from cellwatt.runtime.assemble import chain_names, layout_of, streams_of
+from cellwatt.runtime.assemble import chain_names, declared
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
@@ -55,11 +55,10 @@ class Supervisor:
     def __init__(self, config: CellConfig) -> None:
         self._config = config
         self._generation = 1
-        streams = {name: streams_of(source) for name, source in config.sources.items()}
-        self._shared = Shared.of(streams, layout_of(streams, config.frames))
-        self._collect = Part("collect", collect, self._assign())
-        self._align = Part("align", align, self._assign())
-        self._tell = Part("tell", tell, self._assign())
+        self._shared = Shared.of(*declared(config))
+        self._collect = Part("collect", collect, self._assign)
+        self._align = Part("align", align, self._assign)
+        self._tell = Part("tell", tell, self._assign)
         self._judges = self._new_judges(config, held=False)
         self._ending: list[Part] = []
         """Judges whose chain others have taken over."""
@@ -131,11 +130,8 @@ class Supervisor:
 
     # processes ------------------------------------------------------------------------------------
 
-    def _assign(self, **more: Any) -> Callable[[Connection, int], Assignment]:
-        def make(control: Connection, restarts: int) -> Assignment:
-            return Assignment(self._shared, self._config, self._generation, control, restarts, **more)
-
-        return make
+    def _assign(self, control: Connection, restarts: int) -> Assignment:
+        return Assignment(self._shared, self._config, self._generation, control, restarts)
 
     def _new_judges(self, config: CellConfig, *, held: bool) -> dict[int, Part]:
         """A process for each chain of stages, in slots that are free."""
@@ -290,10 +286,9 @@ class Supervisor:
                 log.info("%s", change)
                 systemd.notify(READY="1")
                 return
-            streams = {name: streams_of(source) for name, source in config.sources.items()}
-            layout_of(streams, config.frames)
+            declared(config)
             judges = self._new_judges(config, held=True) if change.frames else {}
-        except (ConfigError, CellwattError) as error:
+        except CellwattError as error:
             self._refuse(error)
             return
         self._reload = _Reload(config, change, self._generation + 1, judges)

@@ -12,18 +12,16 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from cellwatt.batch import Batch, Tick
-from cellwatt.channel import Stream
-from cellwatt.config import CellConfig
-from cellwatt.errors import CellwattError
-from cellwatt.frames import Frames, Layout
+from cellwatt.frames import Frames
 from cellwatt.results import Event
 from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime import systemd
-from cellwatt.runtime.assemble import layout_of, streams_of
+from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.shared import TELL, TOLD, Apply, Assignment, InForce, Ready, figures
-from cellwatt.runtime.tasks import Tasks
+from cellwatt.runtime.processes.waiting import ALONE
+from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
 from cellwatt.ticker import Ticker
 
@@ -34,20 +32,14 @@ AT_ONCE: Final = 100
 """Items of one ring that are dealt with before the loop may turn to something else."""
 MARKED: Final = 3.0
 """Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
-ALONE: Final = 5.0
-"""s after the end of the supervisor in which all others must come to their end, too."""
 SILENT: Final = 4.0
 """s without figures after which a process is told to be down."""
 
 
 def tell(assignment: Assignment) -> None:
     """Record and publish until all others have ended. Raises ``CellwattError`` where a part cannot be started."""
-    try:
+    with plain_errors():
         asyncio.run(_Telling(assignment).run())
-    except ExceptionGroup as failures:
-        if all(isinstance(error, CellwattError) for error in failures.exceptions):
-            raise failures.exceptions[0] from None
-        raise
 
 
 class _Way:
@@ -84,7 +76,7 @@ class _Telling:
         control, loop = self._assignment.control, asyncio.get_running_loop()
         async with asyncio.TaskGroup() as group:
             self._tasks = Tasks(group)
-            await self._teller.start(self._tasks, *self._declared(self._config))
+            await self._teller.start(self._tasks, *declared(self._config))
             self._resume = await Resume.of(self._teller.recorder, restarts=self._assignment.restarts)
             helpers = [group.create_task(self._heart()), group.create_task(self._apply())]
             for way in self._ways:
@@ -103,10 +95,6 @@ class _Telling:
             self._look()
             await self._teller.close(self._tasks)
         self._settle()
-
-    def _declared(self, config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]:
-        streams = {name: streams_of(source) for name, source in config.sources.items()}
-        return streams, layout_of(streams, config.frames)
 
     # rings ----------------------------------------------------------------------------------------
 
@@ -149,7 +137,7 @@ class _Telling:
                 log.warning("%s", text)
                 self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
             case Batch() | Frames():
-                fresh = self._resume.fresh(item)  # type: ignore[type-var]
+                fresh = self._resume.fresh(item)
                 if fresh is not None:
                     self._teller.record(fresh)
                 self._teller.tell(item)
@@ -226,8 +214,8 @@ class _Telling:
         self._config, self._generation = message.config, message.generation
         self._teller.change(self._tasks, message.config, change.sinks)
         if change.frames:
-            self._teller.redeclare(*self._declared(message.config))
-            self._said = {part: known for part, known in self._said.items() if not part.startswith("judge")}
+            self._teller.redeclare(*declared(message.config))
+            self._said = {part: known for part, known in self._said.items() if "stages" not in known[1]}
         self._teller.take(Event(self._assignment.shared.clock.now(), None, "reloaded", str(change)))
 
     # health ---------------------------------------------------------------------------------------
@@ -248,9 +236,7 @@ class _Telling:
         now = time.monotonic()
         said = {part: known for part, (_, known) in self._said.items()}
         ages = {part: now - heard for part, (heard, _) in self._said.items()}
-        stages = {
-            name: s for part, known in said.items() if part.startswith("judge") for name, s in known["stages"].items()
-        }
+        stages = {name: s for known in said.values() for name, s in known.get("stages", {}).items()}
         collect, align = said.get("collect", {}), said.get("align", {})
         here = figures("tell", self._assignment, loop_lag_ms=round(1e3 * self._lag, 3))
         self._teller.look(
