@@ -2,8 +2,8 @@
 
 A payload is one whole Arrow stream: schema, one record batch, end. Few columns, because sixty named ones cost a
 hundred times the time: the channels of a row are one fixed-size list, their names, units and kinds are JSON in the
-schema's metadata under ``cellwatt``. The schema's bytes are made once per stream; what differs from message to
-message is in the mark, which travels as the attachment.
+schema's metadata under ``cellwatt``. What comes before the body is made once per stream and number of rows; what
+differs from message to message is in the mark, which travels as the attachment.
 
 pyarrow is imported on first use: a daemon whose devices are all down does without its 25 MB.
 """
@@ -11,9 +11,9 @@ pyarrow is imported on first use: a daemon whose devices are all down does witho
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,42 +39,39 @@ _FRAMES_COLUMNS: Final = ("time", "values", "quality", "bound")
 _KEY: Final = b"cellwatt"
 _END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 _KEPT: Final = 256
-"""Schemas kept ready, one a stream."""
+"""Fronts kept ready: one a stream and number of rows."""
 
-_ready: dict[tuple[int, str], tuple[Stream | Layout, Any, bytes]] = {}
-_Declared = TypeVar("_Declared", Stream, Layout)
+_Declared = Stream | Layout
+_ready: dict[tuple[int, str, int, bool], tuple[_Declared, bytes]] = {}
 
 
 def encode_batch(batch: Batch) -> bytes:
     """A batch as an Arrow stream: columns time, device_time (null without a device clock), bound, quality, values."""
-    import pyarrow as pa
-
-    n, width = len(batch), len(batch.stream.channels)
-    schema, head = _schema(batch.stream, batch.source, _batch_schema)
-    device = (
-        pa.nulls(n, pa.int64()) if batch.device_time is None else _column(pa.int64(), n, batch.device_time, np.int64)
-    )
-    columns = [
-        _column(pa.int64(), n, batch.time, np.int64),
-        device,
-        _column(pa.int64(), n, batch.bound, np.int64),
-        _column(pa.uint8(), n, batch.quality, np.uint8),
-        _rows(schema, "values", n, width, batch.values, np.float64),
+    n, width, device = len(batch), len(batch.stream.channels), batch.device_time
+    pieces = [
+        _front(batch.stream, batch.source, n, device is not None),
+        _buffer("time", batch.time, (n,), np.int64),
+        bytes(_padded(-(-n // 8)) + 8 * n) if device is None else _buffer("device_time", device, (n,), np.int64),
+        _buffer("bound", batch.bound, (n,), np.int64),
+        _buffer("quality", batch.quality, (n,), np.uint8),
+        _buffer("values", batch.values, (n, width), np.float64),
+        _END,
     ]
-    return _message(schema, head, columns)
+    return b"".join(pieces)
 
 
 def encode_frames(frames: Frames) -> bytes:
     """Frames as an Arrow stream: columns time, values, quality, bound."""
     n, width = len(frames), len(frames.layout.channels)
-    schema, head = _schema(frames.layout, "", _frames_schema)
-    columns = [
-        _column(schema.field("time").type, n, frames.time, np.int64),
-        _rows(schema, "values", n, width, frames.values, np.float64),
-        _rows(schema, "quality", n, width, frames.quality, np.uint8),
-        _rows(schema, "bound", n, width, frames.bound, np.int64),
+    pieces = [
+        _front(frames.layout, "", n, True),
+        _buffer("time", frames.time, (n,), np.int64),
+        _buffer("values", frames.values, (n, width), np.float64),
+        _buffer("quality", frames.quality, (n, width), np.uint8),
+        _buffer("bound", frames.bound, (n, width), np.int64),
+        _END,
     ]
-    return _message(schema, head, columns)
+    return b"".join(pieces)
 
 
 def decode(payload: bytes, mark: Mark) -> Batch | Frames:
@@ -121,43 +118,50 @@ def named(content: Batch | Frames) -> pa.Table:
     return pa.table(columns, schema=pa.schema(fields))
 
 
-def _message(schema: pa.Schema, head: bytes, columns: list[Any]) -> bytes:
-    import pyarrow as pa
-
-    body = pa.RecordBatch.from_arrays(columns, schema=schema).serialize()
-    return b"".join((head, body, _END))
+def _padded(length: int) -> int:
+    """Bytes that a buffer takes in the body of a message."""
+    return -(-length // 8) * 8
 
 
-def _column(kind: Any, n: int, values: NDArray[Any], dtype: Any) -> Any:
-    import pyarrow as pa
-
-    if values.shape != (n,):
-        raise ValueError(f"expected {n} values, found an array of {values.shape}")
-    return pa.Array.from_buffers(kind, n, [None, pa.py_buffer(np.ascontiguousarray(values, dtype))])
-
-
-def _rows(schema: pa.Schema, name: str, n: int, width: int, values: NDArray[Any], dtype: Any) -> Any:
-    import pyarrow as pa
-
-    if values.shape != (n, width):
-        raise ValueError(f"{name}: expected an array of ({n}, {width}), found {values.shape}")
-    kind = schema.field(name).type
-    inner = pa.Array.from_buffers(kind.value_type, n * width, [None, pa.py_buffer(np.ascontiguousarray(values, dtype))])
-    return pa.Array.from_buffers(kind, n, [None], children=[inner])
+def _buffer(name: str, values: NDArray[Any], shape: tuple[int, ...], dtype: Any) -> bytes:
+    if values.shape != shape:
+        raise ValueError(f"{name}: expected an array of {shape}, found {values.shape}")
+    data = np.ascontiguousarray(values, dtype).tobytes()
+    return data + bytes(_padded(len(data)) - len(data))
 
 
-def _schema(of: _Declared, source: str, make: Callable[[_Declared, str], pa.Schema]) -> tuple[pa.Schema, bytes]:
-    """The schema of a stream or layout and its bytes, made once.
+def _front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
+    """All of a message before its body: it depends on nothing but the schema and the number of rows.
 
     Looked up by identity: hashing sixty channels costs as much as encoding a batch.
     """
-    ready = _ready.get((id(of), source))
+    key = id(of), source, n, timed
+    ready = _ready.get(key)
     if ready is None or ready[0] is not of:
         if len(_ready) >= _KEPT:
             _ready.clear()
-        schema = make(of, source)
-        ready = _ready[id(of), source] = (of, schema, schema.serialize().to_pybytes())
-    return ready[1:]
+        ready = _ready[key] = of, _make_front(of, source, n, timed)
+    return ready[1]
+
+
+def _make_front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
+    """Let pyarrow write rows of zeros, and leave out the zeros."""
+    import pyarrow as pa
+
+    schema = _batch_schema(of, source) if isinstance(of, Stream) else _frames_schema(of)
+    columns = [pa.nulls(n, f.type) if f.nullable and not timed else _zeros(f.type, n) for f in schema]
+    message = pa.RecordBatch.from_arrays(columns, schema=schema).serialize().to_pybytes()
+    metadata = int.from_bytes(message[4:8], "little")
+    return bytes(schema.serialize().to_pybytes() + message[: 8 + metadata])
+
+
+def _zeros(kind: pa.DataType, n: int) -> Any:
+    import pyarrow as pa
+
+    # pyarrow.array would load pandas where there is one.
+    if isinstance(kind, pa.FixedSizeListType):
+        return pa.Array.from_buffers(kind, n, [None], children=[_zeros(kind.value_type, n * kind.list_size)])
+    return pa.Array.from_buffers(kind, n, [None, pa.py_buffer(bytes(n * kind.bit_width // 8))])
 
 
 def _batch_schema(stream: Stream, source: str) -> pa.Schema:
@@ -186,7 +190,7 @@ def _told(about: list[Any]) -> list[Any]:
     return about if about[-1] else about[:-1]
 
 
-def _frames_schema(layout: Layout, _: str) -> pa.Schema:
+def _frames_schema(layout: Layout) -> pa.Schema:
     import pyarrow as pa
 
     about = {

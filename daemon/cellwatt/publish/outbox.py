@@ -63,8 +63,8 @@ class Outbox:
         self._waiting = 0
         self._woken = False
 
-    def put(self, lane: Lane, outgoing: Outgoing) -> None:
-        """Add an item; never blocks."""
+    def put(self, lane: Lane, outgoing: Outgoing, *, wake: bool = True) -> None:
+        """Add an item; never blocks. Without ``wake`` it is the caller's to take, by ``take_samples``."""
         with self._lock:
             self._ends[outgoing.topic] = (outgoing.mark.session, outgoing.mark.end)
             while self._waiting >= self._limit:
@@ -74,7 +74,8 @@ class Outbox:
             else:
                 (self._results if lane is Lane.RESULTS else self._frames).append(outgoing)
             self._waiting += 1
-            idle, self._idle = self._idle, False
+            idle = self._idle and wake
+            self._idle = self._idle and not wake
         if idle:
             self._wake_up.put(None)
 
@@ -85,6 +86,14 @@ class Outbox:
             idle, self._idle = self._idle, False
         if idle:
             self._wake_up.put(None)
+
+    def take_samples(self) -> Outgoing | None:
+        """The next samples or frames, where the taking thread waits and no results do; never blocks.
+
+        So who puts may send them itself and spare a change of threads, and the order of a topic stays whole.
+        """
+        with self._lock:
+            return self._next() if self._idle and self._waiting and not self._results else None
 
     def take(self) -> Outgoing | None:
         """The next item, or ``None`` after ``wake`` where nothing waits. Blocks until either; for one thread."""

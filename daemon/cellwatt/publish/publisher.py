@@ -26,6 +26,9 @@ log = logging.getLogger(__name__)
 
 DRAIN: Final = 1.0
 """Longest time, s, that a stop waits for the outbox to empty."""
+HELD_UP: Final = 0.02
+"""s for one put from which on a receiver is too slow to be served on the event loop, for the next ``HINDERED`` s."""
+HINDERED: Final = 1.0
 _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 
@@ -54,12 +57,36 @@ class Publisher(threading.Thread):
         self._publishers: dict[str, Any] = {}
         self._beat_due = False
         self._stop_at: float | None = None
+        self._session: zenoh.Session | None = None
+        self._hindered_until = 0.0
+        self._broken: Exception | None = None
         self._links = _LinkWatch(link)
 
     def beat(self) -> None:
         """Put a health message after what is being put now."""
         self._beat_due = True
         self._outbox.wake()
+
+    @property
+    def direct(self) -> bool:
+        """Whether samples may be put by ``send``: there is a session, and no receiver has held one up lately."""
+        return self._session is not None and time.monotonic() >= self._hindered_until
+
+    def send(self) -> None:
+        """Put the samples that wait, in the caller's thread; the rest is left to this one where a put takes long."""
+        import zenoh
+
+        session = self._session
+        while session is not None and self.direct and (outgoing := self._outbox.take_samples()) is not None:
+            began = time.monotonic()
+            try:
+                self._put(session, outgoing)
+            except zenoh.ZError as error:
+                self._broken = error
+            if self._broken is not None or time.monotonic() - began > HELD_UP:
+                self._hindered_until = time.monotonic() + HINDERED
+        if len(self._outbox) or self._broken is not None:
+            self._outbox.wake()
 
     def stop(self) -> None:
         """Empty the outbox, as far as ``DRAIN`` allows, and end."""
@@ -84,9 +111,11 @@ class Publisher(threading.Thread):
         try:
             token = session.liveliness().declare_token(self._keys.root)
             self._answers.start(session)
+            self._session = session
             self._publish(session)
             token.undeclare()  # type: ignore[no-untyped-call]
         finally:
+            self._session = None
             self._answers.stop()
             self._close(session)
 
@@ -96,6 +125,8 @@ class Publisher(threading.Thread):
             if stopping is not None and (not len(self._outbox) or time.monotonic() > stopping):
                 return
             outgoing = self._outbox.take()
+            if self._broken is not None:
+                raise self._broken
             if outgoing is not None:
                 self._put(session, outgoing)
             if self._beat_due:

@@ -161,8 +161,12 @@ class ItemReader:
         self.ring.quiet(self.reader)
 
     def items(self) -> Iterator[Item | Skipped]:
-        """What there is now, in order."""
+        """What there is now, in order; news are waited for afterwards."""
         self.quiet()
+        yield from self.rest()
+
+    def rest(self) -> Iterator[Item | Skipped]:
+        """What there is now, in order; it may be somebody else who waits for news."""
         while True:
             record, following = self.ring.read(self.position)
             missed = following - self.position

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
-from cellwatt.results import Result
+from cellwatt.results import Alarm, Result
 from cellwatt.stage import Stage
 
 log = logging.getLogger(__name__)
@@ -33,6 +33,8 @@ class _Slot:
     busy: float = 0.0
     slowest: float = 0.0
     needs: Sequence[str] = field(default_factory=tuple)
+    active: dict[str, Alarm] = field(default_factory=dict)
+    """Alarms that the stage has raised and not cleared."""
 
 
 def group_by_needs(stages: Mapping[str, Stage[Any] | type[Stage[Any]]], kinds: Mapping[str, str]) -> list[list[str]]:
@@ -59,6 +61,23 @@ def group_by_needs(stages: Mapping[str, Stage[Any] | type[Stage[Any]]], kinds: M
         merged = [m for g in linked for m in g] + [name]
         groups = [g for g in groups if g not in linked] + [merged]
     return groups
+
+
+def still_active(results: Iterable[Result], before: Mapping[str, Alarm] | None = None) -> dict[str, Alarm]:
+    """By their ids, the alarms that some results, after those of ``before``, leave active."""
+    active = dict(before or {})
+    for result in results:
+        if isinstance(result, Alarm):
+            active.pop(result.id, None)
+            if result.active:
+                active[result.id] = result
+    return active
+
+
+def taken_back(alarms: Iterable[Alarm], time: int) -> list[Result]:
+    """Clears for alarms whose stage is gone, at ``time`` ns: the one made in its place knows nothing of them."""
+    text = "Over: {} (the stage that raised it begins anew)"
+    return [replace(a, active=False, time=time, statement=text.format(a.statement)) for a in alarms]
 
 
 class Chain:
@@ -94,6 +113,14 @@ class Chain:
                 slot.error = str(error)
         return results
 
+    def take_back(self, time: int) -> list[Result]:
+        """Clears for all alarms of its stages: others take over."""
+        return [clear for slot in self._slots for clear in self._abandon(slot, time)]
+
+    def _abandon(self, slot: _Slot, time: int) -> list[Result]:
+        active, slot.active = slot.active, {}
+        return taken_back(active.values(), time)
+
     def _guard(self, slot: _Slot, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         now = int(frames.time[-1])
         if slot.error is not None and not self._revive(slot, now):
@@ -104,10 +131,11 @@ class Chain:
         except Exception as error:
             log.exception("stage %s broke; it is made anew", slot.name)
             self._fail(slot, error, now)
-            return ()
+            return self._abandon(slot, now)
         spent = time.perf_counter() - start
         slot.frames += len(frames)
         slot.results += len(given)
+        slot.active = still_active(given, slot.active) if given else slot.active
         slot.busy += spent
         slot.slowest = max(slot.slowest, spent)
         return given

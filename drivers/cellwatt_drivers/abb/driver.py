@@ -154,7 +154,7 @@ class AbbDriver(Driver[AbbSettings]):
                 return await self._controller.identify(web)
         s = self.settings
         come = asyncio.Event()
-        async with listening(s.host, s.bind, s.egm_port, self.outlet.account, lambda _: come.set()):
+        async with listening(s.host, s.bind, s.egm_port, self.outlet.account, lambda *_: come.set()):
             try:
                 async with asyncio.timeout(s.timeout):
                     await come.wait()

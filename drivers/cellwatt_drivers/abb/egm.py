@@ -9,12 +9,14 @@ from contextlib import asynccontextmanager
 
 from cellwatt.account import Account
 from cellwatt.errors import ConnectError, why
+from cellwatt.receipt import receive, stamp_receipts
 from cellwatt_drivers.abb.wire import LARGEST
 
 _BUFFER = 1 << 20  # bytes; some seconds of packets while this process is held up
 _MOST = 64  # datagrams taken at once
 
-Take = Callable[[list[bytes]], None]
+Take = Callable[[list[bytes], int], None]
+"""Takes packets in order, and for how long, ns, the last of them has waited here."""
 
 
 @asynccontextmanager
@@ -32,6 +34,7 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
         opened.setblocking(False)
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        stamp_receipts(opened)
         try:
             opened.bind((bind, port))
         except OSError as error:
@@ -48,9 +51,10 @@ async def listening(host: str, bind: str, port: int, account: Account, take: Tak
 
 def _receive(opened: socket.socket, senders: set[str], account: Account, take: Take) -> None:
     datagrams: list[bytes] = []
+    waited = 0
     for _ in range(_MOST):
         try:
-            datagram, sender = opened.recvfrom(LARGEST)
+            datagram, sender, age = receive(opened, LARGEST)
         except (BlockingIOError, InterruptedError):
             break
         except OSError:  # the network's word on a port that never sent: nothing to do with what comes in
@@ -58,7 +62,8 @@ def _receive(opened: socket.socket, senders: set[str], account: Account, take: T
             break
         if sender[0] in senders:
             datagrams.append(datagram)
+            waited = age
         else:
             account.count("strangers")
     if datagrams:
-        take(datagrams)
+        take(datagrams, waited)

@@ -47,9 +47,9 @@ class Intake:
         """Losses before the next packet are those of an outage."""
         self._reason = "outage"
 
-    def take(self, datagrams: list[bytes]) -> None:
-        """Decode and hand over; what is not EGM is counted as ``malformed``."""
-        arrival = self._outlet.now()
+    def take(self, datagrams: list[bytes], waited: int = 0) -> None:
+        """Decode and hand over what came ``waited`` ns ago; what is not EGM is counted as ``malformed``."""
+        arrival = self._outlet.now() - waited
         times: list[int] = []
         rows: list[list[float]] = []
         for datagram in datagrams:

@@ -12,6 +12,7 @@ from typing import Literal
 
 from cellwatt.driver import Outlet
 from cellwatt.errors import ConnectError, ProtocolError
+from cellwatt.receipt import receive, stamp_receipts
 from cellwatt_drivers.yaskawa import wire
 
 _NUMBERS = 256
@@ -70,6 +71,7 @@ async def open_link(host: str, port: int, timeout: float, outlet: Outlet) -> Asy
     family, kind, protocol, _, address = found[0]
     with socket.socket(family, kind, protocol) as connection:
         connection.setblocking(False)
+        stamp_receipts(connection)
         try:
             connection.connect(address)
         except OSError as error:
@@ -142,18 +144,18 @@ class Link:
         if answer.status:
             self._outlet.account.count("busy answers" if answer.busy else "device errors")
             raise NoAnswerError("busy" if answer.busy else "device error", answer.text)
-        return Exchange(answer, asked, arrival)
+        return Exchange(answer, asked, max(asked, arrival))
 
     def readable(self) -> None:
         """Take one datagram; called by the loop."""
         try:
-            datagram = self._connection.recv(2048)
+            datagram, _, waited = receive(self._connection, 2048)
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:
             self._fail_socket(error)
             return
-        arrival = self._outlet.now()
+        arrival = self._outlet.now() - waited
         try:
             answer = wire.decode_answer(datagram)
         except ProtocolError:
@@ -190,7 +192,7 @@ class Link:
             self._answered.add(answer.number)
             self._outlet.account.count("late answers")
             if given_up.take is not None and not answer.status and answer.service == given_up.service:
-                given_up.take(Exchange(answer, given_up.asked, arrival))
+                given_up.take(Exchange(answer, given_up.asked, max(given_up.asked, arrival)))
         elif answer.number in self._answered or answer.number == self._number:
             self._outlet.account.count("duplicates")
         else:

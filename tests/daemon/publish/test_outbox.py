@@ -42,6 +42,29 @@ def take_all(box: Outbox) -> list[Outgoing]:
     return taken
 
 
+def test_samples_are_for_who_puts_only_while_the_thread_waits_and_no_result_does() -> None:
+    box, _ = outbox(10)
+    box.put(Lane.RAW, raw(0), wake=False)
+    assert box.take_samples() is None, "no thread waits: it may have the samples before these in hand"
+    taken: list[Outgoing | None] = []
+    thread = threading.Thread(target=lambda: taken.append(box.take()))
+    assert box.take() is not None
+    thread.start()
+    while not box._idle:
+        pass
+    box.put(Lane.RAW, raw(1), wake=False)
+    box.put(Lane.RAW, raw(2), wake=False)
+    box.put(Lane.FRAMES, frame(0), wake=False)
+    assert [o.mark.sequence for o in iter(box.take_samples, None)] == [0, 1]
+    assert thread.is_alive()
+    box.put(Lane.RAW, raw(3), wake=False)
+    box.put(Lane.RESULTS, result(0), wake=False)
+    assert box.take_samples() is None
+    box.wake()
+    thread.join(PATIENCE)
+    assert [o.topic for o in taken if o is not None] == ["alarm"]
+
+
 def test_results_leave_before_frames_before_raw() -> None:
     box, _ = outbox(10)
     box.put(Lane.RAW, raw(0))

@@ -8,7 +8,16 @@ import pytest
 
 from cellwatt import CellInfo
 from cellwatt.runtime.chain import Chain
-from tests.daemon.runtime.fakes import JUDGES, LAYOUT, AfterStage, FakeStage, JudgeSettings, alarm, frames_of
+from tests.daemon.runtime.fakes import (
+    JUDGES,
+    LAYOUT,
+    AfterStage,
+    FakeStage,
+    JudgeSettings,
+    alarm,
+    frames_of,
+    prediction,
+)
 
 LONGEST = 60
 
@@ -81,12 +90,22 @@ def test_frames_that_broke_it_do_not_count_as_judged():
 def test_one_that_needs_a_broken_one_gets_nothing_of_it():
     seen = []
     chain = chain_of(judge=FakeStage, after=AfterStage)
-    JUDGES["judge"].give = lambda *_: [alarm()]
+    JUDGES["judge"].give = lambda *_: [prediction("judge", 1)]
     JUDGES["after"].give = lambda _, upstream: seen.append(list(upstream)) or ()
     chain.process(frames_of(0, second=0.0))
     JUDGES["judge"].give = breaks
     chain.process(frames_of(1, second=0.02))
-    assert seen == [[alarm()], []]
+    assert seen == [[prediction("judge", 1)], []]
+
+
+def test_alarms_of_a_stage_that_broke_are_taken_back():
+    chain = chain_of(judge=FakeStage)
+    JUDGES["judge"].give = lambda *_: [alarm("heat"), alarm("noise"), alarm("noise", active=False)]
+    chain.process(frames_of(0, second=0.0))
+    JUDGES["judge"].give = breaks
+    (over,) = chain.process(frames_of(1, second=1.0))
+    assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
+    assert chain.process(frames_of(2, second=2.0)) == []
 
 
 def test_at_the_end_each_is_asked_though_another_breaks(caplog):

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Final
 
 from cellwatt.frames import Frames
-from cellwatt.results import Result
+from cellwatt.results import Alarm, Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared, make_chain
-from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
+from cellwatt.runtime.chain import still_active, taken_back
+from cellwatt.runtime.processes.shared import OTHERS, TELL, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 from cellwatt.runtime.worker import QUEUED_FRAMES
 
@@ -57,6 +58,8 @@ class _Judging:
         _, self._layout = declared(config)
         self._fitting: dict[int, bool] = {}
         self._chain = make_chain(config, self._layout, assignment.stages)
+        self._orphans = self._left_active() if assignment.restarts else []
+        self._time = 0
         self._following: int | None = None
         self._dropped = self._waiting = 0
         self._said = 0.0
@@ -71,8 +74,16 @@ class _Judging:
             if time.monotonic() - self._said >= SAID:
                 self._say()
         self._give(self._chain.close())
+        if replaced:
+            self._give(self._chain.take_back(self._time))
         self._say(replaced=replaced)
         self._out.end()
+
+    def _left_active(self) -> list[Alarm]:
+        """Alarms of the stages whose process this one follows."""
+        past = ItemReader(self._assignment.shared.results[self._assignment.slot], TELL)
+        past.position = past.ring.tail
+        return list(still_active(item for item in past.rest() if isinstance(item, Alarm)).values())
 
     def _turn(self) -> bool:
         """Judge what there is; ``False`` where others have taken over."""
@@ -93,6 +104,10 @@ class _Judging:
         if self._following is not None:
             self._dropped += max(frames.sequence - self._following, 0)
         self._following = frames.sequence + len(frames)
+        self._time = int(frames.time[-1])
+        if self._orphans:
+            self._give(taken_back(self._orphans, self._time))
+            self._orphans = []
         self._waiting = self._in.newest() - self._following
         if self._waiting > QUEUED_FRAMES:
             self._dropped += len(frames)

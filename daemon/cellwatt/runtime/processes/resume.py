@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
@@ -12,11 +14,15 @@ from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recorder, decoder
-from cellwatt.record.decoder import track_of
+from cellwatt.record.container import Chunk
+from cellwatt.record.decoder import Track, track_of
+from cellwatt.record.encoder import Item
 from cellwatt.record.messages import Message
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import listing
 from cellwatt.record.summary import survey
+
+log = logging.getLogger(__name__)
 
 LAST = 8
 """Chunks at the end of a file in which what a ring still holds may be."""
@@ -50,12 +56,15 @@ class Resume:
             tracks = {n: t for n, c in contents.channels.items() if (t := track_of(c)) is not None}
             with FileIO(kept.path, "rb") as file:
                 for chunk in contents.chunks[-LAST:]:
-                    for item in decoder.items(chunk_data(file, chunk), tracks, tracks):
-                        if isinstance(item, Batch | Frames):
-                            found.following[_key(item)] = item.sequence + len(item)
-                        else:
-                            found.messages.append(item)
+                    found._note(_whole_items(file, chunk, tracks))
         return found
+
+    def _note(self, items: Iterable[Item]) -> None:
+        for item in items:
+            if isinstance(item, Batch | Frames):
+                self.following[_key(item)] = item.sequence + len(item)
+            else:
+                self.messages.append(item)
 
     def lacks(self, message: Message) -> bool:
         """Whether a result or event is not in the record yet."""
@@ -72,6 +81,14 @@ class Resume:
         if item.sequence + len(item) <= first:
             return None
         return cut(item, first - item.sequence, len(item))
+
+
+def _whole_items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track]) -> Iterator[Item]:
+    """What of a chunk can be read: what is damaged is recorded once more, if a ring still holds it."""
+    try:
+        yield from decoder.items(chunk_data(file, chunk), tracks, tracks)
+    except (ValueError, OSError) as error:
+        log.warning("%s: a chunk at its end is damaged (%s)", file.name, error)
 
 
 def _key(item: Batch | Frames) -> tuple[str, str]:

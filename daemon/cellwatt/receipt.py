@@ -1,0 +1,38 @@
+"""When a datagram reached this PC: the kernel's word, so that a process that comes late to it stamps it right."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from typing import Any, Final
+
+_SO_TIMESTAMPNS: Final = 35
+"""Linux, <asm-generic/socket.h>; Python has no name for it."""
+_TIMESPEC: Final = struct.Struct("=qq")
+_ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
+_OLDEST: Final = 10_000_000_000
+"""ns; what seems to have waited for longer was stamped by a wall clock that has been set since."""
+
+
+def stamp_receipts(opened: socket.socket) -> bool:
+    """Have the kernel stamp what a datagram socket receives; false where it does not."""
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    except OSError:
+        return False
+    return True
+
+
+def receive(opened: socket.socket, size: int) -> tuple[bytes, Any, int]:
+    """The next datagram of at most ``size`` bytes, its sender, and for how long it has waited here, ns.
+
+    The wait is 0 where the kernel does not tell. Raises ``OSError`` as ``socket.recvmsg`` does.
+    """
+    datagram, ancillary, _, sender = opened.recvmsg(size, _ANCILLARY)
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            waited = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+            return datagram, sender, waited if 0 < waited < _OLDEST else 0
+    return datagram, sender, 0

@@ -1,0 +1,39 @@
+"""Where a record that another process left off is gone on with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cellwatt.record.openfile import OpenFile
+from cellwatt.runtime.processes.resume import Resume
+from tests.daemon.record.making import CELL, SESSION, batch_of, frames_of, write_chunks
+
+
+def resume(folder: Path) -> Resume:
+    return Resume._read(folder, CELL, SESSION)
+
+
+def written(folder: Path) -> OpenFile:
+    return write_chunks(folder, [[batch_of(0, 5), frames_of(0, 4)], [batch_of(5, 5)], [batch_of(10, 5)]])
+
+
+def test_it_goes_on_behind_the_last_of_each_stream(tmp_path: Path) -> None:
+    written(tmp_path)
+    found = resume(tmp_path)
+    assert found.following == {("arm", "rtde"): 15, ("", ""): 4}
+    assert found.fresh(batch_of(10, 5)) is None
+    rest = found.fresh(batch_of(13, 5))
+    assert rest is not None
+    assert (rest.sequence, len(rest)) == (15, 3)
+
+
+@pytest.mark.parametrize("offset", [60, 200])
+def test_what_a_damaged_chunk_held_is_recorded_again(tmp_path: Path, offset: int) -> None:
+    file = written(tmp_path)
+    data = bytearray(file.path.read_bytes())
+    last = file.contents.chunks[-1]
+    data[last.offset + offset] ^= 0xFF
+    file.path.write_bytes(data)
+    assert resume(tmp_path).following["arm", "rtde"] == 10
