@@ -74,7 +74,7 @@ async def devices() -> AsyncIterator[str]:
             listen = "pty" if driver == "power_board" else "127.0.0.1:0"
             more = ("--option", "answer_ms=2") if driver == "yaskawa" else ()
             device = await stack.enter_async_context(EmulatorProcess(driver, "--listen", listen, *more))
-            os.sched_setscheduler(device.pid, os.SCHED_RR, os.sched_param(20))
+            device.be_punctual()
             host, _, port = device.address.rpartition(":")
             where = f"port: {device.address}" if driver == "power_board" else f"host: {host}, port: {port}"
             where += ", read: [torque]" if driver == "yaskawa" else ""

@@ -85,6 +85,9 @@ class Driver(ABC, Generic[S]):
     """``module:Class`` of the device's emulator."""
     least_delay: ClassVar[tuple[float, float]] = (0.0, 0.001)
     """Between what bounds, s, the shortest way from the device to the daemon lies; widens the clock's bound."""
+    libraries: ClassVar[tuple[str, ...]] = ()
+    """Modules that this driver imports on first use: the daemon loads them before a device is read, as that holds
+    up all others."""
     writes: ClassVar[tuple[str, ...]]
     """Every kind of byte sequence this driver may send to the device, in words."""
 

@@ -89,6 +89,8 @@ class Demonstration:
         for outcome in await asyncio.gather(*entering, return_exceptions=True):
             if isinstance(outcome, BaseException):
                 raise outcome
+        for emulator in made.values():
+            emulator.be_punctual()
         return made
 
     async def _follow(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -18,6 +19,8 @@ from typing import Any
 from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
+_PRIORITY = 5
+"""Below the daemon's own."""
 ANSWER = 60.0
 """Longest time, s, for an answer, the first one after its start included."""
 
@@ -60,6 +63,11 @@ class EmulatorProcess:
         """The child's process id, inside the context."""
         assert self._child is not None
         return self._child.pid
+
+    def be_punctual(self) -> None:
+        """Give it real-time scheduling, where that is allowed: a real device does not wait for this PC's other work."""
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(self.pid, os.SCHED_RR, os.sched_param(_PRIORITY))
 
     async def inject(self, fault: Fault) -> None:
         """Begin a fault."""

@@ -13,7 +13,7 @@ from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
 from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.runtime.change import Change
-from cellwatt.runtime.collector import Collector, Entry
+from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
@@ -56,6 +56,7 @@ class Cell:
             self._tasks = Tasks(group)
             async with self._changing:
                 prepared = await asyncio.to_thread(prepare, self._config)
+                load_libraries(self._config)
                 await self.view.start(self._tasks, prepared.streams, prepared.layout)
                 self._collector.start(self._tasks)
                 self._begin_frames(prepared)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import importlib
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -21,6 +23,14 @@ log = logging.getLogger(__name__)
 
 Entry = Batch | Tick | Event
 """What a collector gives."""
+
+
+def load_libraries(config: CellConfig) -> None:
+    """Import what the drivers of a cell need, as far as it is installed; takes up to a second."""
+    for source in config.sources.values():
+        for module in find_driver(source.driver).libraries:
+            with contextlib.suppress(ImportError):  # the driver says what to install
+                importlib.import_module(module)
 
 
 class Collector:

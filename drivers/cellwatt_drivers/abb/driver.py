@@ -100,6 +100,7 @@ class AbbDriver(Driver[AbbSettings]):
     """One robot. EGM and the web pages go on without each other; the source is down when neither answers."""
 
     Settings = AbbSettings
+    libraries = ("aiohttp", "google.protobuf.message_factory")
     title = "ABB robots over EGM and Robot Web Services (IRC5, OmniCore)"
     emulator = "cellwatt_drivers.abb.emulator:AbbEmulator"
     least_delay: ClassVar[tuple[float, float]] = (

@@ -81,6 +81,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     """
 
     Settings = CanSensorSettings
+    libraries = ("can", "cantools")
     title = "Sensors on a CAN bus by DBC file (Isabellenhütte IVT-S, own maps)"
     emulator = "cellwatt_drivers.can_sensor.emulator:CanSensorEmulator"
     writes = (

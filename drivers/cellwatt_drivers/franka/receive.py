@@ -19,7 +19,8 @@ from typing import Any
 
 _SHORTEST = 0.004
 """s between two writes: the daemon is woken for a handful of states, not for each."""
-_PRIORITY = 10
+_PRIORITY = 11
+"""Above the daemon's own, which may compute for longer than a state lasts."""
 _PIPE = 1 << 20
 """Bytes that may wait for the daemon, some 2 s of states: a full pipe would hold up the library's reads."""
 

@@ -69,6 +69,7 @@ class KinovaDriver(Driver[KinovaSettings]):
     """One arm. A slot falls due ``rate`` times a second; in it each block is read with one request."""
 
     Settings = KinovaSettings
+    libraries = ("pymodbus.client",)
     title = "Kinova Gen3 and Gen3 lite over Modbus TCP or Kortex"
     emulator = "cellwatt_drivers.kinova.emulator:KinovaEmulator"
     writes = (

@@ -98,6 +98,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     """
 
     Settings = ModbusMeterSettings
+    libraries = ("pymodbus.client",)
     title = "Energy meters over Modbus TCP and RTU (Eastron, Carlo Gavazzi, Schneider, Siemens, Shelly, own maps)"
     emulator = "cellwatt_drivers.modbus_meter.emulator:ModbusMeterEmulator"
     writes = (

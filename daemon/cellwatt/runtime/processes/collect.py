@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
+import time
 from typing import Final
 
 from cellwatt.ring import ItemWriter, Mark, Status
 from cellwatt.runtime.change import Change
-from cellwatt.runtime.collector import Collector, Entry
+from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.processes.rights import claim
 from cellwatt.runtime.processes.shared import Apply, Assignment, Ready, Stop, figures
 from cellwatt.runtime.tasks import Tasks
@@ -18,12 +19,13 @@ from cellwatt.ticker import Ticker
 log = logging.getLogger(__name__)
 
 HEALTH_RATE: Final = 1.0  # Hz
-CONNECTED: Final = 5.0
-"""s after the start at which devices are connected, as a rule, and their drivers have loaded all they need."""
+COLLECT: Final = 60.0
+"""s between looks for garbage."""
 
 
 def collect(assignment: Assignment) -> None:
     """Read the cell's devices until told to stop."""
+    load_libraries(assignment.config)
     asyncio.run(_Collecting(assignment).run())
 
 
@@ -51,7 +53,6 @@ class _Collecting:
             log.info("collect: %s", self._rights)
             control.send(Ready())
             self._settle_memory()
-            loop.call_later(CONNECTED, self._settle_memory)
             await self._stopping.wait()
             loop.remove_reader(control.fileno())
             for helper in helpers:
@@ -61,7 +62,7 @@ class _Collecting:
         self._ring.end()
 
     def _settle_memory(self) -> None:
-        """Look for garbage no more: what is there stays, and drivers make no cycles while they run."""
+        """Look for garbage when it suits, and never again among what is there now."""
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -79,6 +80,7 @@ class _Collecting:
     async def _apply(self) -> None:
         while True:
             message = await self._applying.get()
+            await asyncio.to_thread(load_libraries, message.config)
             change = Change.between(self._config, message.config)
             await self._collector.stop(self._tasks, change.sources)
             self._ring.put(Mark(message.generation))
@@ -95,11 +97,15 @@ class _Collecting:
                 log.exception("an item cannot be passed on")
 
     async def _heart(self) -> None:
+        collected = time.monotonic()
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
                 self._lag = max(0.0, asyncio.get_running_loop().time() - tick.deadline * 1e-9)
                 self._collector.keep_time()
                 self._say()
+                if time.monotonic() - collected > COLLECT:
+                    gc.collect()  # what lost connections left behind: a millisecond, as all that was there is frozen
+                    collected = time.monotonic()
 
     def _say(self) -> None:
         said = figures(
