@@ -31,7 +31,7 @@ def planar(tmp_path_factory):
 
 def test_poses_through_the_floor_or_into_the_arm_are_not_safe(mh12):
     checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
-    straight, down, folded = np.zeros(6), np.array([0, 1.9, 0.9, 0, 0, 0]), np.array([0, 0, 2.55, 0, 0, 0])
+    straight, down, folded = np.zeros(6), np.array([0, 1.9, -0.9, 0, 0, 0]), np.array([0, 0, -2.55, 0, 0, 0])
     np.testing.assert_array_equal(checker.safe(np.stack([straight, down, folded])), [True, False, False])
     assert checker.safe_move(straight, 0.2 * down)
     assert not checker.safe_move(straight, down)
@@ -40,7 +40,7 @@ def test_poses_through_the_floor_or_into_the_arm_are_not_safe(mh12):
 def test_a_way_through_the_floor_between_two_safe_poses_is_not_safe(mh12):
     """The forearm swings from in front to behind and points down in between."""
     checker = Checker(mh12, Outline(floor=0.6, capsules=read_outline(MH12, mh12).capsules[-2:]), arms.LIMITS)
-    ahead, behind = np.zeros(6), np.array([0, 0, 3.0, 0, 0, 0])
+    ahead, behind = np.zeros(6), np.array([0, 0, -3.0, 0, 0, 0])
     assert checker.safe(np.stack([ahead, behind])).all()
     assert not checker.safe_move(ahead, behind)
 

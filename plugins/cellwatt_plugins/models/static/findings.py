@@ -15,7 +15,8 @@ from cellwatt_plugins.models.static.identify import Arm, Identified
 
 Float = NDArray[np.float64]
 
-_CLEAR: Final = 2.0  # standard deviations: smaller than this is not told
+_CLEAR: Final = 3.0
+"""Standard deviations below which nothing is told: of the forty figures looked at, two would pass two by chance."""
 _DETERMINED: Final = 0.5  # of what was thought before: the data have halved the doubt
 
 
