@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 OUTPUTS = 1
 """Id of the one output recipe of a connection."""
+MOST_INPUT_RECIPES = 255
+"""A connection's input recipes are numbered from 1, in one byte; 0 is a refusal."""
 
 
 @dataclass(slots=True)
@@ -58,6 +60,7 @@ class Listener(asyncio.Protocol):
         self.place: Place | None = None
         self.listening = True
         self.inputs: frozenset[str] = frozenset()
+        self._input_sizes: list[int] = []
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Take the connection, or refuse it while the controller is away."""
@@ -107,7 +110,9 @@ class Listener(asyncio.Protocol):
             case Kind.PAUSE:
                 self._emulator.stop(self)
                 self.put(wire.accept_reply(kind, True))
-            case Kind.DATA_PACKAGE | Kind.TEXT_MESSAGE:
+            case Kind.DATA_PACKAGE:
+                self._take_inputs(payload)
+            case Kind.TEXT_MESSAGE:
                 pass
 
     def _set_up_outputs(self, payload: bytes) -> None:
@@ -125,9 +130,17 @@ class Listener(asyncio.Protocol):
         names = wire.parse_ask_inputs(payload)
         taken = frozenset[str]().union(*(c.inputs for c in self._emulator.clients if c is not self))
         types = [wire.IN_USE if n in taken else INPUTS.get(n, wire.NOT_FOUND) for n in names]
-        good = all(t in wire.ELEMENTS for t in types)
-        self.inputs = self.inputs | frozenset(names) if good else self.inputs
-        self.put(wire.recipe_reply(Kind.SETUP_INPUTS, 1 if good else 0, types))
+        good = all(t in wire.ELEMENTS for t in types) and len(self._input_sizes) < MOST_INPUT_RECIPES
+        if good:
+            self.inputs |= frozenset(names)
+            self._input_sizes.append(sum(wire.width(t) for t in types))
+        self.put(wire.recipe_reply(Kind.SETUP_INPUTS, len(self._input_sizes) if good else 0, types))
+
+    def _take_inputs(self, payload: bytes) -> None:
+        """Inputs have no effect; what fits none of the recipes is not taken."""
+        recipe = payload[0]
+        good = 1 <= recipe <= len(self._input_sizes) and len(payload) == 1 + self._input_sizes[recipe - 1]
+        self._emulator.tally["inputs" if good else "strange inputs"] += 1
 
     @property
     def unread(self) -> int:

@@ -134,6 +134,12 @@ class TextMessage:
     level: int
 
 
+def width(kind: str) -> int:
+    """Bytes that a value of this RTDE type takes in a package."""
+    code, elements = ELEMENTS[kind]
+    return np.dtype(code).itemsize * elements
+
+
 def scan(data: memoryview, limits: Limits, package: Package | None = None) -> Iterator[tuple[Frame | Run, int]]:
     """Cut the start of a byte stream into frames: each with the number of bytes used up to its end.
 

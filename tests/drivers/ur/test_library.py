@@ -52,6 +52,19 @@ print(json.dumps(answer))
 """
 
 
+WRITE = """
+import sys
+from rtde_io import RTDEIOInterface
+library = RTDEIOInterface(sys.argv[1])
+assert library.setSpeedSlider(0.5)
+assert library.setStandardDigitalOut(3, True)
+assert library.setAnalogOutputVoltage(0, 0.5)
+assert library.setInputIntRegister(20, 7)
+assert library.setInputDoubleRegister(20, 7.5)
+library.disconnect()
+"""
+
+
 async def read(host, rate=-1.0, names=(), path="", record=()):
     """What the library gives until there are enough packages."""
     words = json.dumps([host, rate, names, str(path), record, PATIENCE])
@@ -183,3 +196,16 @@ async def test_the_end_of_the_connection_is_an_error_of_the_source():
         await emulator.inject(Fault("disconnect", seconds=5.0))
         with pytest.raises(ConnectError, match="ur_rtde"):
             await task
+
+
+async def test_its_input_recipes_have_the_numbers_that_it_takes_for_granted():
+    async with EmulatorProcess("ur", "--listen", f"127.0.31.7:{PORT}") as emulator:
+        child = await asyncio.create_subprocess_exec(sys.executable, "-c", WRITE, "127.0.31.7")
+        async with asyncio.timeout(PATIENCE):
+            assert await child.wait() == 0
+
+        async def written() -> bool:
+            return (await emulator.counts()).get("inputs") == 5
+
+        await eventually(written, "five packages of inputs, each of its recipe's size")
+        assert "strange inputs" not in await emulator.counts()
