@@ -8,16 +8,19 @@ import re
 import secrets
 import ssl
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 
 from cellwatt_drivers.abb import rws
 from cellwatt_drivers.abb.emulated_robot import EmulatedRobot, Meter
-from cellwatt_drivers.abb.rws import RobotWare, entry
+from cellwatt_drivers.abb.rws import Entry, RobotWare
 
 REALM = "validusers@robapi.abb"
 SESSIONS = 70
 """Sessions that a controller has."""
+_JSON = "application/hal+json"
+_LOCK = Entry("pnl-opmode-lockstate-li", "lock-state", {"lockstate": "unlocked"})
+"""RobotWare 7 lists more than the mode: ``rws2`` takes the first of several; what else, is not documented."""
 Answer = tuple[int, dict[str, str], bytes]
 
 
@@ -27,7 +30,7 @@ class Pages:
     def __init__(
         self,
         robot: EmulatedRobot,
-        meter: Meter,
+        meter: Meter | None,
         robotware: RobotWare,
         user: str,
         password: str,
@@ -42,8 +45,10 @@ class Pages:
         self._now = now
         self._nonce = secrets.token_hex(8)
 
-    def answer(self, method: str, path: str, authorization: str, cookie: str) -> Answer:
-        """Status, headers and body for a request."""
+    def answer(self, method: str, target: str, fields: Mapping[str, str]) -> Answer:
+        """Status, headers and body for a request; ``fields`` are its headers, in lower case."""
+        path, _, query = target.partition("?")
+        cookie, authorization = fields.get("cookie", ""), fields.get("authorization", "")
         self.asked[f"{method} {path}"] += 1
         session = re.search(r"-http-session-=(\w+)", cookie)
         if session is None or session[1] not in self.sessions:
@@ -61,8 +66,14 @@ class Pages:
             return 200, headers, b""
         if method != "GET":
             return 405, headers, b""
-        body = self._page(path)
-        return (404, headers, b"") if body is None else (200, headers, body)
+        as_json = "json=1" in query.split("&") if self._robotware == 6 else _JSON in fields.get("accept", "")
+        entries = self._entries(path, as_json)
+        if entries is None:
+            return 404, headers, b""
+        if as_json:
+            kind = "application/json" if self._robotware == 6 else f"{_JSON};v=2.0"
+            return 200, headers | {"Content-Type": kind}, rws.json_page(self._robotware, entries)
+        return 200, headers, rws.page(path.rpartition("/")[2], entries)
 
     def _challenge(self) -> str:
         if self._robotware == 7:
@@ -83,24 +94,34 @@ class Pages:
         middle = f"{self._nonce}:{given.get('nc')}:{given.get('cnonce')}:{given.get('qop')}"
         return secrets.compare_digest(given.get("response", ""), _md5(f"{first}:{middle}:{second}"))
 
-    def _page(self, path: str) -> bytes | None:
-        on = self._robot.motors_on
-        plain = {
-            rws.CONTROLLER[self._robotware]: ("pnl-ctrlstate", "ctrlstate", "motoron" if on else "motoroff"),
-            rws.MODE: ("pnl-opmode", "opmode", "AUTO"),
-            rws.SPEED: ("pnl-speedratio", "speedratio", "100"),
-            rws.EXECUTION: ("rap-execution", "ctrlexecstate", "running" if self._robot.running else "stopped"),
-        }
-        if path in plain:
-            kind, name, word = plain[path]
-            return rws.page(name, entry(kind, name, {name: word}))
-        if path == rws.SYSTEM:
-            version = {6: "6.15.04.00", 7: "7.15.0"}[self._robotware]
-            return rws.page("system", entry("sys-system", "system", {"name": "EMULATED", "rwversion": version}))
-        return self._energy() if path == rws.ENERGY else None
+    def _entries(self, path: str, as_json: bool) -> tuple[Entry, ...] | None:
+        """What a page lists; ``None``: there is no such page."""
+        robot = self._robot
+        match path:
+            case rws.MODE:
+                mode = Entry("pnl-opmode", "opmode", {"opmode": "AUTO"})
+                return (mode,) if self._robotware == 6 else (mode, _LOCK)
+            case rws.SPEED:
+                return (Entry("pnl-speedratio", "speedratio", {"speedratio": "100"}),)
+            case rws.EXECUTION:
+                running = {"ctrlexecstate": "running" if robot.running else "stopped", "cycle": "forever"}
+                return (Entry("rap-execution", "execution", running),)
+            case rws.SYSTEM:
+                version = {6: "6.15.04.00", 7: "7.15.0"}[self._robotware]
+                kind = "sys-system-li" if self._robotware == 6 else "sys-system"
+                return (Entry(kind, "system", {"name": "EMULATED", "rwversion": version}),)
+            case rws.ENERGY:
+                return None if self._meter is None else self._energy(self._meter, as_json)
+        page = rws.CONTROLLER[self._robotware]
+        if path != page:
+            return None
+        return (
+            Entry(
+                "pnl-ctrlstate", page.rpartition("/")[2], {"ctrlstate": "motoron" if robot.motors_on else "motoroff"}
+            ),
+        )
 
-    def _energy(self) -> bytes:
-        meter = self._meter
+    def _energy(self, meter: Meter, as_json: bool) -> tuple[Entry, ...]:
         meter.advance(self._now())
         state: dict[str, str | float] = {
             "state": "0" if meter.count else "-1",
@@ -112,12 +133,15 @@ class Pages:
             "interval-energy": f"{meter.interval:.4f}",
             "accumulated-energy": f"{meter.accumulated:.4f}",
         }
-        axes = "".join(
-            entry("sys-energy-axis-li", str(i), {"interval-energy": f"{joule:.4f}"})
+        axes = tuple(
+            Entry("sys-energy-axis-li", str(i), {"interval-energy": f"{joule:.4f}"})
             for i, joule in enumerate(meter.joints, 1)
         )
-        robot = entry("sys-energy-mec-li", "ROB_1", {}, f"<ul>{axes}</ul>")
-        return rws.page("system", entry("sys-energy-state-li", "energy-state", state) + robot)
+        robot = Entry("sys-energy-mec-li", "ROB_1", {}, "axes", axes)
+        # The manual's page lists the mechanical unit behind the state; controllers put it inside in JSON.
+        if as_json:
+            return (Entry("sys-energy-state-li", "energy-state", state, "mechunits", (robot,)),)
+        return Entry("sys-energy-state-li", "energy-state", state), robot
 
 
 def tls(certificate: str) -> ssl.SSLContext:

@@ -26,8 +26,10 @@ class AbbEmulator(Emulator):
     The address is that of the pages (127.0.0.1:8080 unless told otherwise). Options: ``egm`` (where packets go:
     127.0.0.1:6510), ``robotware`` (7, or 6), ``rate`` (250 Hz, or a whole part, as a number), ``axes`` (6), ``clock``
     (1; 0 leaves the controller's time out), ``user`` and ``password`` (Default User, robotics), ``certificate`` (file
-    with key and certificate: pages over HTTPS). A disturbance ``motors=off``, ``program=off`` (or ``on``) or
-    ``session=1`` (numbering begins anew) is the controller's; all others are the signals'.
+    with key and certificate: pages over HTTPS), ``energy`` (yes; no: there is no page of energy). Pages are XHTML, or
+    JSON (RobotWare 6: ``?json=1``, 7: ``Accept: application/hal+json;v=2.0``). A disturbance ``motors=off``,
+    ``program=off`` (or ``on``) or ``session=1`` (numbering begins anew) is the controller's; all others are the
+    signals'.
 
     Faults on EGM packets: ``loss``, ``duplicate``, ``reorder`` (held back until after the next), ``delay`` (sent
     ``seconds`` late), ``half_frame`` (cut), ``garbage`` (a datagram of random bytes ahead), ``stall`` (nothing leaves
@@ -68,10 +70,11 @@ class AbbEmulator(Emulator):
         self._clocked = left.pop("clock", "1") == "1"
         user, password = left.pop("user", "Default User"), left.pop("password", "robotics")
         certificate = left.pop("certificate", "")
+        measures = left.pop("energy", "yes") == "yes"
         if left:
             raise ValueError(f"unknown options: {', '.join(left)}")
         self.robot = EmulatedRobot(signals, robotware, axes, 1 / self._rate)
-        meter = Meter(signals, axes)
+        meter = Meter(signals, axes) if measures else None
         self.pages = Pages(self.robot, meter, robotware, user, password, lambda: time.time() - self.epoch)
         self.signals = _World(signals, self)
         self._number = 0
@@ -129,10 +132,8 @@ class AbbEmulator(Emulator):
         fields = {k.strip().lower(): v.strip() for k, _, v in (line.partition(":") for line in lines if line)}
         await reader.readexactly(min(int(fields.get("content-length", "0")), _LONGEST_HEAD))
         method, path, *_ = [*request.split(" "), "", ""]
-        status, headers, body = self.pages.answer(
-            method, path.partition("?")[0], fields.get("authorization", ""), fields.get("cookie", "")
-        )
-        headers |= {"Content-Type": "application/xhtml+xml;v=2.0", "Content-Length": str(len(body))}
+        status, headers, body = self.pages.answer(method, path, fields)
+        headers = {"Content-Type": "application/xhtml+xml;v=2.0", "Content-Length": str(len(body))} | headers
         text = "".join(f"{name}: {value}\r\n" for name, value in headers.items())
         writer.write(f"HTTP/1.1 {status} {_WORDS[status]}\r\n{text}\r\n".encode("latin-1") + body)
         await writer.drain()

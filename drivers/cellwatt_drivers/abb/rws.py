@@ -5,8 +5,9 @@ Source: Robot Web Services, 3HAC050973: a page is XHTML whose ``<li class=…>``
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 from xml.etree import ElementTree
@@ -25,6 +26,7 @@ LOGOUT = "/logout"
 CONTROLLER = {6: "/rw/panel/ctrlstate", 7: "/rw/panel/ctrl-state"}
 
 _NAN = float("nan")
+_GOOD = 294912  # the code of a page that was found
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,16 +124,48 @@ def _number(text: str) -> float:
     return number
 
 
-def page(title: str, content: str) -> bytes:
-    """A page as a controller writes it."""
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An ``<li>`` as a controller writes it; ``inside`` are those of a list of its own, called ``part`` in JSON."""
+
+    kind: str
+    title: str
+    values: Mapping[str, str | float]
+    part: str = ""
+    inside: tuple[Entry, ...] = ()
+
+
+def page(title: str, entries: Iterable[Entry]) -> bytes:
+    """A page in XHTML."""
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n<html xmlns="http://www.w3.org/1999/xhtml">\n'
         f'<head><title>{title}</title><base href="http://localhost/rw/"/></head>\n'
-        f'<body><div class="state"><a href="" rel="self"/><ul>{content}</ul></div></body>\n</html>\n'
+        f'<body><div class="state"><a href="" rel="self"/><ul>{_listed(entries)}</ul></div></body>\n</html>\n'
     ).encode()
 
 
-def entry(kind: str, title: str, values: dict[str, str | float], inside: str = "") -> str:
-    """One ``<li>`` of a page."""
-    spans = "".join(f'<span class="{name}">{text}</span>' for name, text in values.items())
-    return f'<li class="{kind}" title="{title}">{spans}{inside}</li>'
+def _listed(entries: Iterable[Entry]) -> str:
+    text = ""
+    for e in entries:
+        spans = "".join(f'<span class="{name}">{value}</span>' for name, value in e.values.items())
+        inside = f"<ul>{_listed(e.inside)}</ul>" if e.inside else ""
+        text += f'<li class="{e.kind}" title="{e.title}">{spans}{inside}</li>'
+    return text
+
+
+def json_page(robotware: RobotWare, entries: Iterable[Entry]) -> bytes:
+    """The same in JSON: all values are texts, and RobotWare 7 has no ``_embedded`` around them."""
+    base = {"_links": {"base": {"href": "http://localhost/rw/"}}}
+    state = [_plain(e) for e in entries]
+    whole = (
+        {**base, "_embedded": {"_state": state}}
+        if robotware == 6
+        else {**base, "status": {"code": _GOOD}, "state": state}
+    )
+    return json.dumps(whole).encode()
+
+
+def _plain(entry: Entry) -> dict[str, object]:
+    made: dict[str, object] = {"_type": entry.kind, "_title": entry.title}
+    made |= {name: str(value) for name, value in entry.values.items()}
+    return made | ({entry.part: [_plain(e) for e in entry.inside]} if entry.part else {})

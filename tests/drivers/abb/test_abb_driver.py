@@ -114,9 +114,8 @@ async def test_pages_that_fail_leave_the_stream_alone_and_are_tried_again():
     assert any("user 'Default User' or the password is refused" in text for _, text, _ in outlet.events)
 
 
-async def test_a_controller_without_energy_keeps_its_states(monkeypatch):
-    async with emulated() as (emulator, place):
-        monkeypatch.setattr(emulator.pages, "_energy", lambda: None)
+async def test_a_controller_without_energy_keeps_its_states():
+    async with emulated(energy="no") as (_, place):
         async with running(place | {"egm": [], "web_rate": "10 Hz"}) as (outlet, _):
             await outlet.until(lambda o: len(of(o, "controller")) > 5)
         alone = AbbDriver("arm", AbbSettings.model_validate(place | {"egm": [], "web": ["energy"]}), CollectingOutlet())

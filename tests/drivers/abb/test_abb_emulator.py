@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import shutil
 import urllib.request
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -43,11 +45,13 @@ async def test_the_library_abb_robot_egm_reads_it(robotware):
         np.testing.assert_allclose(states[0].measured_force, [1.5, 0, 0, 0, 0, -0.25])
 
 
-def fetch(url: str, digest: bool) -> bytes:
+def fetch(url: str, digest: bool, accept: str = "*/*") -> bytes:
     words = urllib.request.HTTPPasswordMgrWithDefaultRealm()
     words.add_password(None, url, "Default User", "robotics")
     handler = urllib.request.HTTPDigestAuthHandler if digest else urllib.request.HTTPBasicAuthHandler
-    with urllib.request.build_opener(handler(words)).open(url, timeout=5) as answer:
+    with urllib.request.build_opener(handler(words)).open(
+        urllib.request.Request(url, headers={"Accept": accept}), timeout=5
+    ) as answer:
         return answer.read()
 
 
@@ -56,6 +60,57 @@ async def test_the_standard_library_reads_its_pages(robotware, path):
     async with emulated(robotware=robotware) as (_, place):
         page = await asyncio.to_thread(fetch, f"http://127.0.0.1:{place['port']}{path}", robotware == "6")
     assert b'<span class="ctrlstate">motoron</span>' in page
+
+
+def listed(page: bytes) -> list[list[str]]:
+    """Texts of the spans of each ``li`` below body, div, ul: where public clients look for them."""
+    entries = ElementTree.fromstring(page).findall("{*}body/{*}div/{*}ul/{*}li")
+    return [[span.text or "" for span in entry.findall("{*}span")] for entry in entries]
+
+
+async def test_pages_have_what_rws2_reads():
+    """``rws2`` takes the mode from the first of several entries, the state from the first of several spans."""
+    async with emulated(robotware="7") as (_, place):
+        url = f"http://127.0.0.1:{place['port']}/rw"
+        ask = ["/rapid/execution?json=1", "/panel/opmode", "/panel/ctrl-state"]
+        execution, mode, state = [
+            listed(await asyncio.to_thread(fetch, url + path, False, "application/xhtml+xml;v=2.0")) for path in ask
+        ]
+    assert execution == [["running", "forever"]]
+    assert mode[0] == ["AUTO"] and len(mode) > 1
+    assert state == [["motoron"]]
+
+
+@pytest.mark.parametrize("robotware", ["6", "7"])
+async def test_pages_in_json(robotware):
+    """``?json=1`` of RobotWare 6 has the entries in ``_embedded``, ``Accept`` of RobotWare 7 has them in ``state``."""
+    old = robotware == "6"
+    async with emulated(robotware=robotware) as (emulator, place):
+        emulator.epoch -= 5.0  # five measurements of energy have been made
+        url = f"http://127.0.0.1:{place['port']}/rw"
+
+        async def entries(path: str) -> list[dict]:
+            whole = (f"{url}{path}?json=1", True) if old else (url + path, False, "application/hal+json;v=2.0")
+            found = json.loads(await asyncio.to_thread(fetch, *whole))
+            return found["_embedded"]["_state"] if old else found["state"]
+
+        (execution,) = await entries("/rapid/execution")
+        mode = await entries("/panel/opmode")
+        (energy,) = await entries("/system/energy")
+        (system,) = await entries("/system")
+    assert execution == {
+        "_type": "rap-execution",
+        "_title": "execution",
+        "ctrlexecstate": "running",
+        "cycle": "forever",
+    }
+    assert mode[0] == {"_type": "pnl-opmode", "_title": "opmode", "opmode": "AUTO"}
+    assert energy["interval-length"] == "1.0"
+    (robot,) = energy["mechunits"]
+    assert robot["_title"] == "ROB_1"
+    assert [axis["_title"] for axis in robot["axes"]] == ["1", "2", "3", "4", "5", "6"]
+    assert float(robot["axes"][1]["interval-energy"]) == 5.0  # 10 Nm at 0.5 rad/s for a second
+    assert system["rwversion"].startswith(robotware)
 
 
 @pytest.mark.parametrize(("robotware", "scheme"), [("6", "--digest"), ("7", "--basic")])
