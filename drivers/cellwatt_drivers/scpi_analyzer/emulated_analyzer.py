@@ -24,6 +24,13 @@ _FUNCTIONS = frozenset(AFTER_RESET) | {"FU", "FI", "WH", "TIME"}
 _SAMPLES = 20  # of the signals within one update
 _MOST_SAMPLES = 2000  # when catching up after nobody asked for long
 _QUEUE = 16
+SCPI_VERSION = "1999.0"
+_COMPLETE, _DEVICE, _EXECUTION, _COMMAND = 1, 8, 16, 32
+"""Bits of the event status register, IEEE 488.2, 11.5.1."""
+_EVENTS = {1: _COMMAND, 2: _EXECUTION, 3: _DEVICE}
+"""By the hundreds of an error's number (SCPI-99, 21.8)."""
+_QUEUED, _SUMMARY, _REQUEST = 4, 32, 64
+"""Bits of the status byte: an error waits, an enabled event happened, service is requested."""
 
 NO_HEADER = (-113, "Undefined header")
 NO_PARAMETER = (-109, "Missing parameter")
@@ -54,6 +61,8 @@ class EmulatedAnalyzer:
         self.overload: set[str] = set()
         self.measurements = 0
         self.errors: deque[tuple[int, str]] = deque()
+        self._events = 0
+        self._enabled = {"*ESE": 0, "*SRE": 0}
         self.running = False
         self._signals = signals
         self._update = -1
@@ -90,10 +99,12 @@ class EmulatedAnalyzer:
         return {
             "*IDN?": lambda _: self.identification,
             "*OPC?": lambda _: "1",
-            "*CLS": lambda _: self.errors.clear(),
+            **self._status_commands(),
             "*RST": lambda _: self._reset(),
             "SYSTem:ERRor?": lambda _: self._next_error(),
             "SYSTem:ERRor:NEXT?": lambda _: self._next_error(),
+            "SYSTem:ERRor:ALL?": lambda _: self._all_errors(),
+            "SYSTem:VERSion?": lambda _: SCPI_VERSION,
             "CHANnel1:MEASurement:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "CHANnel1:MEASurement:FUNCtions": self._select,
             "CHANnel1:MEASurement:FUNCtions?": lambda _: ",".join(self.functions),
@@ -106,7 +117,44 @@ class EmulatedAnalyzer:
             "INTegrator:RESet": lambda _: self._clear_energy(),
         }
 
+    def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
+        """What every instrument has by IEEE 488.2."""
+        return {
+            "*CLS": lambda _: self._clear_status(),
+            "*STB?": lambda _: str(self._status_byte()),
+            "*ESR?": lambda _: str(self._take_events()),
+            "*ESE": lambda p: self._enable("*ESE", p),
+            "*ESE?": lambda _: str(self._enabled["*ESE"]),
+            "*SRE": lambda p: self._enable("*SRE", p),
+            "*SRE?": lambda _: str(self._enabled["*SRE"]),
+            "*OPC": lambda _: self._note(_COMPLETE),
+            "*WAI": lambda _: None,
+            "*TST?": lambda _: "0",
+        }
+
+    def _clear_status(self) -> None:
+        self.errors.clear()
+        self._events = 0
+
+    def _status_byte(self) -> int:
+        status = (_QUEUED if self.errors else 0) | (_SUMMARY if self._events & self._enabled["*ESE"] else 0)
+        return status | (_REQUEST if status & self._enabled["*SRE"] else 0)
+
+    def _take_events(self) -> int:
+        events, self._events = self._events, 0
+        return events
+
+    def _enable(self, register: str, parameter: str) -> None:
+        if parameter.isdigit() and int(parameter) < 256:
+            self._enabled[register] = int(parameter)
+        else:
+            self._fail(BAD_PARAMETER if parameter else NO_PARAMETER)
+
+    def _note(self, event: int) -> None:
+        self._events |= event
+
     def _fail(self, error: tuple[int, str]) -> None:
+        self._note(_EVENTS[error[0] // -100])
         if len(self.errors) < _QUEUE:
             self.errors.append(error)
         else:
@@ -115,6 +163,10 @@ class EmulatedAnalyzer:
     def _next_error(self) -> str:
         code, text = self.errors.popleft() if self.errors else (0, "No error")
         return f'{code},"{text}"'
+
+    def _all_errors(self) -> str:
+        """All of the queue, which is empty then."""
+        return ",".join(self._next_error() for _ in range(max(1, len(self.errors))))
 
     def _one_of(self, parameter: str, known: set[str]) -> None:
         if parameter.upper() not in known:

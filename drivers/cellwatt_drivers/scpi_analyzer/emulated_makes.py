@@ -37,7 +37,8 @@ class EmulatedWt310(EmulatedAnalyzer):
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
         return {
-            **{name: shared[name] for name in ("*IDN?", "*OPC?", "*CLS", "*RST")},
+            **{name: shared[name] for name in ("*IDN?", "*OPC?", "*RST")},
+            **self._status_commands(),
             "STATus:ERRor?": shared["SYSTem:ERRor?"],
             "NUMeric:FORMat": lambda p: self._one_of(p, {"ASC", "ASCII"}),
             "NUMeric:NORMal:NUMber": self._set_number,
@@ -93,8 +94,9 @@ class EmulatedLmg670(EmulatedAnalyzer):
 
     def _commands(self) -> Mapping[str, Callable[[str], str | None]]:
         shared = super()._commands()
-        kept = ("*IDN?", "*OPC?", "*CLS", "*RST", "SYSTem:ERRor?")
-        return {**{name: shared[name] for name in kept}, "*ZLANG": self._set_language}
+        kept = ("*IDN?", "*OPC?", "*RST", "SYSTem:ERRor?", "SYSTem:ERRor:ALL?", "SYSTem:VERSion?")
+        named = {name: shared[name] for name in kept}
+        return {**named, **self._status_commands(), "*ZLANG": self._set_language}
 
     def _run(self, header: str, parameter: str) -> str | None:
         if self.short:

@@ -78,6 +78,20 @@ def test_the_error_queue_has_an_end(analyzer):
     assert answers[16] == '0,"No error"'
 
 
+def test_all_errors_at_once_and_the_registers_of_ieee_488(analyzer):
+    assert analyzer.execute("SYST:ERR:ALL?", 0.0) == '0,"No error"'
+    analyzer.execute("*ESE 32;*SRE 32;NONSENSE;CHAN1:MEAS:FUNC POWER", 0.0)
+    assert analyzer.execute("*ESE?;*SRE?", 0.0) == "32;32"
+    assert analyzer.execute("*STB?", 0.0) == "100"  # an error waits 4, its event is enabled 32, and asks for service 64
+    assert analyzer.execute("*ESR?", 0.0) == "48"  # command error 32, execution error 16
+    assert analyzer.execute("*STB?", 0.0) == "4"
+    assert analyzer.execute("SYST:ERR:ALL?", 0.0) == '-113,"Undefined header",-224,"Illegal parameter value"'
+    assert analyzer.execute("*STB?;*ESR?", 0.0) == "0;0"
+    for line in ("*ESE 256", "*SRE many"):
+        analyzer.execute(line, 0.0)
+        assert analyzer.execute("SYST:ERR?", 0.0) == '-224,"Illegal parameter value"'
+
+
 def test_a_measurement_stands_for_a_tenth_of_a_second():
     class Ramp:
         def at(self, t):
