@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import random
 import socket
+import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -14,6 +15,7 @@ from cellwatt.emulation import Emulator, Signals
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
+from cellwatt_drivers.yaskawa.emulated_memory import NO_COMMAND, NO_INSTANCE, Memory
 from cellwatt_drivers.yaskawa.emulated_robot import PULSES_PER_DEGREE, RATED_TORQUE, EmulatedRobot
 
 ANSWER_MS = {"FS100": 20.0, "DX200": 8.0, "YRC1000": 5.0}
@@ -22,7 +24,10 @@ ANSWER_MS = {"FS100": 20.0, "DX200": 8.0, "YRC1000": 5.0}
 _JITTER_MS = 1.0
 _POSITION_ERROR = 0x76
 _GENERAL_ERROR = 0x1F
-_BUSY, _NOT_REMOTE, _NO_COMMAND, _NO_INSTANCE, _NO_ATTRIBUTE = 0xE444, 0x2100, 0xA000, 0xA001, 0xA002
+_BUSY, _NOT_REMOTE, _NO_ATTRIBUTE = 0xE444, 0x2100, 0xA002
+_HISTORY, _JOB, _TIMES = 0x71, 0x73, 0x88
+_JOB_DATA = struct.pack("<32s3I", b"EMULATED", 0, 0, 10000)
+_TIMES_DATA = struct.pack("<16s12s", b"2024/01/01 00:00", b"000001:00'00")
 _AXIS_NAMES = ("S", "L", "U", "R", "B", "T", "E", "8")
 _POSE_NAMES = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _UNDOCUMENTED_BIT = b"\x00\x00\x01\x00"
@@ -37,6 +42,9 @@ class YaskawaEmulator(Emulator):
     model's), ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes``
     (6, 7 or 8: positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``status_noise``
     (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``).
+
+    Beside what the driver asks for it has alarm history, job, times, and ``memory`` (I/O, registers, variables), whose
+    plural reads it answers. Services that write are refused: remote is not set.
 
     Faults on answers: ``loss`` (not sent), ``half_frame`` (cut), ``delay`` (late by ``seconds``), ``reorder``
     (held until the next one has left), ``duplicate``, ``garbage`` (random bytes ahead of it). At the next
@@ -78,6 +86,7 @@ class YaskawaEmulator(Emulator):
         if left:
             raise ValueError(f"unknown options: {', '.join(left)}")
         self.system = payload.System("EMULATED", model, "0")
+        self.memory = Memory()
         self.asked: Counter[wire.Request] = Counter()
         self._random = random.Random(seed)
         self._held: list[tuple[bytes, Address]] = []
@@ -149,7 +158,7 @@ class YaskawaEmulator(Emulator):
             self.tally["busy"] += 1
             answer = _refusal(request, number, _BUSY)
         else:
-            answer = self._answer(request, number)
+            answer = self._answer(request, number, datagram[wire.HEADER_SIZE :])
         self._dispatch(wire.encode_answer(answer), peer)
 
     def _dispatch(self, frame: bytes, peer: Address) -> None:
@@ -183,20 +192,32 @@ class YaskawaEmulator(Emulator):
             self._socket.sendto(frame, to)
         self.tally["sent"] += whole + len(held)
 
-    def _answer(self, request: wire.Request, number: int) -> wire.Answer:
+    def _answer(self, request: wire.Request, number: int, asked: bytes) -> wire.Answer:
+        if request.service == wire.GET_PLURAL:
+            found = self.memory.several(request.command, request.instance, asked)
+        else:
+            found = self._single(request)
+        if isinstance(found, int):
+            return _refusal(request, number, found)
+        return wire.Answer(number, request.service | wire.ANSWER, 0, 0, found)
+
+    def _single(self, request: wire.Request) -> bytes | int:
+        """What one read gives, or the added status of a refusal."""
+        if request.service in wire.SET:
+            return _NOT_REMOTE
         if request.service not in (wire.GET_ALL, wire.GET_ONE):
-            return _refusal(request, number, _NOT_REMOTE)
+            return NO_COMMAND
+        if (value := self.memory.one(request.command, request.instance)) is not None:
+            return value
         read = self._reads.get(request.command)
         if read is None:
-            return _refusal(request, number, _NO_COMMAND)
+            return NO_COMMAND
         data = read(request.instance)
         if data is None:
-            return _refusal(request, number, _NO_INSTANCE)
+            return NO_INSTANCE
         if request.service == wire.GET_ONE:
             data = data[4 * (request.attribute - 1) : 4 * request.attribute] if request.attribute else b""
-            if not data:
-                return _refusal(request, number, _NO_ATTRIBUTE)
-        return wire.Answer(number, request.service | wire.ANSWER, 0, 0, data)
+        return data or _NO_ATTRIBUTE
 
     def _tables(self) -> Mapping[int, Callable[[int], bytes | None]]:
         return {
@@ -206,6 +227,9 @@ class YaskawaEmulator(Emulator):
             _POSITION_ERROR: lambda i: payload.encode_axes((0,) * 8) if i == 1 else None,
             wire.TORQUE: lambda i: payload.encode_axes(self.robot.torques(self._now())) if i == 1 else None,
             wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
+            _HISTORY: lambda i: payload.encode_alarm(payload.Alarm(0)) if i else None,
+            _JOB: lambda i: _JOB_DATA if i == 1 else None,
+            _TIMES: lambda i: _TIMES_DATA if i else None,
             wire.SYSTEM: lambda i: payload.encode_system(self.system) if i == 11 else None,
         }
 

@@ -25,6 +25,9 @@ SYSTEM = 0x89
 
 GET_ONE = 0x0E
 GET_ALL = 0x01
+GET_PLURAL = 0x33
+SET = frozenset({0x10, 0x02, 0x34})
+"""Services that write one, all or several; the driver has no code for them."""
 ANSWER = 0x80
 """Set in the service of an answer."""
 
@@ -112,7 +115,7 @@ def encode_request(request: Request, number: int) -> bytes:
 
 
 def decode_request(datagram: bytes) -> tuple[Request, int]:
-    """A request and its number. Raises ``ProtocolError`` where it is none."""
+    """A request and its number; its data begin at ``HEADER_SIZE``. Raises ``ProtocolError`` where it is none."""
     if len(datagram) < HEADER_SIZE:
         raise ProtocolError(f"a request of {len(datagram)} bytes; its header alone has {HEADER_SIZE}")
     found = _REQUEST.unpack_from(datagram)
