@@ -6,10 +6,10 @@ import asyncio
 import logging
 import os
 import termios
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 Framing = Literal["tcp", "rtu"]
 Parity = Literal["none", "even", "odd"]
 
-ILLEGAL_ADDRESS, ILLEGAL_VALUE = 2, 3
+ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 _WORDS = {
-    1: "it does not know the function",
+    ILLEGAL_FUNCTION: "it does not know the function",
     ILLEGAL_ADDRESS: "it has no such register",
     ILLEGAL_VALUE: "it does not give so many registers",
     4: "it failed",
@@ -93,14 +93,41 @@ class Bus:
         Raises ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` where the answer is another meter's, and
         ``ConnectError`` where the connection is gone.
         """
+        client = self._client
+        ask = client.read_input_registers if function == "input" else client.read_holding_registers
+        answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
+        if answer.isError():
+            code = int(answer.exception_code)
+            text = _WORDS.get(code, "it does not say why")
+            raise RefusedError(
+                f"unit {unit} at {self.place} refuses registers {address} to {address + count - 1}: {text} "
+                f"(exception {code})",
+                code,
+            )
+        registers: Sequence[int] = answer.registers
+        return registers
+
+    async def identification(self, unit: int) -> tuple[str, ...]:
+        """What the meter says of itself (function 43, type 14): maker, product, version, as far as it does.
+
+        Raises what ``read`` raises.
+        """
+        ask = self._client.read_device_information
+        answer = await self._exchange(lambda: ask(read_code=1, device_id=unit), unit)
+        if answer.isError():
+            code = int(answer.exception_code)
+            raise RefusedError(f"unit {unit} at {self.place} does not say who it is (exception {code})", code)
+        texts = (value.decode("ascii", "replace").strip() for _, value in sorted(answer.information.items()))
+        return tuple(text for text in texts if text)
+
+    async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
         from pymodbus.exceptions import ModbusException, ModbusIOException
 
         client = self._client
         if not client.connected:
             raise ConnectError(f"{self.place}: the connection is gone")
-        ask = client.read_input_registers if function == "input" else client.read_holding_registers
         try:
-            answer = await ask(address, count=count, device_id=unit)
+            answer = await ask()
         except ModbusIOException as error:
             if not client.connected:  # pymodbus closes it after a few requests that nobody answered
                 reason = "no answer any more" if "No response" in str(error) else "the connection is gone"
@@ -112,15 +139,7 @@ class Bus:
         except ModbusException as error:
             raise ConnectError(f"{self.place}: {error}") from error
         _obey_cancellation()
-        if answer.isError():
-            code = int(answer.exception_code)
-            text = _WORDS.get(code, "it does not say why")
-            raise RefusedError(
-                f"unit {unit} at {self.place} refuses registers {address} to {address + count - 1}: {text} "
-                f"(exception {code})",
-                code,
-            )
-        return answer.registers
+        return answer
 
     def close(self) -> None:
         """Let go of the line."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from contextlib import AbstractAsyncContextManager
 from importlib.util import find_spec
 from typing import ClassVar, Literal
@@ -20,9 +19,9 @@ from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolErro
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt.ticker import Ticker
+from cellwatt_drivers.modbus_meter import likeness
 from cellwatt_drivers.modbus_meter.bus import (
-    ILLEGAL_ADDRESS,
-    ILLEGAL_VALUE,
+    ILLEGAL_FUNCTION,
     Bus,
     Framing,
     NoAnswerError,
@@ -34,7 +33,7 @@ from cellwatt_drivers.modbus_meter.bus import (
 )
 from cellwatt_drivers.modbus_meter.counter import RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
-from cellwatt_drivers.modbus_meter.registers import Block, plan
+from cellwatt_drivers.modbus_meter.reader import Reader
 
 PORT = 502
 
@@ -74,6 +73,8 @@ class ModbusMeterSettings(SourceSettings):
     """Wait this long for an answer."""
     retries: int = Field(1, ge=0, le=10)
     """Ask again at most this often within one poll."""
+    mains_may_be_off: bool = False
+    """The meter has a supply of its own, and what it measures may be off: 0 V and 0 Hz do not mean a wrong meter."""
     silence: Seconds = Field(5.0, gt=0)
     """No good answer for this long: the source is down and is opened again."""
 
@@ -104,6 +105,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     writes = (
         "read requests only: function 4 (read input registers) or 3 (read holding registers), as the map says, for "
         "the registers of the map and those between them",
+        "where the first answers are another meter's, once: function 43, type 14 (read device identification), and by "
+        "function 4 or 3 the voltages and the frequency of the other packaged maps",
     )
 
     def __init__(self, name: str, settings: ModbusMeterSettings, outlet: Outlet) -> None:
@@ -115,7 +118,9 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         self._map = _map(settings)
         self._names = _chosen(self._map, settings.read)
         values = [self._map.values[n] for n in self._names]
-        self._blocks = plan(self._map.slots(self._names), self._map.longest_read, self._map.gap, self._map.word_order)
+        self._reader = Reader(
+            self._map, self._names, settings.unit, settings.retries, outlet.account.count, self._left_out
+        )
         self._factor = np.array([v.factor for v in values])
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
         self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
@@ -159,21 +164,26 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         return open_bus(SerialPlace(s.line, s.baud, s.parity, s.stop_bits), s.timeout)
 
     async def _greet(self, bus: Bus) -> Identity:
+        unit, meter = self.settings.unit, self._map
         async with bus.turn:
-            raw = await self._collect(bus)
-        for name, number in zip(self._names, raw, strict=True):
-            value = self._map.values[name]
-            found = number * value.scale
-            if value.between is None or not found or math.isnan(found):
-                continue
-            low, high = value.between
-            if not low <= found <= high:
-                raise WrongDeviceError(
-                    f"unit {self.settings.unit} at {bus.place} is not a {self._map.model}: {name} reads {found:.4g} "
-                    f"{value.unit}, expected {low:g} to {high:g}; check meter, map and word order"
-                )
-        notes = {"map": self._map.source, "requests a poll": str(len(self._blocks))}
-        return Identity(self._map.maker, self._map.model, notes=notes)
+            try:
+                raw = await self._reader.read(bus)
+            except WrongDeviceError as error:
+                raise await likeness.wrong(bus, unit, meter, "it has none of its registers") from error
+            except RefusedError as error:
+                if error.code != ILLEGAL_FUNCTION:
+                    raise
+                raise await likeness.wrong(bus, unit, meter, f"it reads no {meter.function} registers") from error
+            except NoAnswerError as error:
+                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if meter.delivered else ""
+                raise ConnectError(f"{error}{delivered}") from error
+            found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
+            await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
+        notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
+        return Identity(meter.maker, meter.model, notes=notes)
+
+    def _left_out(self, name: str, error: RefusedError) -> None:
+        self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
 
     def _miss(self, polls: int, reason: str) -> None:
         self.outlet.account.expect(polls)
@@ -183,7 +193,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         try:
             async with bus.turn:
                 asked = self.outlet.now()
-                raw = await self._collect(bus)
+                raw = await self._reader.read(bus)
                 arrival = self.outlet.now()
         except NoAnswerError as error:
             self._miss(1, "timeout")
@@ -215,53 +225,6 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         if text != self._told:
             self._told = text
             self.outlet.event(kind, f"{self.name}: {text}")
-
-    async def _collect(self, bus: Bus) -> NDArray[np.float64]:
-        """All values as they stand in the registers; NaN for what the meter does not have."""
-        row = np.full(len(self._names), np.nan)
-        left, kept = deque(self._blocks), []
-        while left:
-            block = left.popleft()
-            try:
-                numbers = await self._ask(bus, block)
-            except RefusedError as error:
-                if error.code not in {ILLEGAL_ADDRESS, ILLEGAL_VALUE}:
-                    raise
-                left.extendleft(reversed(self._apart(block, error)))
-                continue
-            kept.append(block)
-            row[list(block.columns)] = numbers
-        if not kept:
-            raise WrongDeviceError(
-                f"unit {self.settings.unit} at {bus.place} has none of the registers of a {self._map.model}: "
-                "check meter, map and unit"
-            )
-        self._blocks = tuple(kept)
-        return row
-
-    def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:
-        """What to ask instead of a block that is refused."""
-        self.outlet.account.count("refused reads")
-        parts = block.split()
-        if not parts:
-            name = self._names[block.columns[0]]
-            self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
-        return parts
-
-    async def _ask(self, bus: Bus, block: Block) -> tuple[float, ...]:
-        for attempt in range(self.settings.retries + 1):
-            try:
-                words = await bus.read(self._map.function, block.address, block.count, self.settings.unit)
-                return block.decode(words)
-            except NoAnswerError:
-                self.outlet.account.count("timeouts")
-                if attempt == self.settings.retries:
-                    raise
-                self.outlet.account.count("retries")
-            except ProtocolError:
-                self.outlet.account.count("malformed")
-                raise
-        raise AssertionError("a range of at least one attempt came to its end")
 
     def _reading(self, raw: NDArray[np.float64], asked: int, arrival: int) -> Reading:
         for column, mark in self._missing:

@@ -134,7 +134,8 @@ class ModbusMeterEmulator(Emulator):
     def _refusal(
         self, meter: EmulatedMeter, function: int, address: int, count: int, written: object
     ) -> ExcCodes | None:
-        if written is not None or function != _FUNCTIONS[self._map.function]:
+        known = set(_FUNCTIONS.values()) if self._map.both_functions else {_FUNCTIONS[self._map.function]}
+        if written is not None or function not in known:
             return ExcCodes.ILLEGAL_FUNCTION
         if count > self._map.longest_read:
             return ExcCodes.ILLEGAL_VALUE

@@ -22,6 +22,7 @@ MeterName = Literal[
     "schneider_iem3000",
     "schneider_pm5000",
     "shelly_pro_3em",
+    "siemens_pac2200",
     "siemens_pac3200",
 ]
 METERS: tuple[MeterName, ...] = get_args(MeterName)
@@ -72,7 +73,8 @@ class MeterValue(_Part):
     largest: float | None = None
     """A number in the registers beyond this (up or down) stands for an overload."""
     between: tuple[float, float] | None = None
-    """In ``unit``: outside of it, and not 0, the first answer shows that this is another meter or word order."""
+    """In ``unit``: outside of it, the first answer shows that this is another meter or word order. 0 and NaN show it
+    for a frequency, and for voltages where no phase has one."""
 
     @property
     def factor(self) -> float:
@@ -107,6 +109,10 @@ class MeterMap(_Part):
     """Where the addresses are from, and what of them is not sure."""
     function: Literal["input", "holding"]
     """Read by function code 4 (``input``) or 3 (``holding``)."""
+    both_functions: bool = False
+    """The other function reads the same registers."""
+    delivered: str = ""
+    """Unit, speed and parity that it has at delivery."""
     type: RegisterType
     """How most values are written."""
     word_order: WordOrder = "big"
@@ -138,6 +144,11 @@ class MeterMap(_Part):
             value = self.values[name]
             found.append(Slot(value.address, value.type or self.type, column))
         return found
+
+    @property
+    def checked(self) -> tuple[str, ...]:
+        """Values that tell whether this is the meter."""
+        return tuple(name for name, value in self.values.items() if value.between is not None)
 
     def wrap(self, name: str) -> float | None:
         """Where a counter begins anew, in SI units, as far as that is known."""

@@ -50,6 +50,20 @@ async def test_low_word_first_where_the_meter_does_so():
     assert client.convert_from_registers(answer.registers, INT32, word_order="little") == 2300
 
 
+@pytest.mark.parametrize(
+    ("meter", "address"), [("gavazzi_em340", 0x28), ("siemens_pac3200", 65), ("siemens_pac2200", 65)]
+)
+async def test_meters_that_answer_both_functions_alike(meter, address):
+    async with emulated(meter=meter) as (_, place):
+        client = await client_of(place)
+        both = [
+            await ask(address, count=2, device_id=1)
+            for ask in (client.read_input_registers, client.read_holding_registers)
+        ]
+        client.close()
+    assert both[0].registers == both[1].registers != [0, 0]
+
+
 async def test_what_a_meter_refuses():
     async with emulated(strict="yes") as (_, place):
         client = await client_of(place)

@@ -1,0 +1,106 @@
+"""Whether a meter is the one that its map is for: voltage, frequency and what it says of itself."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+from cellwatt.errors import SourceError, WrongDeviceError
+from cellwatt_drivers.modbus_meter.bus import ILLEGAL_FUNCTION, Bus, NoAnswerError, RefusedError
+from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, packaged_map
+from cellwatt_drivers.modbus_meter.reader import Reader
+
+
+def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
+    """Why these first values, as they stand in the registers, are not this meter's; empty where they may be.
+
+    A mains meter has a frequency, and a voltage on at least one phase: 0 and NaN there are another meter's, unless
+    the mains ``may_be_off``. What the map gives no range for is not looked at.
+    """
+    values = {n: number * meter.values[n].scale for n, number in found.items() if meter.values[n].between}
+    silent = [n for n, value in values.items() if value == 0 or math.isnan(value)]
+    for name, value in values.items():
+        low, high = meter.values[name].between or (-math.inf, math.inf)
+        if name not in silent and not low <= value <= high:
+            return f"{name} reads {value:.4g} {meter.values[name].unit}, expected {low:g} to {high:g}"
+    if may_be_off:
+        return ""
+    for quantity, what in (("V", "no phase has a voltage"), ("Hz", "the mains has no frequency")):
+        due = [n for n in values if _quantity(meter, n) == quantity]
+        if due and all(n in silent for n in due):
+            told = ", ".join(f"{n} reads {values[n]:g}" for n in due)
+            return f"{what}: {told}"
+    return ""
+
+
+async def examine(bus: Bus, unit: int, meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> None:
+    """Raise ``WrongDeviceError`` where the meter is another one than the map is for, and say which, if that shows.
+
+    ``found`` are values that were read already; where there is no voltage or no frequency among them, it is read here.
+    """
+    known = {_quantity(meter, name) for name in found}
+    left = [name for name in meter.checked if _quantity(meter, name) not in known]
+    found = {**found, **await _numbers(bus, unit, meter, left)}
+    if reason := doubt(meter, found, may_be_off):
+        raise await wrong(bus, unit, meter, reason)
+
+
+def _quantity(meter: MeterMap, name: str) -> str:
+    return meter.values[name].unit.removeprefix("k")
+
+
+async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDeviceError:
+    """The error that says what was expected, why it is not that, and what it probably is."""
+    said, like = await _says(bus, unit), await _like(bus, unit, meter)
+    hints = [f"it says that it is {said}"] if said else []
+    if like:
+        hints.append(f"it answers like {' or '.join(like)}")
+    elif not said:
+        hints.append("check meter, map, unit and word order")
+    return WrongDeviceError(f"unit {unit} at {bus.place} is not a {meter.model}: {reason}; {'; '.join(hints)}")
+
+
+async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
+    """Packaged maps whose voltages and frequency are all there and plausible."""
+    fitting = []
+    for name, meter in (await asyncio.to_thread(_packaged)).items():
+        if meter == but:
+            continue
+        try:
+            found = await _numbers(bus, unit, meter, meter.checked)
+        except NoAnswerError:
+            break
+        if len(found) == len(meter.checked) and not doubt(meter, found, may_be_off=False):
+            fitting.append(f"{meter.maker} {meter.model} (meter: {name})")
+    return fitting
+
+
+@cache
+def _packaged() -> dict[MeterName, MeterMap]:
+    return {name: packaged_map(name) for name in METERS}
+
+
+async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -> dict[str, float]:
+    """What the meter has of these values, as it stands in the registers."""
+    if not names:
+        return {}
+    reader = Reader(meter, names, unit)
+    try:
+        row = await reader.read(bus)
+    except WrongDeviceError:
+        return {}
+    except RefusedError as error:
+        if error.code == ILLEGAL_FUNCTION:
+            return {}
+        raise
+    return {n: float(v) for n, v in zip(names, row, strict=True) if n not in reader.left_out}
+
+
+async def _says(bus: Bus, unit: int) -> str:
+    """Maker, product and version by Modbus's own function for it; empty where the meter has no such function."""
+    try:
+        return " ".join(await bus.identification(unit))
+    except SourceError:
+        return ""

@@ -1,0 +1,127 @@
+"""A meter of another make than the map is refused, and the message says which it probably is."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+from pymodbus import ModbusDeviceIdentification
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from cellwatt.errors import ConnectError, WrongDeviceError
+from cellwatt_drivers.modbus_meter import ModbusMeterDriver
+from cellwatt_drivers.modbus_meter.likeness import doubt
+from cellwatt_drivers.modbus_meter.meter_map import METERS, packaged_map
+
+from ..outlet import CollectingOutlet
+from .rig import emulated, settings
+
+ALIKE = {"schneider_iem3000", "schneider_pm5000"}
+"""Their voltages and frequency stand in the same registers."""
+
+
+@asynccontextmanager
+async def serving(floats: dict[int, float], order: str = "big", says: tuple[str, str] = ("", "")) -> AsyncIterator[str]:
+    """A server that has all registers up to 4000: floats where they are given, 0 elsewhere."""
+    words = [0] * 4000
+    for address, value in floats.items():
+        pair = words_of(value)
+        words[address : address + 2] = pair if order == "big" else pair[::-1]
+    # pymodbus keeps one identity for all servers of a process
+    identity = ModbusDeviceIdentification(info_name={"VendorName": says[0], "ProductCode": says[1]})
+    device = SimDevice(0, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)])
+    server = ModbusTcpServer(device, address=("127.0.0.1", 0), identity=identity)
+    await server.serve_forever(background=True)
+    try:
+        yield f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    finally:
+        await server.shutdown()
+
+
+def words_of(value: float) -> list[int]:
+    return list(struct.unpack(">2H", struct.pack(">f", value)))
+
+
+async def identify(place: str, **changes: object):
+    return await ModbusMeterDriver("m", settings(place, **changes), CollectingOutlet()).identify()
+
+
+@pytest.mark.parametrize("real", METERS)
+async def test_no_map_takes_another_meter_for_its_own(real):
+    async with emulated(meter=real) as (_, place):
+        for wanted in METERS:
+            if wanted == real or {wanted, real} == ALIKE:
+                assert (await identify(place, meter=wanted)).model == packaged_map(wanted).model
+                continue
+            with pytest.raises(WrongDeviceError, match=rf"is not a .*; it answers like .*\(meter: {real}\)"):
+                await identify(place, meter=wanted)
+
+
+async def test_an_sdm630_map_on_a_shelly():
+    """All registers are there, most are 0: version 9d343b6 said "ok" with 0 V."""
+    shelly = {1020: 230.1, 1040: 229.4, 1060: 231.2, 1013: 500.0}
+    async with serving(shelly, order="little") as place:
+        with pytest.raises(WrongDeviceError, match=r"no phase has a voltage.*like Shelly Pro 3EM"):
+            await identify(place, meter="eastron_sdm630")
+        assert (await identify(place, meter="shelly_pro_3em")).maker == "Shelly"
+
+
+async def test_an_em340_map_on_an_sdm630():
+    """Version 9d343b6 gave −9·10⁷ V and a warning."""
+    sdm = {0x00: 230.1, 0x02: 229.4, 0x04: 231.2, 0x34: 500.0, 0x46: 50.01}
+    async with serving(sdm) as place:
+        with pytest.raises(
+            WrongDeviceError, match=r"phase_1\.voltage reads .* V, expected 10 to 1000; .*Eastron SDM630"
+        ):
+            await identify(place, meter="gavazzi_em340")
+
+
+async def test_what_a_meter_says_of_itself_is_told():
+    async with serving({}, says=("Acme AG", "Meter 9")) as place:
+        with pytest.raises(WrongDeviceError, match=r"no phase has a voltage.*; it says that it is Acme AG Meter 9$"):
+            await identify(place)
+
+
+async def test_the_check_reads_voltages_though_the_settings_want_none():
+    async with emulated(meter="siemens_pac2200") as (_, place):
+        with pytest.raises(WrongDeviceError, match=r"no frequency.*PAC2200"):
+            await identify(place, meter="siemens_pac3200", read=["supply.power"])
+        assert (await identify(place, meter="siemens_pac2200", read=["supply.power"])).model == "PAC2200"
+
+
+async def test_mains_that_may_be_off():
+    async with serving({}) as place:
+        with pytest.raises(WrongDeviceError, match="check meter, map, unit and word order"):
+            await identify(place)
+        assert (await identify(place, mains_may_be_off=True)).model == "SDM630"
+
+
+async def test_how_a_silent_meter_is_delivered():
+    async with emulated(meter="siemens_pac2200", unit="126") as (_, place):
+        with pytest.raises(ConnectError, match="PAC2200 is delivered with unit 126, 19200 baud, no parity"):
+            await identify(place, meter="siemens_pac2200", timeout="50 ms", retries=0)
+        assert (await identify(place, meter="siemens_pac2200", unit=126)).model == "PAC2200"
+
+
+@pytest.mark.parametrize(
+    ("found", "why"),
+    [
+        ({"phase_1.voltage": 230.0, "phase_2.voltage": 0.0, "supply.frequency": 50.0}, ""),
+        ({"phase_1.voltage": math.nan, "phase_2.voltage": 0.0, "supply.frequency": 50.0}, "no phase has a voltage"),
+        ({"phase_1.voltage": 230.0, "supply.frequency": 0.0}, "no frequency"),
+        ({"phase_1.voltage": 230.0, "supply.frequency": math.nan}, "no frequency"),
+        ({"phase_1.voltage": 230.0, "supply.frequency": 500.0}, "expected 40 to 70"),
+        ({"phase_1.voltage": math.inf}, "reads inf V"),
+        ({"phase_1.voltage": -230.0, "phase_2.voltage": 230.0}, "reads -230 V"),
+        ({"supply.power": -9e7}, ""),
+        ({}, ""),
+    ],
+)
+def test_voltage_and_frequency_are_judged_together(found, why):
+    said = doubt(packaged_map("eastron_sdm630"), found, may_be_off=False)
+    assert why in said
+    assert bool(why) == bool(said)
