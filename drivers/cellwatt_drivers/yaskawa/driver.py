@@ -24,6 +24,7 @@ from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLat
 from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
 from cellwatt_drivers.yaskawa.polls import Poll
 from cellwatt_drivers.yaskawa.robotstate import ALARM_CODE, STATUS_CHANNELS, AlarmWatch, status_row
+from cellwatt_drivers.yaskawa.torque_watch import TorqueWatch
 
 T = TypeVar("T")
 Float = NDArray[np.float64]
@@ -125,6 +126,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._state = _state_stream(settings.read, self._rate / self._every)
         self._period = round(1e9 / self._rate)
         self._alarms = AlarmWatch(name, outlet)
+        self._torques = TorqueWatch(name, outlet, settings.torque_count)
         self._slot = 0
         self._slots = Slots(self._rate)
         self._heard = 0
@@ -196,6 +198,8 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             self._miss(failure)
             missed = failure.reason == "timeout"
         else:
+            if poll.request.command == wire.TORQUE:
+                self._torques.see(exchange.answer.data)
             self._emit(poll.stream, exchange, values)
 
     async def _serve_state(self, link: Link, stream: Stream, until: int) -> None:

@@ -41,7 +41,8 @@ class YaskawaEmulator(Emulator):
     Options: ``model`` (DX200, YRC1000 or FS100: how long an answer takes), ``answer_ms`` (instead of the
     model's), ``pulses_per_degree`` and ``rated_torque`` (Nm at the joint at 100 %; comma-separated), ``answer_axes``
     (6, 7 or 8: positions of 44, 48 or 52 bytes), ``busy`` (share of requests answered BUSY), ``status_noise``
-    (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``).
+    (1: a status bit nobody documents is set), ``alarm`` (``CODE:NAME``), ``torque`` (``int32``, or ``float``, as
+    Yaskawa's own dissector shows it).
 
     Beside what the driver asks for it has alarm history, job, times, and ``memory`` (I/O, registers, variables), whose
     plural reads it answers. Services that write are refused: remote is not set.
@@ -76,6 +77,7 @@ class YaskawaEmulator(Emulator):
         self._jitter_ms = min(_JITTER_MS, self._answer_ms / 2)
         self._busy = float(left.pop("busy", 0.0))
         self._noisy = left.pop("status_noise", "0") == "1"
+        self._floats = {"int32": False, "float": True}[left.pop("torque", "int32")]
         self.alarm = _alarm(left.pop("alarm", ""))
         self.robot = EmulatedRobot(
             signals,
@@ -225,7 +227,7 @@ class YaskawaEmulator(Emulator):
             wire.AXIS_NAMES: self._axis_names,
             wire.POSITION: self._position,
             _POSITION_ERROR: lambda i: payload.encode_axes((0,) * 8) if i == 1 else None,
-            wire.TORQUE: lambda i: payload.encode_axes(self.robot.torques(self._now())) if i == 1 else None,
+            wire.TORQUE: lambda i: self._torque() if i == 1 else None,
             wire.ALARM: lambda i: payload.encode_alarm(self.alarm if i == 1 else payload.Alarm(0)) if i < 5 else None,
             _HISTORY: lambda i: payload.encode_alarm(payload.Alarm(0)) if i else None,
             _JOB: lambda i: _JOB_DATA if i == 1 else None,
@@ -242,6 +244,10 @@ class YaskawaEmulator(Emulator):
         state = payload.State.SERVO_ON | (payload.State.ALARM if self.alarm.code else payload.State(0))
         data = payload.encode_status(payload.Status(mode, state))
         return bytes(a | b for a, b in zip(data, _UNDOCUMENTED_BIT * 2, strict=True)) if self._noisy else data
+
+    def _torque(self) -> bytes:
+        counts = self.robot.torques(self._now())
+        return struct.pack(f"<{len(counts)}f", *counts) if self._floats else payload.encode_axes(counts)
 
     def _position(self, instance: int) -> bytes | None:
         if instance == 1:

@@ -8,7 +8,8 @@ import pytest
 
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
-from cellwatt_drivers.yaskawa.payload import Alarm
+from cellwatt_drivers.yaskawa.payload import Alarm, encode_axes
+from cellwatt_drivers.yaskawa.torque_watch import TorqueWatch
 from tests.patience import eventually
 
 from .rig import ANGLES, PULSES, RATED, TORQUES, Outlet, emulated, running, settings
@@ -45,6 +46,30 @@ async def test_state_channels_and_identity():
     on = {name for name, value in state.items() if value}
     assert on == {"robot.running", "robot.servo_on", "robot.remote", "robot.play", "robot.automatic"}
     assert state["robot.alarm_code"] == 0.0
+
+
+async def test_torque_that_cannot_be_is_told_once_with_what_it_may_be():
+    """Yaskawa's own dissector shows torque as floats: 12.0 read as a whole number is 1,094,713,344."""
+    async with emulated(torque="float") as (_, port), running(settings(port, rate="100 Hz")) as (_, outlet, _):
+        await eventually(lambda: len(outlet.of("torque")) > 5)
+    ((kind, text),) = outlet.events
+    assert kind == "implausible_torque"
+    assert "joint 1 reads 1094713344 counts" in text
+    assert text.endswith("read as a float it is 12: this controller seems to send floats")
+    assert outlet.of("torque")[0].values[0, 0] == 1094713344 * 0.01 * RATED[0]  # recorded as it was read
+
+
+@pytest.mark.parametrize(("counts", "told"), [((300, -300), False), ((1001, 0), True), ((-1001, 0), True)])
+def test_ten_times_the_rated_torque_is_the_limit(counts, told):
+    outlet = Outlet()
+    watch = TorqueWatch("arm", outlet, 0.01)
+    for _ in range(2):
+        watch.see(encode_axes((*counts, 0, 0, 0, 0)))
+    assert len(outlet.events) == told
+    assert all("float" not in text for _, text in outlet.events)  # as floats these are next to nothing
+    watch.see(encode_axes((0,) * 6))
+    watch.see(encode_axes((*counts, 0, 0, 0, 0)))
+    assert len(outlet.events) == 2 * told
 
 
 async def test_an_alarm_is_read_told_once_and_its_end_too():
