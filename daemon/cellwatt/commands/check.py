@@ -11,6 +11,7 @@ import click
 
 from cellwatt.channel import Stream
 from cellwatt.commands import EXIT_USAGE
+from cellwatt.commands.ranges import span
 from cellwatt.commands.tables import show_table
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
@@ -100,14 +101,8 @@ def _channels(stream: Stream) -> str:
             names[name] = ""
     texts, before = [], ""
     for name, quantity in names.items():
-        prefix = f"joint_{_span(joints[quantity])}" if quantity else ""
+        prefix = f"joint_{span(joints[quantity])}" if quantity else ""
         same = bool(prefix) and prefix == before
         texts.append(f"{'' if same else prefix}.{quantity}" if quantity else name)
         before = prefix
     return ", ".join(texts)
-
-
-def _span(numbers: list[int]) -> str:
-    if numbers == list(range(numbers[0], numbers[-1] + 1)) and len(numbers) > 1:
-        return f"{numbers[0]}…{numbers[-1]}"
-    return ",".join(map(str, numbers))

@@ -9,11 +9,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from cellwatt.batch import Batch
 from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands.ranges import summary
+from cellwatt.commands.tables import show_table
 from cellwatt.config import load
 from cellwatt.runtime.examine import Examination, examine
 from cellwatt.runtime.examine_meters import examine_meters
@@ -28,6 +28,8 @@ COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     """Connect to every device of FILE, read-only, and compare what comes with what is declared.
+
+    A device with a clock of its own is read up to 15 s longer, until the clock is known.
 
     Where an arm moves for long enough (--seconds 30), it tells what the values of a slow power meter stand for.
 
@@ -52,29 +54,30 @@ def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
 
 
 def _show(found: list[Examination]) -> None:
-    console = Console()
-    table = Table(box=None, header_style="bold")
-    for title in ("source", "device", "stream", "declared", "measured", "jitter p99", "clock ±", "lost", "verdict"):
-        table.add_column(title)
-    for e in found:
-        identity = e.status.get("identity") or {}
-        device = " ".join(identity.get(k, "") for k in ("maker", "model", "firmware")).strip() or "–"
-        verdict = f"[{COLOUR[e.verdict]}]{e.verdict}[/]"
-        lost = sum(e.status.get("missed", {}).values()) + sum(e.status.get("dropped", {}).values())
-        streams = e.status.get("streams", {})
-        if not streams:
-            table.add_row(e.name, device, "–", "", "", "", "", "", verdict)
-        for name, figures in streams.items():
-            clock = e.status["clocks"].get(name)
-            bound = f"{clock['bound_ns'] * 1e-6:.2f} ms" if clock else "half round trip"
-            measured = "–" if figures["rate_hz"] is None else f"{figures['rate_hz']:.1f} Hz"
-            jitter = "–" if figures["jitter_p99_ms"] is None else f"{figures['jitter_p99_ms']:.2f} ms"
-            declared = f"{figures['nominal_hz']:g} Hz" if figures["nominal_hz"] else "on change"
-            table.add_row(e.name, device, name, declared, measured, jitter, bound, str(lost), verdict)
-    console.print(table)
+    header = ("source", "device", "stream", "declared", "measured", "jitter p99", "clock ±", "lost", "verdict")
+    show_table(header, [row for e in found for row in _rows(e)])
+    click.echo()
     for e in found:
         for finding in e.findings:
-            console.print(f"[{COLOUR[e.verdict]}]{e.name}[/]: {finding}", highlight=False)
-        for c in e.channels:
-            span = "no number" if c.low is None else f"{c.low:.6g} … {c.high:.6g} {c.unit}"
-            console.print(f"  {e.name}.{c.name}: {span}", highlight=False, style="dim")
+            click.echo(f"{click.style(e.name, fg=COLOUR[e.verdict])}: {finding}")
+        for line in summary(e.channels):
+            click.echo(click.style(f"  {e.name}: {line}", dim=True))
+
+
+def _rows(e: Examination) -> list[tuple[str, ...]]:
+    """A row of the table for each stream of a source."""
+    identity = e.status.get("identity") or {}
+    device = " ".join(filter(None, (identity.get(k, "") for k in ("maker", "model", "firmware")))) or "–"
+    lost = sum(e.status.get("missed", {}).values()) + sum(e.status.get("dropped", {}).values())
+    streams = e.status.get("streams", {})
+    if not streams:
+        return [(e.name, device, "–", "", "", "", "", "", e.verdict)]
+    rows = []
+    for name, figures in streams.items():
+        declared = f"{figures['nominal_hz']:g} Hz" if figures["nominal_hz"] else "on change"
+        measured = "–" if figures["rate_hz"] is None else f"{figures['rate_hz']:.1f} Hz"
+        jitter = "–" if figures["jitter_p99_ms"] is None else f"{figures['jitter_p99_ms']:.2f} ms"
+        bound = e.status["bounds_ms"][name]
+        clock = "–" if bound is None else f"{bound:.2f} ms"
+        rows.append((e.name, device, name, declared, measured, jitter, clock, str(lost), e.verdict))
+    return rows

@@ -11,6 +11,7 @@ import numpy as np
 
 from cellwatt.batch import Batch
 from cellwatt.cell_clock import CellClock
+from cellwatt.channel import Quality
 from cellwatt.config import SourceConfig
 from cellwatt.driver import Driver
 from cellwatt.errors import SourceError
@@ -22,6 +23,16 @@ log = logging.getLogger(__name__)
 
 RATE_TOLERANCE = 0.02
 """A measured rate this close to the declared one is as declared."""
+CLOCK_TOLERANCE = 0.1
+"""s: a bound above this, and above half the time between two samples, is told."""
+SETTLING = 15.0
+"""s that are waited longer for a device's clock to be learned."""
+MOST_EVENTS = 8
+"""Kinds of events of one source that are told; the rest are counted."""
+HARMLESS = frozenset(
+    {"message", "mode", "rate", "state", "controller_alarm_cleared", "counter_wrapped", "energy_valid"}
+)
+"""Kinds of events that are told but are no warning, beside those that end in ``_state``."""
 
 
 @dataclass
@@ -74,6 +85,8 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
     reading = asyncio.create_task(source.driver.run())
     try:
         done, _ = await asyncio.wait({reading}, timeout=seconds)
+        if not done:
+            done = await _settle(source, reading)
         if done:
             failure = None if reading.cancelled() else reading.exception()
             _failed(result, f"reading stopped: {failure or 'the driver ended though nobody stopped it'}")
@@ -82,9 +95,34 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
         await asyncio.gather(reading, return_exceptions=True)
     identity = result.status["identity"]
     result.status = source.status() | {"identity": identity, "events": [e.text for e in events]}
+    result.status["bounds_ms"] = {s.name: _bound(s.name, source, batches) for s in source.driver.streams}
     result.channels = [check for s in source.driver.streams for check in _channels(s.name, batches)]
     _judge(result)
+    _tell_events(result, events)
     return result
+
+
+async def _settle(source: Source, reading: asyncio.Task[None]) -> set[asyncio.Task[None]]:
+    """Read on while the bound of a device's clock is still too wide to mean anything; the task, should it end."""
+    loop = asyncio.get_running_loop()
+    until = loop.time() + SETTLING
+    while loop.time() < until and any(
+        clock.state().samples and clock.state().bound_ns * 1e-9 > CLOCK_TOLERANCE for clock in source.clocks.values()
+    ):
+        done, _ = await asyncio.wait({reading}, timeout=0.25)
+        if done:
+            return done
+    return set()
+
+
+def _bound(stream: str, source: Source, batches: list[Batch]) -> float | None:
+    """How far a stamp of this stream may be off, ms: now where the device has a clock, else in 99 of 100 samples."""
+    mine = [b.bound for b in batches if b.stream.name == stream]
+    if not mine:
+        return None
+    if stream in source.clocks:
+        return source.clocks[stream].state().bound_ns * 1e-6
+    return float(np.quantile(np.concatenate(mine), 0.99)) * 1e-6
 
 
 def _failed(result: Examination, text: str) -> Examination:
@@ -97,7 +135,7 @@ def _channels(stream: str, batches: list[Batch]) -> list[ChannelCheck]:
     mine = [b for b in batches if b.stream.name == stream]
     if not mine:
         return []
-    values = np.concatenate([b.values for b in mine])
+    values = np.concatenate([np.where((b.quality == Quality.MISSING)[:, None], np.nan, b.values) for b in mine])
     checks = []
     for channel, column in zip(mine[0].stream.channels, values.T, strict=True):
         good = column[np.isfinite(column)]
@@ -109,18 +147,50 @@ def _channels(stream: str, batches: list[Batch]) -> list[ChannelCheck]:
 def _judge(result: Examination) -> None:
     for name, figures in result.status["streams"].items():
         nominal, rate = figures["nominal_hz"], figures["rate_hz"]
-        if not figures["samples"]:
-            result.findings.append(f"{name}: no samples came")
-            result.verdict = "failed"
+        bound = (result.status["bounds_ms"][name] or 0.0) * 1e-3
+        if not figures["samples"] and nominal:
+            _failed(result, f"{name}: no samples came")
+        elif not figures["samples"]:
+            _warn(result, f"{name}: nothing came; it is sent on change")
         elif nominal and rate is not None and abs(rate - nominal) > RATE_TOLERANCE * nominal:
-            result.findings.append(f"{name}: declared {nominal:g} Hz, measured {rate:.1f} Hz")
-            result.verdict = "warning" if result.verdict == "ok" else result.verdict
+            _warn(result, f"{name}: declared {nominal:g} Hz, measured {rate:.1f} Hz")
+        if bound > max(CLOCK_TOLERANCE, 0.5 / nominal if nominal else 0.0):
+            _warn(
+                result,
+                f"{name}: its time stamps may be off by {bound:.3g} s, too much to compare it with other sources",
+            )
     lost = sum(result.status["missed"].values()) + sum(result.status["dropped"].values())
     if lost:
         reasons = ", ".join(f"{n} {why}" for part in ("missed", "dropped") for why, n in result.status[part].items())
-        result.findings.append(f"{lost} of {result.status['expected']} samples lost: {reasons}")
-        result.verdict = "warning" if result.verdict == "ok" else result.verdict
+        _warn(result, f"{lost} of {result.status['expected']} samples lost: {reasons}")
     dead = [c.name for c in result.channels if c.finite == 0]
     if dead:
-        result.findings.append(f"never a number: {', '.join(dead)}")
-        result.verdict = "warning" if result.verdict == "ok" else result.verdict
+        _warn(result, f"never a number: {', '.join(dead)}")
+
+
+def _warn(result: Examination, text: str) -> None:
+    result.findings.append(text)
+    if result.verdict == "ok":
+        result.verdict = "warning"
+
+
+def _tell_events(result: Examination, events: list[Event]) -> None:
+    """What the source said while it was read is a finding: it is the reason for what is missing above."""
+    told: dict[str, list[Event]] = {}
+    for event in events:
+        if event.kind not in ("connected", "reconnected"):
+            told.setdefault(event.kind, []).append(event)
+    for kind, same in list(told.items())[:MOST_EVENTS]:
+        text = _printable(same[0].text.removeprefix(f"{result.name}: "))
+        more = f" (and {len(same) - 1} more of {kind})" if len(same) > 1 else ""
+        if kind in HARMLESS or kind.endswith("_state"):
+            result.findings.append(text + more)
+        else:
+            _warn(result, text + more)
+    if len(told) > MOST_EVENTS:
+        _warn(result, f"and events of {len(told) - MOST_EVENTS} more kinds")
+
+
+def _printable(text: str) -> str:
+    """What a device says, without what would steer a terminal."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[:300])

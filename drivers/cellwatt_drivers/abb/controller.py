@@ -61,6 +61,7 @@ class Controller:
         self._unit = unit
         self._joule = joule
         self._count: int | None = None
+        self._valid = True
         self._before: dict[str, str] = {}
         self._deadline = 0
         self.taken = 0
@@ -127,7 +128,9 @@ class Controller:
         except (DeviceError, ProtocolError, WrongDeviceError) as error:
             if self._state is None:
                 raise
-            self._outlet.event("energy_failed", f"energy is not read any more in this session: {error}")
+            lacks = f"the controller has no page of its energy ({rws.ENERGY}); 'web: [state]' does not ask for it"
+            reason = lacks if isinstance(error, WrongDeviceError) else str(error)
+            self._outlet.event("energy_failed", f"energy is not read any more in this session: {reason}")
             return False
         return True
 
@@ -145,6 +148,10 @@ class Controller:
         if len(found.joints) < joints:
             raise ProtocolError(f"the controller gives the energy of {len(found.joints)} axes of {self._unit}")
         quality = Quality.GOOD if found.valid else Quality.MISSING
+        if found.valid != self._valid:
+            self._valid = found.valid
+            kind, said = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
+            self._outlet.event(kind, f"the controller calls its energy measurement {said} ({found.state})")
         self._outlet.account.expect()
         self._outlet.emit(
             Reading(

@@ -133,7 +133,7 @@ class AbbDriver(Driver[AbbSettings]):
 
     def _make_intake(self) -> Intake:
         s = self.settings
-        found = wire.columns(s.egm, s.axes, s.external)
+        found = wire.columns(s.egm, s.axes, s.external, s.robotware)
         return Intake(self.outlet, Stream("egm", found.channels, s.rate, "device"), found, self._delivers)
 
     def _make_controller(self) -> tuple[Controller, list[Stream]]:

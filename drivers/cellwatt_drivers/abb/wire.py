@@ -72,12 +72,13 @@ class Columns:
         return found
 
 
-def columns(groups: Sequence[Group], axes: int, external: Sequence[External]) -> Columns:
-    """The columns for a robot with ``axes`` joints and ``external`` axes."""
+def columns(groups: Sequence[Group], axes: int, external: Sequence[External], robotware: int = 7) -> Columns:
+    """The columns for a robot with ``axes`` joints and ``external`` axes; no RobotWare 6 has a ``move_index``."""
+    makers = _GROUPS if robotware > 6 else _GROUPS | {"state": _state(_STATES[:-1])}
     channels: list[Channel] = []
     readers: list[Callable[[Any], Sequence[float]]] = []
     for group in groups:
-        made, read = _GROUPS[group](axes, tuple(external))
+        made, read = makers[group](axes, tuple(external))
         channels += made
         readers.append(read)
     return Columns(tuple(channels), tuple(readers))
@@ -124,18 +125,22 @@ def _tool(axes: int, external: tuple[External, ...]) -> _Made:
     return channels, read
 
 
-def _state(axes: int, external: tuple[External, ...]) -> _Made:
-    names = ("motors_on", "program_running", "egm_state", "move_index")
+_STATES = ("motors_on", "program_running", "egm_state", "move_index")
 
-    def read(message: Any) -> Sequence[float]:
-        return (
-            _ON_OFF.get(message.motorState.state, _NAN),
-            _RUNNING.get(message.rapidExecState.state, _NAN),
-            float(message.mciState.state) if message.HasField("mciState") else _NAN,
-            float(message.moveIndex) if message.HasField("moveIndex") else _NAN,
-        )
 
-    return [Channel(f"robot.{name}", "1", "discrete") for name in names], read
+def _state(names: Sequence[str]) -> Callable[[int, tuple[External, ...]], _Made]:
+    def make(axes: int, external: tuple[External, ...]) -> _Made:
+        def read(message: Any) -> Sequence[float]:
+            return (
+                _ON_OFF.get(message.motorState.state, _NAN),
+                _RUNNING.get(message.rapidExecState.state, _NAN),
+                float(message.mciState.state) if message.HasField("mciState") else _NAN,
+                float(message.moveIndex) if message.HasField("moveIndex") else _NAN,
+            )[: len(names)]
+
+        return [Channel(f"robot.{name}", "1", "discrete") for name in names], read
+
+    return make
 
 
 def _force(axes: int, external: tuple[External, ...]) -> _Made:
@@ -180,7 +185,7 @@ _GROUPS: dict[str, Callable[[int, tuple[External, ...]], _Made]] = {
     "joints": _motion("feedBack", "position"),
     "planned": _motion("planned", "target_position"),
     "tool": _tool,
-    "state": _state,
+    "state": _state(_STATES),
     "force": _force,
     "torque": _torque,
     "collision": _collision,

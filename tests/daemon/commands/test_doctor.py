@@ -112,12 +112,62 @@ def test_in_words(call: Call, cell: Path) -> None:
     DEVICES["arm"].tell(give(50), fail(SourceError("connection reset")))
     ended = call("doctor", cell, *QUICK)
     assert ended.code == 1
-    text = " ".join(ended.out.split())
-    assert "arm: reading stopped: connection reset" in text
-    assert "arm.bus.voltage: 0 … 49 V" in text
+    lines = ended.out.splitlines()
+    assert "arm: reading stopped: connection reset" in lines
+    assert "  arm: bus.voltage: 0 … 49 V" in lines
+    assert "  arm: the same all the time: bus.current 1 A" in lines
 
 
 def test_a_device_that_never_answered_in_words(call: Call, cell: Path) -> None:
     DEVICES["arm"].who = _refuses
     ended = call("doctor", cell, *QUICK)
     assert "arm: the controller has no free connection" in ended.out
+
+
+def test_nothing_is_wrapped_when_it_is_piped(call: Call, cell: Path) -> None:
+    long = "the controller has no free connection " * 10
+    DEVICES["arm"].tell(give(50), fail(SourceError(long)))
+    ended = call("doctor", cell, *QUICK)
+    assert f"arm: reading stopped: {long}" in ended.out.splitlines()
+    header, row = ended.out.splitlines()[:2]
+    assert " ".join(header.split()) == "source device stream declared measured jitter p99 clock ± lost verdict"
+    assert row.startswith("arm     Maker Model 2.3  supply  50 Hz     50.0 Hz")
+
+
+def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
+    async def says(driver: FakeDriver) -> None:
+        for kind, text in (
+            ("program_state", "program: stopped → running"),
+            ("value_refused", "arm: bus.power is left out: \x1b[2Jit has no such register"),
+            ("value_refused", "arm: bus.energy is left out"),
+        ):
+            driver.outlet.event(kind, text)
+
+    DEVICES["arm"].tell(give(50), says)
+    code, found = look(call, cell)
+    assert (code, found["verdict"]) == (0, "warning")
+    assert found["findings"] == [
+        "program: stopped → running",
+        "bus.power is left out: �[2Jit has no such register (and 1 more of value_refused)",
+    ]
+
+
+def test_a_state_that_changed_is_no_warning(call: Call, cell: Path) -> None:
+    async def says(driver: FakeDriver) -> None:
+        driver.outlet.event("program_state", "program: stopped → running")
+
+    DEVICES["arm"].tell(give(50), says)
+    assert look(call, cell)[1]["verdict"] == "ok"
+
+
+def test_stamps_that_may_be_off_by_seconds(call: Call, cell: Path) -> None:
+    async def slow(driver: FakeDriver) -> None:
+        for n in range(50):
+            driver.outlet.account.expect()
+            at = 10**18 + n * STEP
+            driver.outlet.emit(Reading(STREAM, np.array([[float(n), 1.0]]), at, asked=at - 8_000_000_000))
+
+    DEVICES["arm"].tell(slow)
+    code, found = look(call, cell)
+    assert (code, found["verdict"]) == (0, "warning")
+    assert "supply: its time stamps may be off by 4 s" in found["findings"][0]

@@ -37,7 +37,8 @@ async def test_motion_states_and_energy(robotware):
     columns = of(outlet, "egm")[0].stream.names
     assert (egm[:, columns.index("tool.force_x")] == 1.5).all()
     assert (egm[:, columns.index("tool.torque_z")] == -0.25).all()
-    assert np.isnan(egm[:, columns.index("robot.move_index")]).all() == (robotware == 6)
+    assert ("robot.move_index" in columns) == (robotware == 7)
+    assert not np.isnan(egm[:, columns.index("robot.motors_on") :]).any()
     states = np.concatenate([r.values for r in of(outlet, "controller")])
     assert (states == [1, 1, 1, 0, 1]).all()
     energy = of(outlet, "energy")[-1]
@@ -122,6 +123,7 @@ async def test_a_controller_without_energy_keeps_its_states():
         with pytest.raises(WrongDeviceError, match="HTTP 404"):
             await alone.run()
     assert outlet.kinds() == ["energy_failed"]
+    assert "the controller has no page of its energy (/rw/system/energy)" in outlet.events[0][1]
     assert_only_late(outlet)
 
 

@@ -1,0 +1,63 @@
+"""What ``cellwatt doctor`` says of a controller."""
+
+from __future__ import annotations
+
+import pytest
+
+from cellwatt.config import SourceConfig
+from cellwatt.runtime import examine as examining
+from cellwatt.runtime.examine import Examination, examine
+from cellwatt_drivers.abb import AbbDriver, AbbSettings
+
+from .rig import emulated
+
+
+@pytest.fixture(autouse=True)
+def _installed(monkeypatch):
+    """Entry points are read from files, which a loop is not held up for."""
+    monkeypatch.setattr(examining, "find_driver", lambda name: AbbDriver)
+
+
+async def look(place: dict[str, object], seconds: float = 0.6, **changes: object) -> Examination:
+    settings = AbbSettings.model_validate(place | {"web_rate": "10 Hz"} | changes)
+    return await examine(SourceConfig("arm", "abb", settings), seconds, 5.0, [])
+
+
+async def test_a_clock_that_is_not_known_yet_is_a_warning(monkeypatch):
+    """In the first seconds of a connection the bound is seconds: version 9d343b6 said "ok" beside ± 4 s."""
+    monkeypatch.setattr(examining, "SETTLING", 0.0)
+    async with emulated(robotware="6") as (_, place):
+        found = await look(place, robotware=6)
+    assert found.verdict == "warning"
+    assert any(f.startswith("egm: its time stamps may be off by ") for f in found.findings)
+    assert not any("move_index" in f for f in found.findings)  # RobotWare 6 has none
+
+
+async def test_it_reads_on_until_the_clock_is_known(monkeypatch):
+    monkeypatch.setattr(examining, "CLOCK_TOLERANCE", 6.0)  # 0.1 s takes eight seconds of packets
+    async with emulated(robotware="6") as (_, place):
+        found = await look(place, robotware=6, web=["state"])
+    assert (found.verdict, found.findings) == ("ok", [])
+    assert found.status["bounds_ms"]["egm"] < 6000
+    assert found.status["streams"]["egm"]["samples"] > 0.6 * 250
+
+
+async def test_why_there_is_no_energy(monkeypatch):
+    monkeypatch.setattr(examining, "SETTLING", 0.0)
+    async with emulated(energy="no") as (_, place):
+        found = await look(place, egm=[])
+    assert found.verdict == "warning"
+    assert found.findings == [
+        "energy: nothing came; it is sent on change",
+        "energy is not read any more in this session: the controller has no page of its energy (/rw/system/energy); "
+        "'web: [state]' does not ask for it",
+    ]
+
+
+async def test_energy_that_the_controller_calls_not_valid():
+    async with emulated() as (emulator, place):
+        emulator.epoch += 3600.0  # nothing measured yet
+        found = await look(place, egm=[])
+    assert found.verdict == "warning"
+    assert any("calls its energy measurement not valid (not-paused)" in f for f in found.findings)
+    assert any(f.startswith("never a number: controller.energy") for f in found.findings)
