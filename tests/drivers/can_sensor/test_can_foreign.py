@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import asyncio
 
-import can
-import cantools
 import numpy as np
 import pytest
-from can.interfaces.virtual import channels
 
 from tests.patience import wait_until
 
 from .rig import running, settings, virtual
 from .test_can_map import DBC, GOOD
+
+can = pytest.importorskip("can", reason="python-can is not installed")
+cantools = pytest.importorskip("cantools", reason="cantools is not installed")
+channels = pytest.importorskip("can.interfaces.virtual", reason="python-can is not installed").channels
 
 SPEEDS = np.arange(-30, 30)
 

@@ -7,7 +7,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from digi.xbee.devices import ZigBeeDevice
 
 from cellwatt.emulation import EmulatorProcess, Fault
 from cellwatt_drivers.power_board.emulator import SENDER, PowerBoardEmulator
@@ -29,6 +28,8 @@ def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], st
         if len(payloads) >= wanted:
             enough.set()
 
+    from digi.xbee.devices import ZigBeeDevice
+
     device = ZigBeeDevice(port, 115200)
     device.open()
     try:
@@ -42,6 +43,7 @@ def receive_with_digi(port: str, wanted: int) -> tuple[list[bytes], set[str], st
 @pytest.mark.leaves_behind  # the library keeps a pool of threads for what it calls back
 @pytest.mark.parametrize("mode", ["api", "api_escaped"])
 async def test_digi_library_opens_it_and_receives_our_payloads(mode: str) -> None:
+    pytest.importorskip("digi.xbee", reason="digi-xbee is not installed")
     async with emulated(mode=mode, rate="200", batch="2", phases="3") as (emulator, port):
         payloads, senders, name = await asyncio.to_thread(receive_with_digi, port, 50)
         packets = [parse(data) for data in payloads]

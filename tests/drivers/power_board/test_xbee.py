@@ -5,16 +5,18 @@ from __future__ import annotations
 import random
 
 import pytest
-from digi.xbee.models.address import XBee16BitAddress, XBee64BitAddress
-from digi.xbee.models.mode import OperatingMode
-from digi.xbee.packets.base import XBeePacket
-from digi.xbee.packets.common import ExplicitRXIndicatorPacket, ReceivePacket
-from digi.xbee.packets.factory import build_frame
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_drivers.power_board import wire, xbee
 from tests.drivers.power_board.samples import EXAMPLE, EXAMPLE_BYTES, EXAMPLE_FRAME, NETWORK, SENDER
+
+pytest.importorskip("digi.xbee", reason="digi-xbee is not installed")
+from digi.xbee.models.address import XBee16BitAddress, XBee64BitAddress
+from digi.xbee.models.mode import OperatingMode
+from digi.xbee.packets.base import XBeePacket
+from digi.xbee.packets.common import ExplicitRXIndicatorPacket, ReceivePacket
+from digi.xbee.packets.factory import build_frame
 
 DATA = bytes.fromhex("7e7d11136869")
 PLAIN_90 = bytes.fromhex("7e0012900013a200404011221a2bc17e7d1113686911")
