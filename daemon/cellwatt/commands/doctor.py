@@ -72,7 +72,7 @@ def _rows(e: Examination) -> list[tuple[str, ...]]:
     streams = e.status.get("streams", {})
     if not streams:
         return [(e.name, device, "–", "", "", "", "", "", e.verdict)]
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, figures in streams.items():
         declared = f"{figures['nominal_hz']:g} Hz" if figures["nominal_hz"] else "on change"
         measured = "–" if figures["rate_hz"] is None else f"{figures['rate_hz']:.1f} Hz"

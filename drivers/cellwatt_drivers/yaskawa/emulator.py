@@ -77,7 +77,10 @@ class YaskawaEmulator(Emulator):
         self._jitter_ms = min(_JITTER_MS, self._answer_ms / 2)
         self._busy = float(left.pop("busy", 0.0))
         self._noisy = left.pop("status_noise", "0") == "1"
-        self._floats = {"int32": False, "float": True}[left.pop("torque", "int32")]
+        torque = left.pop("torque", "int32")
+        if torque not in ("int32", "float"):
+            raise ValueError(f"torque is int32 or float, not {torque!r}")
+        self._floats = torque == "float"
         self.alarm = _alarm(left.pop("alarm", ""))
         self.robot = EmulatedRobot(
             signals,

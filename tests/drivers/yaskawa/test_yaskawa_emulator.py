@@ -137,6 +137,7 @@ async def test_what_is_no_request_gets_no_answer():
         ({"pulses_per_degree": "1,2"}, "same number of values"),
         ({"speed": "1"}, "unknown options: speed"),
         ({"answer_ms": "soon"}, "could not convert"),
+        ({"torque": "double"}, "int32 or float"),
     ],
 )
 def test_wrong_options_are_refused(options, why):
