@@ -294,3 +294,46 @@ def test_events_of_a_driver_are_counted_by_kind():
         cellar.source.event("retry", "arm: asked again", register=7.0)
     assert [(e.source, e.kind, e.data) for e in cellar.events] == [("arm", "retry", {"register": 7.0})] * 2
     assert cellar.source.status()["counters"] == {"event retry": 2}
+
+
+def test_a_device_that_never_stops_talking_is_told_a_few_times(at_once):
+    def chatter(driver):
+        for n in range(1000):
+            driver.outlet.event("message", f"text {n} " + 10_000 * "x")
+
+    async def order(driver):
+        chatter(driver)
+
+    async def main():
+        async with running(answer, order) as cellar:
+            await DEVICES["arm"].done()
+            assert cellar.told == ["connected", *["message"] * 20]
+            assert max(len(e.text) for e in cellar.events) < 600
+            counters = cellar.source.account.counters
+            assert (counters["event message"], counters["events withheld"]) == (1000, 980)
+            await asyncio.sleep(10)
+            cellar.source.event("message", "later")
+            assert cellar.events[-1].text == "later (and 980 more of this kind before)"
+
+    at_once(main())
+
+
+def test_a_device_that_sends_without_end_is_let_go_of_and_keeps_what_it_sent(at_once, no_jitter):
+    async def main():
+        async with running(answer, give(200 * int(STREAM.rate)), hang) as cellar:
+            await until(lambda: cellar.source.state == "retrying")
+            status = cellar.source.status()
+            assert "more than 4 times its" in status["error"]
+            assert status["residue"] == 0
+            assert status["received"] == len(cellar.batches) >= 60 * STREAM.rate
+
+    at_once(main())
+
+
+def test_what_a_stall_held_back_may_come_at_once(at_once):
+    async def main():
+        async with running(answer, give(30 * int(STREAM.rate)), hang) as cellar:
+            await until(lambda: len(cellar.batches) == 30 * STREAM.rate)
+            assert cellar.source.state == "ok"
+
+    at_once(main())
