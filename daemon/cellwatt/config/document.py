@@ -17,12 +17,21 @@ from typing import Any
 import yaml
 
 from cellwatt.config.environment import expand
-from cellwatt.config.nodes import TAG, compose, mark_of, place, problem
+from cellwatt.config.nodes import (
+    DEEPEST,
+    LARGEST_TREE,
+    LONGEST,
+    TAG,
+    compose,
+    mark_of,
+    place,
+    problem,
+    quoted,
+    shortened,
+    too_much,
+)
 from cellwatt.config.places import KeyPath, Mark, Place
 from cellwatt.errors import ConfigError, Problem
-
-LARGEST_TREE = 100_000
-"""Values in a file after aliases and merges are followed; a few nested ones can stand for billions."""
 
 _SHORTEST_SECRET = 4
 """Characters from which on a value from the environment is blanked in messages."""
@@ -54,6 +63,7 @@ class Document:
         there = path
         while there and there not in self.places:
             there, at_key = there[:-1], True
+        message = shortened(message, 20 * LONGEST)
         for value, shown in self.secrets.items():
             message = message.replace(value, shown) if len(value) >= _SHORTEST_SECRET else message
         at_key = at_key or isinstance(self.at(there), dict)
@@ -123,7 +133,7 @@ class _Builder:
                 continue
             if key in entries:
                 first = mark_of(entries[key][0])
-                message = f"the key {key!r} is given twice, first at line {first.line} column {first.column}"
+                message = f"the key {quoted(key)} is given twice, first at line {first.line} column {first.column}"
                 self._mistake((*path, key), mark_of(key_node), message)
             else:
                 entries[key] = key_node, value_node
@@ -148,7 +158,7 @@ class _Builder:
                 if not isinstance(origin, yaml.MappingNode) or id(origin) in self._open:
                     self._mistake(path, mark_of(key), "'<<' expects *name of settings (key: value) further up")
                     continue
-                self._merges += len(origin.value)
+                self._merges += 1 + len(origin.value)
                 self._limit(self._merges, key, path)
                 self._open.add(id(origin))
                 found += self._pairs(origin, path) + self._merged(origin, path)
@@ -159,9 +169,9 @@ class _Builder:
         key = self._plain(node, path) if isinstance(node, yaml.ScalarNode) else None
         if isinstance(key, str) or type(key) is int:
             return key
-        what = f"{node.value!r}" if isinstance(node, yaml.ScalarNode) else "a list or mapping"
-        quoted = f'; write it in quotes: "{node.value}"' if isinstance(node, yaml.ScalarNode) else ""
-        self._mistake(path, mark_of(node), f"found {what} as a key, expected a name{quoted}")
+        what = quoted(node.value) if isinstance(node, yaml.ScalarNode) else "a list or mapping"
+        advice = f'; write it in quotes: "{shortened(node.value)}"' if isinstance(node, yaml.ScalarNode) else ""
+        self._mistake(path, mark_of(node), f"found {what} as a key, expected a name{advice}")
         return None
 
     def _scalar(self, node: yaml.ScalarNode, path: KeyPath) -> Any:
@@ -204,9 +214,9 @@ class _Builder:
         return None
 
     def _limit(self, count: int, node: yaml.Node, path: KeyPath) -> None:
-        if count > LARGEST_TREE:
-            message = f"the aliases stand for more than {LARGEST_TREE:,} values"
-            raise ConfigError([problem(self.file, mark_of(node), message, path)])
+        """Aliases and merges may stand for more than is written."""
+        if count > LARGEST_TREE or len(self._open) > DEEPEST:
+            raise ConfigError([problem(self.file, mark_of(node), too_much(count), path)])
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:
         self.mistakes.setdefault(path, []).append(problem(self.file, mark, message, path))

@@ -25,19 +25,22 @@ class Expansion:
 
 def expand(text: str, environ: Mapping[str, str]) -> Expansion:
     """Fill in variables; a default counts where the variable is unset or empty, ``$${`` stands for ``${``."""
-    value, shown, end = "", "", 0
+    value, shown, end = list[str](), list[str](), 0
     filled: dict[str, str] = {}
     mistakes: list[str] = []
     for match in _REFERENCE.finditer(text):
         between = text[end : match.start()]
         end = match.end()
         if match[0] == "$$":
-            value, shown = f"{value}{between}$", f"{shown}{between}$"
+            value.append(f"{between}$")
+            shown.append(f"{between}$")
             continue
         found, name = _lookup(match, environ, mistakes)
         filled[found] = f"${{{name}}}"
-        value, shown = f"{value}{between}{found}", f"{shown}{between}${{{name}}}"
-    return Expansion(value + text[end:], shown + text[end:], filled, tuple(mistakes))
+        value.append(f"{between}{found}")
+        shown.append(f"{between}${{{name}}}")
+    rest = text[end:]
+    return Expansion("".join(value) + rest, "".join(shown) + rest, filled, tuple(mistakes))
 
 
 def _lookup(match: re.Match[str], environ: Mapping[str, str], mistakes: list[str]) -> tuple[str, str]:

@@ -15,7 +15,8 @@ from pydantic import BaseModel, ValidationError
 from cellwatt.config.cell import CellConfig, CellName, FrameSettings, SinkConfig, SourceConfig, StageConfig
 from cellwatt.config.document import Document, read
 from cellwatt.config.fields import anchored, fields_of
-from cellwatt.config.places import KeyPath, ordered
+from cellwatt.config.nodes import quoted
+from cellwatt.config.places import MOST, KeyPath, first
 from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.record.settings import RecordSettings
@@ -25,6 +26,10 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 DEFAULT_SINK = "zenoh"
 """On without being asked for; other sinks are on when their key is there."""
 
+MOST_NAMES = 100
+"""Sources of a cell, and stages."""
+_WORDED = 10 * MOST
+"""Problems for which words are looked for, which takes time."""
 _SECTIONS = ("sources", "frames", "stages", "record")
 
 M = TypeVar("M", bound=BaseModel)
@@ -33,14 +38,14 @@ M = TypeVar("M", bound=BaseModel)
 def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
     """The settings of one cell, checked without connecting to anything.
 
-    ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with every mistake found,
-    in file order.
+    ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with the mistakes found, in file
+    order; of more than ``MOST`` it says how many.
     """
     document = read(path, os.environ if environ is None else environ)
     reading = _Reading(document, path.absolute().parent)
     config = _cell(reading, path)
     if config is None or reading.problems:
-        raise ConfigError(ordered(reading.problems))
+        raise ConfigError(first(reading.problems, reading.more))
     return config
 
 
@@ -52,6 +57,8 @@ class _Reading:
     folder: Path
     problems: list[Problem] = field(default_factory=list)
     told: set[KeyPath] = field(default_factory=set)
+    more: int = 0
+    """Problems beside those."""
 
     def __post_init__(self) -> None:
         for path, mistakes in self.document.mistakes.items():
@@ -60,7 +67,11 @@ class _Reading:
 
     def complain(self, path: KeyPath, message: str, *, at_key: bool = False) -> None:
         """Note a mistake, unless one is known at this place."""
-        if path not in self.told:
+        if path in self.told:
+            return
+        if len(self.problems) >= _WORDED:
+            self.more += 1
+        else:
             self.problems.append(self.document.problem(path, message, at_key=at_key))
 
     def missing(self, path: KeyPath, key: str, description: str) -> None:
@@ -80,7 +91,9 @@ class _Reading:
         try:
             made = model.model_validate(anchored(model, dict(values), self.folder))
         except ValidationError as error:
-            self.problems += explain(error, model, self.document, path, self.told)
+            problems, more = explain(error, model, self.document, path, self.told)
+            self.problems += problems
+            self.more += more
             return None
         except Exception as error:  # a validator of a package outside this one
             self.complain(path, f"cannot be checked: {type(error).__name__}: {error}", at_key=True)
@@ -108,9 +121,13 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     sinks = list(available("cellwatt.sinks"))
     keys = [*fields_of(CellName), *_SECTIONS, *sinks]
     for key in top:
-        if key not in keys:
-            reading.complain((key,), unknown_key(key, keys), at_key=True)
-            reading.told.add((nearest(key, keys) or key,))
+        if key in keys:
+            continue
+        if len(reading.problems) >= _WORDED:
+            reading.more += 1
+            continue
+        reading.complain((key,), unknown_key(key, keys), at_key=True)
+        reading.told.add((nearest(key, keys) or key,))
     name = reading.settings(CellName, (), {k: top[k] for k in fields_of(CellName) if k in top})
     sources = dict(_sources(reading, top))
     _same_device(reading, sources)
@@ -143,10 +160,14 @@ def _section(reading: _Reading, key: str, model: type[M], top: Mapping[Any, Any]
 
 def _named(reading: _Reading, section: str, top: Mapping[Any, Any]) -> Iterator[tuple[str, dict[Any, Any]]]:
     """Entries of ``sources`` or ``stages`` that have a good name and settings."""
-    for name, value in (reading.mapping((section,), top.get(section)) or {}).items():
+    entries = reading.mapping((section,), top.get(section)) or {}
+    if len(entries) > MOST_NAMES:
+        reading.complain((section,), f"found {len(entries):,} {section}, expected at most {MOST_NAMES}", at_key=True)
+        return
+    for name, value in entries.items():
         path = (section, name)
         if not isinstance(name, str) or not NAME.fullmatch(name):
-            message = f"found {name!r} as a name, expected small letters, digits and '_', starting with a letter"
+            message = f"found {quoted(name)} as a name, expected small letters, digits and '_', starting with a letter"
             reading.complain(path, message, at_key=True)
             continue
         values = reading.mapping(path, value)

@@ -10,15 +10,41 @@ import yaml
 
 from cellwatt.config.places import KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.files import read_bytes
 
 LARGEST_FILE = 1_000_000  # bytes
+LARGEST_TREE = 20_000
+"""Values in a file, also after aliases and merges are followed; a few nested ones can stand for billions."""
+DEEPEST = 50
+"""Lists and settings within each other."""
+LONGEST = 1_000
+"""Characters of a message, and of the key path in front of it."""
+LONGEST_VALUE = 60
+"""Characters of a key or value that a message repeats."""
 TAG = "tag:yaml.org,2002:"
 
 
+class _TooMuchError(yaml.MarkedYAMLError):
+    """Larger or deeper than any settings file."""
+
+
 class _Loader(yaml.SafeLoader):
-    """YAML 1.2 core schema instead of PyYAML's 1.1."""
+    """YAML 1.2 core schema instead of PyYAML's 1.1; stops where the file is larger or deeper than settings are."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}  # type: ignore[misc]  # the stub says instance
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._nodes = self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        self._nodes += 1
+        if self._nodes > LARGEST_TREE or self._depth > DEEPEST:
+            raise _TooMuchError(None, None, too_much(self._nodes), self.peek_event().start_mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
 
 for _name, _pattern, _first in (
@@ -42,11 +68,15 @@ def compose(file: Path) -> tuple[str, yaml.Node]:
         node = yaml.compose(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise ConfigError([_syntax(file, text, error)]) from error
-    except RecursionError as error:
-        raise ConfigError([problem(file, Mark(1, 1), "not valid YAML: nested too deeply")]) from error
     if node is None:
         raise ConfigError([problem(file, Mark(1, 1), "the file is empty; expected site, cell and sources")])
     return text, node
+
+
+def too_much(values: int) -> str:
+    """What is said of a file that has so many values, or else is nested too deeply."""
+    what = f"more than {LARGEST_TREE:,} values" if values > LARGEST_TREE else f"nested more than {DEEPEST} deep"
+    return f"{what}: this is no settings file"
 
 
 def mark_of(node: yaml.Node) -> Mark:
@@ -56,7 +86,17 @@ def mark_of(node: yaml.Node) -> Mark:
 
 def problem(file: Path, mark: Mark, message: str, path: KeyPath = ()) -> Problem:
     """A mistake at a position."""
-    return Problem(place(file, mark), dotted(path), message)
+    return Problem(place(file, mark), shortened(dotted(path)), shortened(message))
+
+
+def shortened(text: str, longest: int = LONGEST) -> str:
+    """A text that a hostile file cannot make long."""
+    return text if len(text) <= longest else f"{text[:longest]}…"
+
+
+def quoted(value: object) -> str:
+    """A key or value as a message repeats it."""
+    return shortened(repr(value), LONGEST_VALUE)
 
 
 def place(file: Path, mark: Mark) -> str:
@@ -66,13 +106,10 @@ def place(file: Path, mark: Mark) -> str:
 
 def _text(file: Path) -> str:
     try:
-        with file.open("rb") as stream:
-            content = stream.read(LARGEST_FILE + 1)
+        content = read_bytes(file, LARGEST_FILE)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise ConfigError([Problem(str(file), "", f"cannot be read: {reason.lower()}")]) from error
-    if len(content) > LARGEST_FILE:
-        raise ConfigError([Problem(str(file), "", f"larger than {LARGEST_FILE:,} bytes: this is no settings file")])
+        raise ConfigError([Problem(str(file), "", f"cannot be read: {reason[:1].lower()}{reason[1:]}")]) from error
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -97,6 +134,8 @@ _ADVICE = (
 
 
 def _syntax(file: Path, text: str, error: yaml.YAMLError) -> Problem:
+    if isinstance(error, _TooMuchError) and error.problem_mark is not None:
+        return problem(file, Mark(error.problem_mark.line + 1, error.problem_mark.column + 1), str(error.problem))
     if isinstance(error, yaml.reader.ReaderError):
         before = text[: error.position]
         mark = Mark(before.count("\n") + 1, error.position - before.rfind("\n"))

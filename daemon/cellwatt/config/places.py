@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from cellwatt.errors import Problem
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of the file."""
+
+MOST = 20
+"""Mistakes that are told of one file; of the others only how many there are."""
 
 _PLACE = re.compile(r"(.*):(\d+):(\d+)", re.DOTALL)
 
@@ -57,10 +61,18 @@ def position(problem: Problem) -> Position:
 
 
 def ordered(problems: Iterable[Problem]) -> list[Problem]:
-    """Problems by file, line and column, each told once."""
+    """Problems by file, line and column, each told once; what concerns a whole file comes last."""
 
-    def key(problem: Problem) -> tuple[str, int, int]:
+    def key(problem: Problem) -> tuple[str, float, float]:
         file, line, column = position(problem)
-        return file, line or 0, column or 0
+        return file, line or math.inf, column or math.inf
 
     return sorted(dict.fromkeys(problems), key=key)
+
+
+def first(problems: Iterable[Problem], more: int = 0) -> list[Problem]:
+    """The first problems of one file in order, and how many there are beside them; ``more`` were not even worded."""
+    found = ordered(problems)
+    more += len(found) - len(found[:MOST])
+    closing = [Problem(position(found[0]).file, "", f"and {more:,} more")] if more else []
+    return found[:MOST] + closing

@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -13,10 +14,12 @@ from pydantic_core import ErrorDetails
 
 from cellwatt.config.document import Document
 from cellwatt.config.fields import fields_at
-from cellwatt.config.places import KeyPath
+from cellwatt.config.nodes import LONGEST_VALUE, quoted, shortened
+from cellwatt.config.places import MOST, KeyPath
 from cellwatt.errors import Problem
 
-_LONGEST = 60  # characters of a value that a message repeats
+_LONGEST_WORD = 100  # characters of a key that is compared with others
+_MOST_SIBLINGS = 200  # unknown keys that may be a missing one misspelt
 
 _SETTINGS, _LIST = _COLLECTIONS = "settings (key: value)", "a list"
 
@@ -73,7 +76,7 @@ class _Finding:
 def nearest(word: object, choices: Iterable[str]) -> str | None:
     """The choice that was probably meant, capitals aside."""
     by_lower = {choice.lower(): choice for choice in choices}
-    near = difflib.get_close_matches(str(word).lower(), by_lower, n=1)
+    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD].lower(), by_lower, n=1)
     return by_lower[near[0]] if near else None
 
 
@@ -85,7 +88,7 @@ def did_you_mean(word: object, choices: Iterable[str]) -> str:
 
 def unknown_key(key: object, choices: Sequence[str]) -> str:
     """Text for a key that does not belong here."""
-    return f"unknown key {key!r}{did_you_mean(key, choices)} (keys here: {', '.join(choices)})"
+    return f"unknown key {quoted(key)}{did_you_mean(key, choices)} (keys here: {', '.join(choices)})"
 
 
 def missing_key(key: str, description: str | None) -> str:
@@ -107,20 +110,29 @@ def found(document: Document, path: KeyPath) -> str:
         return _LIST
     written = document.places[path].written
     text = repr(written) if isinstance(value, str) else written
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
+    return shortened(text, LONGEST_VALUE)
 
 
 def explain(
     error: ValidationError, model: type[BaseModel], document: Document, section: KeyPath, told: Collection[KeyPath]
-) -> list[Problem]:
-    """One problem per mistake that a settings class found in the mapping at ``section``, except at places ``told``."""
+) -> tuple[list[Problem], int]:
+    """One problem per mistake that a settings class found in the mapping at ``section``, except at places ``told``.
+
+    Words for more than are told of a file are not looked for: the second is how many there are beside.
+    """
     findings = [_located(details, document, section) for details in error.errors(include_url=False)]
     unknown = {f.path for f in findings if f.kind == "extra_forbidden"}
     grouped: dict[KeyPath, list[_Finding]] = {}
     for finding in findings:
         if finding.path not in told and not _misspelt(finding, unknown):
             grouped.setdefault(finding.path, []).append(finding)
-    return [_problem(group, model, document) for group in grouped.values()]
+    worded = sorted(grouped.values(), key=lambda group: _order(group[0], document))[:MOST]
+    return [_problem(group, model, document) for group in worded], len(grouped) - len(worded)
+
+
+def _order(finding: _Finding, document: Document) -> tuple[int, int]:
+    place = document.places.get(finding.path) or document.places.get(finding.path[:-1])
+    return place.key if place is not None else (0, 0)
 
 
 def _located(error: ErrorDetails, document: Document, section: KeyPath) -> _Finding:
@@ -136,8 +148,10 @@ def _located(error: ErrorDetails, document: Document, section: KeyPath) -> _Find
 
 def _misspelt(finding: _Finding, unknown: set[KeyPath]) -> bool:
     """Whether a missing key is told already by the unknown one that was meant to be it."""
-    siblings = [str(u[-1]) for u in unknown if u[:-1] == finding.path[:-1]]
-    return finding.kind == "missing" and any(nearest(s, [str(finding.path[-1])]) for s in siblings)
+    if finding.kind != "missing":
+        return False
+    siblings = (str(u[-1]) for u in unknown if u[:-1] == finding.path[:-1])
+    return any(nearest(s, [str(finding.path[-1])]) for s in islice(siblings, _MOST_SIBLINGS))
 
 
 def _problem(group: Sequence[_Finding], model: type[BaseModel], document: Document) -> Problem:
@@ -151,7 +165,11 @@ def _problem(group: Sequence[_Finding], model: type[BaseModel], document: Docume
         choices = list(fields_at(model, first.inside[:-1]))
         return document.problem(first.path, unknown_key(first.path[-1], choices), at_key=True)
     if first.kind == "invalid_key":
-        return document.problem(first.path, f"the key {first.path[-1]!r} must be text: write it in quotes", at_key=True)
+        return document.problem(
+            first.path,
+            f"the key {quoted(first.path[-1])} must be text: write it in quotes",
+            at_key=True,
+        )
     return document.problem(first.path, _value_message(group, document))
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
 from cellwatt.errors import SinkError
+from cellwatt.host import check_host
 from cellwatt.sink import SinkSettings
 
 if TYPE_CHECKING:
@@ -101,6 +102,8 @@ class LinkSettings(SinkSettings):
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
                 )
+            if found is not None:
+                check_host(found[2].strip("[]"))
         return endpoints
 
     @model_validator(mode="after")

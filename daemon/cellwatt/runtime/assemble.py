@@ -16,7 +16,7 @@ from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, FrameSettings, SourceConfig, StageConfig
 from cellwatt.config.installed import Part
-from cellwatt.config.places import ordered
+from cellwatt.config.places import first
 from cellwatt.driver import Identity, SourceSettings
 from cellwatt.errors import CellwattError, ConfigError, Problem
 from cellwatt.frames import Layout
@@ -66,7 +66,7 @@ def declared(config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]
         with _collecting(problems):
             streams[source.name] = streams_of(source)
     if problems:
-        raise ConfigError(ordered(problems))
+        raise ConfigError(first(problems))
     return streams, layout_of(streams, config.frames)
 
 
@@ -112,7 +112,7 @@ def make_chains(config: CellConfig, layout: Layout) -> list[Chain]:
         with _collecting(problems):
             chains.append(make_chain(config, layout, group))
     if problems:
-        raise ConfigError(ordered(problems))
+        raise ConfigError(first(problems))
     return chains
 
 
@@ -134,7 +134,7 @@ def make_chain(config: CellConfig, layout: Layout, names: Sequence[str]) -> Chai
         with _collecting(problems):
             stages[name] = makers[name]()
     if problems:
-        raise ConfigError(ordered(problems))
+        raise ConfigError(first(problems))
     return Chain({n: makers[n] for n in names}, stages)
 
 

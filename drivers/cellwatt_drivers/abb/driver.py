@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, SourceError
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.abb import wire
 from cellwatt_drivers.abb.controller import Controller, Page, energy_stream, state_stream
@@ -30,7 +31,7 @@ class AbbSettings(SourceSettings):
 
     device_parts: ClassVar[tuple[str, ...]] = ("mechanical_unit",)
 
-    host: str
+    host: Host
     """Address of the controller."""
     port: int | None = Field(None, ge=1, le=65535)
     """TCP port of Robot Web Services; without it 80 (RobotWare 6) or 443 (RobotWare 7)."""

@@ -11,6 +11,7 @@ from pydantic import Field, field_validator
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.franka import library
 from cellwatt_drivers.franka.fields import Group, Selection
@@ -22,7 +23,7 @@ FASTEST = 1000.0
 class FrankaSettings(SourceSettings):
     """A Franka Research 3 (or Panda), over the Franka Control Interface."""
 
-    host: str
+    host: Host
     """Address of the robot (its control unit)."""
     read: tuple[Group, ...] = ("joints", "motors", "external", "state")
     """What to keep of each state."""

@@ -13,6 +13,7 @@ from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt.ticker import Ticker
@@ -27,7 +28,7 @@ _NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNE
 class KinovaSettings(SourceSettings):
     """A Gen3 (6 or 7 joints) or Gen3 lite."""
 
-    host: str = "192.168.1.10"
+    host: Host = "192.168.1.10"
     """Address of the arm."""
     protocol: Literal["modbus", "kortex"] = "modbus"
     """``modbus`` needs nothing of the vendor's; ``kortex`` needs its Python library."""

@@ -16,6 +16,7 @@ from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt.ticker import Ticker
@@ -47,7 +48,7 @@ class ModbusMeterSettings(SourceSettings):
     """Make of the meter: one of the packaged maps."""
     map: FilePath | None = None
     """File with a map of one's own instead of ``meter``."""
-    host: str | None = None
+    host: Host | None = None
     """Address of the meter, or of the gateway before it."""
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port."""

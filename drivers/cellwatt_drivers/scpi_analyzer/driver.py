@@ -15,6 +15,7 @@ from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
 from cellwatt.ticker import Ticker
@@ -38,7 +39,7 @@ class ScpiAnalyzerSettings(SourceSettings):
     """Family: R&S HMC8015, Yokogawa WT300 (WT310, WT330, …) or ZES Zimmer LMG600 (LMG610, LMG640, LMG670)."""
     element: Annotated[Element, BeforeValidator(_written)] = "1"
     """Input of an analyzer with several (wt300, lmg600); ``sigma``: their sum (wt300)."""
-    host: str | None = None
+    host: Host | None = None
     """Address of the analyzer."""
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port of its SCPI socket."""

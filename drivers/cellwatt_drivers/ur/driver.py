@@ -12,6 +12,7 @@ from cellwatt.account import Account
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.ur import library, native, wire
 from cellwatt_drivers.ur.continuity import Policy
@@ -45,7 +46,7 @@ DEFAULT_CHANNELS = (
 class UrSettings(SourceSettings):
     """A Universal Robots arm: CB3, e-Series or newer, over RTDE (switch it on under Security → Services)."""
 
-    host: str
+    host: Host
     """Address or name of the controller."""
     port: int = Field(PORT, ge=1, le=65535)
     """TCP port of RTDE."""

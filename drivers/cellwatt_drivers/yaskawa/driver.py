@@ -15,6 +15,7 @@ from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError
+from cellwatt.host import Host
 from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
 from cellwatt.slots import Slots
 from cellwatt.ticker import Ticker
@@ -40,7 +41,7 @@ class YaskawaSettings(SourceSettings):
 
     device_parts: ClassVar[tuple[str, ...]] = ("control_group",)
 
-    host: str
+    host: Host
     """Address of the controller."""
     port: int = Field(wire.PORT, ge=1, le=65535)
     """UDP port of the robot division."""

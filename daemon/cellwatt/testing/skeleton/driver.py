@@ -22,6 +22,7 @@ from cellwatt import (
     WrongDeviceError,
 )
 from cellwatt.errors import why
+from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.testing.skeleton import wire
 from cellwatt.ticker import Ticker
@@ -32,7 +33,7 @@ CHANNELS = (Channel("supply.voltage", "V"), Channel("supply.current", "A"), Chan
 class SkeletonSettings(SourceSettings):
     """A meter on the network. This text and those below are its reference page."""
 
-    host: str
+    host: Host
     """Address of the meter."""
     port: int = Field(wire.PORT, ge=1, le=65535)
     """TCP port of the meter."""

@@ -1,0 +1,81 @@
+"""Files that others wrote, opened only where they are files and no larger than they can sensibly be.
+
+A FIFO would hold its reader up for ever, a device may act on being opened, and a file of 10 GB fills the memory. So
+every file that a command or the daemon reads goes through here, also those that a library opens by their name.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from io import FileIO
+from pathlib import Path
+from typing import Final
+
+WRITTEN: Final = 16_000_000
+"""Bytes of a file that a person or their tool wrote: descriptions of robots and meters, URDF, notes."""
+COMPUTED: Final = 1_000_000_000
+"""Bytes of a file that a computer filled: tables, references, networks."""
+
+_KINDS = (
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def check_file(path: Path, limit: int | None = COMPUTED) -> None:
+    """Look whether ``path`` is a regular file of at most ``limit`` bytes. Raises ``OSError`` in words."""
+    _check(path.stat(), limit)
+
+
+def open_file(path: Path, limit: int | None = None, *, write: bool = False) -> FileIO:
+    """Open a regular file of at most ``limit`` bytes to read it (``write``: also to change it).
+
+    Raises ``OSError`` in words; ``ValueError`` where the name holds a NUL.
+    """
+    check_file(path, limit)  # some devices act on being opened
+
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+
+    file = FileIO(path, "rb+" if write else "rb", opener=opener)
+    try:
+        _check(os.fstat(file.fileno()), limit)  # it may be another one by now
+    except OSError:
+        file.close()
+        raise
+    return file
+
+
+def read_bytes(path: Path, limit: int = WRITTEN) -> bytes:
+    """What is in a regular file of at most ``limit`` bytes. Raises ``OSError`` in words."""
+    with open_file(path, limit) as file:
+        content, left = bytearray(), limit + 1
+        while left and (piece := file.read(min(left, 1 << 20))):  # it may grow while it is read
+            content += piece
+            left -= len(piece)
+    if not left:
+        raise _too_large(limit)
+    return bytes(content)
+
+
+def read_text(path: Path, limit: int = WRITTEN) -> str:
+    """Like ``read_bytes``, as UTF-8. Raises ``UnicodeDecodeError`` as well."""
+    return read_bytes(path, limit).decode("utf-8")
+
+
+def _check(status: os.stat_result, limit: int | None) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(status.st_mode):
+        kind = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "something else")
+        raise OSError(errno.EINVAL, f"{kind}, expected a file")
+    if limit is not None and status.st_size > limit:
+        raise _too_large(limit)
+
+
+def _too_large(limit: int) -> OSError:
+    return OSError(errno.EFBIG, f"larger than {limit:,} bytes")

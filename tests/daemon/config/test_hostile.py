@@ -1,0 +1,125 @@
+"""Settings that were made to hang, fill or flood whoever reads them get one line, or the first mistakes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cellwatt.config import load
+from cellwatt.config.places import MOST
+from cellwatt.errors import ConfigError
+from tests.daemon.config.conftest import VALID
+from tests.patience import PATIENCE
+
+HEAD = "site: a\ncell: b\nsources:\n  arm: {driver: arm, host: h}\n"
+
+
+def lists(depth: int) -> str:
+    return "[" * depth + "]" * depth
+
+
+def chain(length: int) -> str:
+    """Settings that take over settings that take over …"""
+    return "a0: &a0 {}\n" + "".join(f"a{i}: &a{i} {{<<: *a{i - 1}}}\n" for i in range(1, length))
+
+
+def ladder(length: int) -> str:
+    """Each in the next, so that aliases nest though nothing written does."""
+    return "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}]\n" for i in range(1, length))
+
+
+ATTACKS = {
+    "lists 400 deep": f"{HEAD}note: {lists(400)}\n",
+    "settings 400 deep": f"{HEAD}note: {'{a: ' * 400}1{'}' * 400}\n",
+    "100,000 open brackets": f"{HEAD}note: {'[' * 100_000}\n",
+    "180,000 merges": f"a: &a {{}}\nb: {{<<: [{'*a,' * 180_000}]}}\n{HEAD}",
+    "merge keys": f"a: &a {{}}\nb: {{{'<<: *a, ' * 100_000}}}\n{HEAD}",
+    "merges of merges": f"{chain(2000)}{HEAD}",
+    "aliases of aliases": f"{ladder(2000)}{HEAD}",
+    "a list of 400,000": f"{HEAD}note: [{'1,' * 400_000}]\n",
+    "60,000 unknown keys": HEAD + "".join(f"k{i}: 1\n" for i in range(60_000)),
+    "60,000 unknown keys in one line": HEAD.replace("}", ", " + ", ".join(f"k{i}: 1" for i in range(60_000)) + "}"),
+    "9,000 sources": "site: a\ncell: b\nsources:\n" + "".join(f"  s{i}: {{}}\n" for i in range(9_000)),
+    "9,000 stages": f"{HEAD}stages:\n" + "".join(f"  s{i}: {{}}\n" for i in range(9_000)),
+    "a tag of 900,000 characters": f"{HEAD}frames: !{'x' * 900_000} {{}}\n",
+    "a value of 900,000 characters": HEAD.replace("host: h", f"host: h, rate: {'x' * 900_000}"),
+    "a number of 900,000 digits": f"{HEAD}frames: {{rate: {'9' * 900_000}}}\n",
+    "a key of 900,000 characters": f'{HEAD}? "{"k" * 900_000}"\n: 1\n',
+}
+
+
+@pytest.mark.parametrize("text", ATTACKS.values(), ids=ATTACKS)
+def test_one_line_at_the_cost_of_a_large_honest_file(cell_file: Path, text: str) -> None:
+    # As many values as are allowed at all: a machine may be slow, but not a hundred times slower for an attack.
+    honest = HEAD + "note: [" + "1," * 15_000 + "]\n"
+    cell_file.write_text(text)
+    said, needed = refused(cell_file)
+    cell_file.write_text(honest)
+    _, usual = refused(cell_file)
+    assert len(said.splitlines()) == 1
+    assert len(said) < 2500
+    assert needed < 5 * usual + 0.5
+
+
+def refused(file: Path) -> tuple[str, float]:
+    """What is said of a file, and the processor time that it took, s."""
+    began = time.process_time()
+    with pytest.raises(ConfigError) as caught:
+        load(file, {})
+    return str(caught.value), time.process_time() - began
+
+
+@pytest.mark.parametrize("where", ["at the top", "in a source"])
+def test_of_many_mistakes_the_first_are_told_and_how_many_there_are(cell_file: Path, where: str) -> None:
+    keys = [f"k{i}" for i in range(5000)]
+    if where == "at the top":
+        cell_file.write_text(HEAD + "".join(f"{key}: 1\n" for key in keys))
+    else:
+        cell_file.write_text(HEAD.replace("}", ", " + ", ".join(f"{key}: 1" for key in keys) + "}"))
+    said, _ = refused(cell_file)
+    *told, closing = said.splitlines()
+    assert [line.split("unknown key ")[1].split("'")[1] for line in told] == keys[:MOST]
+    assert closing == f"{cell_file}: and 4,980 more"
+
+
+def test_as_many_mistakes_as_are_told_need_no_closing_line(cell_file: Path) -> None:
+    cell_file.write_text(HEAD + "".join(f"k{i}: 1\n" for i in range(MOST)))
+    said, _ = refused(cell_file)
+    assert len(said.splitlines()) == MOST
+    assert "more" not in said
+
+
+@pytest.mark.parametrize("kind", ["FIFO", "device", "folder", "sparse"])
+def test_settings_that_are_no_file(tmp_path: Path, kind: str) -> None:
+    """In a process of its own: a FIFO that is opened holds its reader up for ever."""
+    path = tmp_path / "cell.yaml"
+    if kind == "FIFO":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.touch()
+        os.truncate(path, 10_000_000_000)
+    done = subprocess.run(
+        [sys.executable, "-m", "cellwatt.commands", "check", str(path)],
+        capture_output=True, text=True, timeout=PATIENCE * 60, check=False,
+    )  # fmt: skip
+    reason = {
+        "FIFO": "a FIFO, expected a file",
+        "device": "a device, expected a file",
+        "folder": "is a directory",
+        "sparse": "larger than 1,000,000 bytes",
+    }[kind]
+    assert (done.returncode, done.stdout, done.stderr) == (2, f"{path}: cannot be read: {reason}\n", "")
+
+
+def test_a_valid_file_is_none_of_this(cell_file: Path) -> None:
+    cell_file.write_text(VALID)
+    assert load(cell_file).cell == "weld-3"

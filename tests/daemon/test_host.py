@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import pytest
+
+from cellwatt.config.installed import installed
+from cellwatt.host import check_host
+from cellwatt.publish.link import LinkSettings
+
+GOOD = ["192.0.2.10", "arm-3.plant", "localhost", "::1", "fe80::1%eth0", "a_b", "x" * 63, "robot.", "3"]
+BAD = {
+    "300 characters": "h" * 300,
+    "a part of 64 characters": "a." + "h" * 64,
+    "empty": "",
+    "blank": "arm 3",
+    "a line break": "arm\n",
+    "a user": "user:password@arm",
+    "an empty part": "a..b",
+    "a URL": "http://arm",
+    "begins with -": "-arm",
+    "NUL": "arm\0",
+}
+
+
+@pytest.mark.parametrize("host", GOOD)
+def test_good_hosts(host: str) -> None:
+    assert check_host(host) == host
+
+
+@pytest.mark.parametrize("host", BAD.values(), ids=BAD)
+def test_bad_hosts(host: str) -> None:
+    with pytest.raises(ValueError, match="host name"):
+        check_host(host)
+
+
+@pytest.mark.parametrize("part", [p for p in installed("driver") if p.settings and "host" in p.settings.model_fields],
+                         ids=lambda p: p.name)  # fmt: skip
+def test_every_driver_refuses_a_host_that_is_none(part) -> None:
+    with pytest.raises(ValueError, match="at most 253 characters, this one has 300"):
+        part.settings.model_validate({"host": "h" * 300})
+
+
+def test_endpoints_too() -> None:
+    with pytest.raises(ValueError, match="at most 253 characters"):
+        LinkSettings(connect=(f"tcp/{'h' * 300}:7447",))
+    assert LinkSettings(listen=("tcp/[::]:7447", "tcp/0.0.0.0:7447")).listen
