@@ -18,6 +18,14 @@ WRITTEN: Final = 16_000_000
 COMPUTED: Final = 1_000_000_000
 """Bytes of a file that a computer filled: tables, references, networks."""
 
+
+class UnfitFileError(OSError):
+    """What is no file to be read; its text is the reason alone."""
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
 _KINDS = (
     (stat.S_ISFIFO, "a FIFO"),
     (stat.S_ISSOCK, "a socket"),
@@ -72,10 +80,10 @@ def _check(status: os.stat_result, limit: int | None) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         kind = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "something else")
-        raise OSError(errno.EINVAL, f"{kind}, expected a file")
+        raise UnfitFileError(errno.EINVAL, f"{kind}, expected a file")
     if limit is not None and status.st_size > limit:
         raise _too_large(limit)
 
 
-def _too_large(limit: int) -> OSError:
-    return OSError(errno.EFBIG, f"larger than {limit:,} bytes")
+def _too_large(limit: int) -> UnfitFileError:
+    return UnfitFileError(errno.EFBIG, f"larger than {limit:,} bytes")

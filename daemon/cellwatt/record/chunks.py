@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import threading
 import zlib
+from array import array
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import Any, NamedTuple, TypeVar
@@ -18,8 +19,15 @@ from mcap.records import Attachment, Channel, McapRecord, Schema
 
 from cellwatt.record.container import CHUNK_HEAD, MESSAGE_HEAD, RECORD
 
-LARGEST_CHUNK = 2**30
-"""Bytes; anything above is a damaged length."""
+LARGEST_CHUNK = 1 << 25
+"""Bytes; a chunk that unpacks to more is damaged or was made to fill the memory. The recorder's have some 2**20 and the
+last block put in, other writers' usually up to 2**23.
+"""
+LARGEST_RECORD = LARGEST_CHUNK + (1 << 20)
+"""Bytes of any record of a file as it stands on disk."""
+
+SHORTEST_MESSAGE = MESSAGE_HEAD.size + 8
+"""Bytes in front of a message's data; the publish time is the last of them."""
 
 R = TypeVar("R", bound=McapRecord)
 
@@ -101,13 +109,13 @@ class Walk:
     """
 
     definitions: list[Schema | Channel] = field(default_factory=list)
-    pairs: dict[int, list[int]] = field(default_factory=dict)
+    pairs: dict[int, array[int]] = field(default_factory=dict)
     first: dict[int, int] = field(default_factory=dict)
     last: dict[int, int] = field(default_factory=dict)
 
     def index(self) -> dict[int, bytes]:
         """The pairs as message indexes hold them."""
-        return {channel: np.array(pairs, "<u8").tobytes() for channel, pairs in self.pairs.items()}
+        return {channel: np.asarray(pairs, "<u8").tobytes() for channel, pairs in self.pairs.items()}
 
     def counts(self) -> dict[int, int]:
         """Messages by channel."""
@@ -122,12 +130,14 @@ def walk(data: bytes) -> Walk:
         try:
             opcode, length = RECORD.unpack_from(data, at)
             if opcode == Opcode.MESSAGE:
+                if length < SHORTEST_MESSAGE:
+                    raise ValueError("a message in a chunk is cut")
                 channel, sequence, time = MESSAGE_HEAD.unpack_from(data, at + 9)
                 if channel not in pairs:
-                    pairs[channel] = []
+                    pairs[channel] = array("Q")
                     found.first[channel] = sequence
                 last[channel] = sequence
-                pairs[channel] += (time, at)
+                pairs[channel].extend((time, at))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 found.definitions += definitions(data[at : at + 9 + length])
         except struct.error:

@@ -42,7 +42,7 @@ def track_of(channel: Channel) -> Track | None:
             columns = tuple(FrameChannel(**column) for column in declared["channels"])
             return Track(channel.topic, FrameRows(Layout(columns, declared["rate"])), first=first)
         return Track(channel.topic, SampleRows(channel.metadata["source"], stream_from_dict(declared)), first=first)
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{channel.topic} is declared in a way this version does not know: {error}") from error
 
 

@@ -48,8 +48,14 @@ class Header:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Header:
-        """The header back from its JSON; raises ``ValueError``, ``KeyError`` or ``TypeError`` where it is none."""
+        """The header back from its JSON; raises ``ValueError``, ``KeyError``, ``TypeError`` or
+        ``AttributeError`` where it is none.
+        """
         plain = json.loads(text)
+        if not all(isinstance(plain.get(name, 0), int) for name in ("session", "number")):
+            raise TypeError("session and number are no numbers")
+        if not all(isinstance(plain.get(name, ""), str) for name in ("site", "cell", "settings", "version")):
+            raise TypeError("site, cell, settings and version are no texts")
         declared = {source: tuple(map(stream_from_dict, streams)) for source, streams in plain.pop("streams").items()}
         return cls(**plain, streams=declared)
 

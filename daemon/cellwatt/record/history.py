@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from cellwatt.batch import Batch
 from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError
+from cellwatt.files import open_file
 from cellwatt.record import decoder
 from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, track_of
@@ -125,7 +126,7 @@ class History:
         channel = known.firsts[topic][0]
         try:
             chunks, tracks = self._listed(known)
-            with FileIO(known.kept.path, "rb") as file:
+            with open_file(known.kept.path) as file:
                 holding = [c for c in chunks if any(number == channel for number, _ in c.indexes)]
                 places = range(len(holding))
                 start = bisect_right(places, first, key=lambda i: _first_from(file, holding, i, tracks, channel))
@@ -166,10 +167,10 @@ def _look(kept: Kept) -> Known:
             found: Survey = survey(kept.path, chunks=False)
             return _known(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
         if not kept.closed:
-            with FileIO(kept.path, "rb") as file:
+            with open_file(kept.path) as file:
                 summary = read_summary(file, chunks=False)
             return _known(kept, summary, "closing") if summary else Known(kept, "left open", 0, 0, 0, {})
-    except (OSError, RecordingError):
+    except (OSError, ValueError, RecordingError):
         pass
     return nothing
 

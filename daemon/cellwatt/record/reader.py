@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from cellwatt.batch import Batch, Float, Nanoseconds, Qualities, Tick
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
+from cellwatt.files import open_file
 from cellwatt.frames import Frames
 from cellwatt.record import decoder
-from cellwatt.record.chunks import open_chunk
-from cellwatt.record.container import RECORD, Chunk, Contents
+from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
+from cellwatt.record.container import RECORD, Chunk
 from cellwatt.record.decoder import Track, track_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
@@ -65,7 +66,7 @@ class Recording:
 
     def __init__(self, files: Sequence[Survey], damage: Iterable[Damage] = ()) -> None:
         self._files = tuple(files)
-        self._tracks = [_tracks(file.contents) for file in self._files]
+        self._tracks = [_tracks(file) for file in self._files]
         self.damage: list[Damage] = [*damage, *(d for f in self._files for d in f.damage)]
         self.header: Header = self._files[0].header
         self.start = min(f.contents.start for f in self._files)
@@ -163,7 +164,7 @@ class Recording:
         """The wanted items of a file; a chunk is decoded as a whole, so that a damaged one gives nothing."""
         chunks = file.contents.chunks or survey(file.path).contents.chunks
         try:
-            with FileIO(file.path, "rb") as opened:
+            with open_file(file.path) as opened:
                 for chunk in chunks:
                     if chunk.indexes and not any(number in wanted for number, _ in chunk.indexes):
                         continue
@@ -193,6 +194,8 @@ class Recording:
 
 def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
     """The records of a chunk; raises ``ValueError`` where it is damaged."""
+    if chunk.length > LARGEST_RECORD:
+        raise ValueError("a chunk's length is wrong")
     return open_chunk(read_at(file, chunk.length, chunk.offset)[RECORD.size :]).data
 
 
@@ -213,8 +216,11 @@ def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
     )
 
 
-def _tracks(contents: Contents) -> dict[int, Track]:
-    found = ((number, track_of(channel)) for number, channel in contents.channels.items())
+def _tracks(file: Survey) -> dict[int, Track]:
+    try:
+        found = [(number, track_of(channel)) for number, channel in file.contents.channels.items()]
+    except ValueError as error:
+        raise RecordingError(f"{file.path}: {error}") from error
     return {number: track for number, track in found if track is not None}
 
 

@@ -11,6 +11,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
+from cellwatt.files import open_file
 from cellwatt.record.chunks import open_chunk, walk
 from cellwatt.record.container import (
     PRELUDE,
@@ -91,7 +92,7 @@ def recover(part: Path) -> Recovery | None:
     again later is safe, also after a crash in the middle of it.
     """
     try:
-        with FileIO(part, "rb+") as file:
+        with open_file(part, write=True) as file:
             lock(file)
             return _repair(file, part)
     except (FileNotFoundError, BlockingIOError):

@@ -19,11 +19,13 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Schema
 from mcap.records import Header as McapHeader
 
-from cellwatt.record.chunks import Walk, definitions, open_chunk, parse, parse_attachment, walk
+from cellwatt.record.chunks import LARGEST_RECORD, Walk, definitions, open_chunk, parse, parse_attachment, walk
 from cellwatt.record.container import CHUNK_HEAD, COMPRESSION, MAGIC, RECORD, TAIL, Chunk, Contents, message_indexes
 from cellwatt.record.header import Header
 from cellwatt.record.openfile import DEFINITIONS, HEADER
 
+LARGEST_SUMMARY = 1 << 28
+"""Bytes behind the data of a file: definitions, and some 300 for each chunk."""
 _WINDOW = 1 << 20
 _LAST_OPCODE = int(max(Opcode))
 _LOW = 0xFFFFFFFF
@@ -73,9 +75,10 @@ class Scan:
 
 
 def read_at(file: FileIO, length: int, offset: int) -> bytes:
-    """Up to ``length`` bytes; none where the disk cannot read them."""
+    """Up to ``length`` bytes, as many as there are; none where the disk cannot read them."""
     try:
-        return os.pread(file.fileno(), length, offset)
+        there = os.fstat(file.fileno()).st_size - offset
+        return os.pread(file.fileno(), min(length, there), offset) if there > 0 < length else b""
     except OSError:
         return b""
 
@@ -134,6 +137,8 @@ class _Scanner:
             return self._resync(at, "these bytes are no record")
         if after > self.found.size:
             return self._resync(at, "the file ends within a record")
+        if length > LARGEST_RECORD:
+            return self._resync(at, "a record is larger than any of a recording")
         body = read_at(self._file, length, at + RECORD.size)
         try:
             if len(body) < length:
@@ -204,6 +209,9 @@ class _Scanner:
     def _closing(self, at: int) -> None:
         """Compare the checksum of everything behind the data."""
         start = at + RECORD.size + 4
+        if self.found.size - start > LARGEST_SUMMARY:
+            self._damaged(at, self.found.size - at, "the summary is larger than any of a recording")
+            return
         rest = read_at(self._file, self.found.size - start, start)
         footer = rest[-TAIL : -len(MAGIC) - 4]
         crc = zlib.crc32(footer, zlib.crc32(rest[:-TAIL]))
@@ -250,7 +258,7 @@ class _Scanner:
 
     def _is_chunk(self, at: int) -> bool:
         opcode, length = RECORD.unpack(read_at(self._file, RECORD.size, at))
-        if opcode != Opcode.CHUNK or at + RECORD.size + length > self.found.size:
+        if opcode != Opcode.CHUNK or length > LARGEST_RECORD or at + RECORD.size + length > self.found.size:
             return False
         try:
             walk(open_chunk(read_at(self._file, length, at + RECORD.size)).data)
@@ -269,5 +277,5 @@ def header_of(data: bytes) -> Header:
     """The header from its attachment; raises ``ValueError`` where it is none."""
     try:
         return Header.from_json(data)
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"the header is not one this version knows: {error}") from error

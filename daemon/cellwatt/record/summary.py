@@ -14,13 +14,14 @@ from mcap.records import AttachmentIndex, Channel, Schema, Statistics
 
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
-from cellwatt.record.chunks import parse, parse_attachment
+from cellwatt.files import open_file
+from cellwatt.record.chunks import LARGEST_RECORD, parse, parse_attachment
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
 from cellwatt.record.decoder import track_of
 from cellwatt.record.header import FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
-from cellwatt.record.scan import Damage, Scan, header_of, read_at, scan
+from cellwatt.record.scan import LARGEST_SUMMARY, Damage, Scan, header_of, read_at, scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +42,22 @@ def survey(path: Path, *, chunks: bool = True) -> Survey:
     Raises ``RecordingError`` where the file cannot be opened or nothing in it is a recording.
     """
     try:
-        with FileIO(path, "rb") as file:
+        with open_file(path) as file:
             summary = read_summary(file, chunks=chunks)
             found = scan(file, path) if summary is None else None
             size = os.fstat(file.fileno()).st_size
             header = _header(file, summary) if summary is not None else None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    if summary is not None:
-        return Survey(path, size, header or guess_header(path, summary), summary, (), closed=True)
-    assert found is not None
-    if not found.contents.chunks and found.header is None:
-        raise RecordingError(f"{path}: holds nothing that is a recording")
-    return _from_scan(found)
+    try:
+        if summary is not None:
+            return Survey(path, size, header or guess_header(path, summary), summary, (), closed=True)
+        assert found is not None
+        if not found.contents.chunks and found.header is None:
+            raise RecordingError(f"{path}: holds nothing that is a recording")
+        return _from_scan(found)
+    except ValueError as error:  # a channel that is none of this version's
+        raise RecordingError(f"{path}: {error}") from error
 
 
 def _from_scan(found: Scan) -> Survey:
@@ -68,7 +72,7 @@ def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
     if len(tail) < TAIL or not tail.endswith(MAGIC) or tail[0] != Opcode.FOOTER:
         return None
     start, _, crc = struct.unpack_from("<QQI", tail, RECORD.size)
-    if not 0 < start <= size - TAIL:
+    if not 0 < start <= size - TAIL or size - TAIL - start > LARGEST_SUMMARY:
         return None
     summary = read_at(file, size - TAIL - start, start)
     if crc and zlib.crc32(tail[: RECORD.size + 16], zlib.crc32(summary)) != crc:
@@ -105,7 +109,7 @@ def _contents(summary: bytes, *, chunks: bool) -> Contents:
 def _header(file: FileIO, contents: Contents) -> Header | None:
     for index in contents.attachments:
         if index.name == HEADER:
-            record = read_at(file, index.length, index.offset)
+            record = read_at(file, min(index.length, LARGEST_RECORD), index.offset)
             try:
                 return header_of(parse_attachment(record[RECORD.size :]).data)
             except ValueError:

@@ -1,0 +1,227 @@
+"""Recordings that were made to fill the memory, or to hang or break who reads them."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from cellwatt import RecordingError
+from cellwatt.record import Recording, recover
+from cellwatt.record.chunks import LARGEST_CHUNK, open_chunk, walk
+from cellwatt.record.container import (
+    CHUNK_HEAD,
+    COMPRESSION,
+    PRELUDE,
+    Chunk,
+    Contents,
+    attachment,
+    chunk_bytes,
+    closing,
+    framed,
+    record_bytes,
+)
+from cellwatt.record.header import PART
+from cellwatt.record.openfile import HEADER
+from tests.patience import PATIENCE
+
+from .making import HEADER as ORIGIN
+from .making import batch_of, name_of, write_chunks
+
+MIB = 1 << 20
+ROOM = 250 * MIB
+"""What reading may add to the memory; a whole chunk of the largest size, unpacked and listed, is in it."""
+
+READ = """
+import resource, sys
+from pathlib import Path
+from cellwatt import RecordingError
+from cellwatt.record import Recording, recover
+path = Path(sys.argv[1])
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    if path.suffix == ".part":
+        told = str(recover(path))
+    else:
+        recording = Recording.open(path)
+        kept = sum(len(item) for item in recording.entries() if hasattr(item, "sequence"))
+        told = f"{kept} samples; " + "; ".join(map(str, recording.damage))
+except RecordingError as error:
+    told = str(error)
+print(1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before))
+print(told)
+"""
+
+
+def read_elsewhere(path: Path) -> tuple[int, str]:
+    """Bytes that reading a file in a process of its own adds to its memory at most, and what it says."""
+    done = subprocess.run(
+        [sys.executable, "-c", READ, str(path)], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    grown, told = done.stdout.split("\n", 1)
+    return int(grown), told.strip()
+
+
+def bomb(size: int) -> bytes:
+    """A chunk that is sound, but unpacks to ``size`` bytes of one foreign record."""
+    compressor = zstandard.ZstdCompressor(level=3).compressobj(size=size)
+    head = struct.pack("<BQ", Opcode.METADATA, size - 9)
+    packed, crc, left = bytearray(compressor.compress(head)), zlib.crc32(head), size - len(head)
+    zeros = bytes(MIB)
+    while left:
+        piece = zeros[: min(left, MIB)]
+        packed += compressor.compress(piece)
+        crc = zlib.crc32(piece, crc)
+        left -= len(piece)
+    packed += compressor.flush()
+    body = CHUNK_HEAD.pack(0, 0, size, crc) + COMPRESSION + struct.pack("<Q", len(packed)) + packed
+    return framed(Opcode.CHUNK, body)
+
+
+@pytest.fixture(scope="module")
+def large_bomb() -> bytes:
+    return bomb(900 * MIB)
+
+
+@pytest.mark.parametrize("ending", ["summary", "torn", "left open"])
+def test_a_chunk_that_unpacks_to_900_mib(tmp_path: Path, large_bomb: bytes, ending: str) -> None:
+    file = write_chunks(tmp_path, [[batch_of(0, 20)]], close=False)
+    path = tmp_path / (name_of() + (PART if ending == "left open" else ""))
+    data = (tmp_path / (name_of() + PART)).read_bytes()
+    at = len(data)
+    file.contents.add_chunk(Chunk(at, len(large_bomb), 0, 0, 0, 900 * MIB, ((1, 0),), 0), {1: 1})
+    end = closing(file.contents, at + len(large_bomb)) if ending == "summary" else b""
+    path.write_bytes(data + large_bomb + end)
+    assert path.stat().st_size < 40_000
+
+    grown, told = read_elsewhere(path)
+
+    assert grown < ROOM
+    assert "a chunk's length is wrong" in told
+    if ending != "left open":
+        assert told.startswith("20 samples; ")
+    else:
+        assert "1 messages recovered" not in told
+        assert "20 messages recovered" in told
+
+
+def test_the_largest_chunk_is_read(tmp_path: Path) -> None:
+    opened = open_chunk(bomb(LARGEST_CHUNK)[9:])
+    assert len(opened.data) == LARGEST_CHUNK
+    with pytest.raises(ValueError, match="a chunk's length is wrong"):
+        open_chunk(bomb(LARGEST_CHUNK + 1)[9:])
+
+
+def test_messages_shorter_than_their_head() -> None:
+    """Millions of them would fit into a chunk, each of which costs its place in lists."""
+    with pytest.raises(ValueError, match="a message in a chunk is cut"):
+        walk(struct.pack("<BQ", Opcode.MESSAGE, 0) * 100)
+
+
+def test_an_attachment_of_two_gigabytes(tmp_path: Path) -> None:
+    write_chunks(tmp_path, [[batch_of(0, 20)]], close=False)
+    path = tmp_path / name_of()
+    (tmp_path / (name_of() + PART)).rename(path)
+    with path.open("ab") as file:
+        file.write(struct.pack("<BQ", Opcode.ATTACHMENT, 1 << 31))
+        file.truncate(file.tell() + (1 << 31))
+    grown, told = read_elsewhere(path)
+    assert grown < ROOM
+    assert told.startswith("20 samples; ")
+    assert "a record is larger than any of a recording" in told
+
+
+def test_a_summary_of_two_gigabytes(tmp_path: Path) -> None:
+    write_chunks(tmp_path, [[batch_of(0, 20)]])
+    path = tmp_path / name_of()
+    data = path.read_bytes()
+    with path.open("wb") as file:
+        file.write(data[:-37])
+        file.truncate(1 << 31)
+        file.seek(1 << 31)
+        file.write(framed(Opcode.FOOTER, struct.pack("<QQI", 100, 0, 0)) + data[-8:])
+    grown, told = read_elsewhere(path)
+    assert grown < ROOM
+    assert told.startswith("20 samples; ")
+
+
+def test_a_summary_that_names_places_beyond_all_files(tmp_path: Path) -> None:
+    file = write_chunks(tmp_path, [[batch_of(0, 20)]], close=False)
+    contents, size = file.contents, file.size
+    for offset, length in ((1 << 63, 10), (5, 1 << 62), (0, 0)):
+        contents.add_chunk(Chunk(offset, length, 0, 0, 0, 0, ((1, 0),), 0), {})
+    path = tmp_path / name_of()
+    path.write_bytes((tmp_path / (name_of() + PART)).read_bytes() + closing(contents, size))
+    grown, told = read_elsewhere(path)
+    assert grown < ROOM
+    assert told.startswith("20 samples; ")
+
+
+PLAIN = json.loads(ORIGIN.to_json())
+HEADERS = {
+    "deep": "[" * 200_000,
+    "number": "5",
+    "list": "[]",
+    "text": '"x"',
+    "no streams": '{"streams": []}',
+    "no stream": '{"streams": {"a": 5}}',
+    "session": json.dumps({**PLAIN, "session": "now"}),
+    "cell": json.dumps({**PLAIN, "cell": 5}),
+}
+
+
+@pytest.mark.parametrize("text", HEADERS.values(), ids=HEADERS)
+def test_a_header_that_is_none(tmp_path: Path, text: str) -> None:
+    write_chunks(tmp_path, [[batch_of(0, 20)]], close=False)
+    data = (tmp_path / (name_of() + PART)).read_bytes()
+    opcode, length = struct.unpack_from("<BQ", data, len(PRELUDE))
+    assert opcode == Opcode.ATTACHMENT
+    forged, _ = attachment(HEADER, "application/json", ORIGIN.session, text.encode(), len(PRELUDE))
+    path = tmp_path / name_of(2)
+    path.write_bytes(PRELUDE + forged + data[len(PRELUDE) + 9 + length :])
+    recording = Recording.open(path)
+    assert recording.header.cell == ORIGIN.cell  # from the file's name
+    assert sum(len(item) for item in recording.entries()) == 20
+
+
+@pytest.mark.parametrize("declaration", ["[" * 200_000, "5", "[]", '{"name": "rtde"}'])
+def test_a_declaration_that_is_none(tmp_path: Path, declaration: str) -> None:
+    schema = Schema(1, b"", "", "")
+    channel = Channel(1, "/raw/arm/rtde", "", {"declaration": declaration, "first": "0", "source": "arm"}, 1)
+    contents = Contents()
+    contents.define((schema, channel))
+    body, chunk = chunk_bytes(
+        record_bytes(schema) + record_bytes(channel) + struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 5, 5),
+        {1: struct.pack("<QQ", 5, 0)}, len(PRELUDE), zstandard.ZstdCompressor(),
+    )  # fmt: skip
+    contents.add_chunk(chunk, {1: 1})
+    path = tmp_path / name_of()
+    path.write_bytes(PRELUDE + body + closing(contents, len(PRELUDE) + len(body)))
+    with pytest.raises(RecordingError, match=str(path)):
+        Recording.open(path)
+
+
+@pytest.mark.timeout(60)
+def test_a_fifo_among_recordings(tmp_path: Path) -> None:
+    write_chunks(tmp_path, [[batch_of(0, 20)]])
+    os.mkfifo(tmp_path / name_of(2))
+    os.mkfifo(tmp_path / (name_of(3) + PART))
+    recording = Recording.open(tmp_path)
+    assert sum(len(item) for item in recording.entries()) == 20
+    assert len(recording.damage) == 2
+    with pytest.raises(RecordingError, match="a FIFO, expected a file"):
+        Recording.open(tmp_path / name_of(2))
+    recovered = recover(tmp_path / (name_of(3) + PART))
+    assert recovered is not None
+    assert "a FIFO, expected a file" in str(recovered)
+    assert (tmp_path / (name_of(3) + PART)).exists()
