@@ -22,6 +22,9 @@ COMPUTED: Final = 1_000_000_000
 class UnfitFileError(OSError):
     """What is no file to be read; its text is the reason alone."""
 
+    def __init__(self, reason: str) -> None:
+        super().__init__(0, reason)  # no number of the system's, whose words would be others
+
     def __str__(self) -> str:
         return str(self.strerror)
 
@@ -80,10 +83,10 @@ def _check(status: os.stat_result, limit: int | None) -> None:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         kind = next((name for is_kind, name in _KINDS if is_kind(status.st_mode)), "something else")
-        raise UnfitFileError(errno.EINVAL, f"{kind}, expected a file")
+        raise UnfitFileError(f"{kind}, expected a file")
     if limit is not None and status.st_size > limit:
         raise _too_large(limit)
 
 
 def _too_large(limit: int) -> UnfitFileError:
-    return UnfitFileError(errno.EFBIG, f"larger than {limit:,} bytes")
+    return UnfitFileError(f"larger than {limit:,} bytes")

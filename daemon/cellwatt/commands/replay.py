@@ -22,6 +22,7 @@ from cellwatt.record import Recording
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
+from cellwatt.yaml_file import parse_yaml
 
 
 @click.command()
@@ -60,9 +61,12 @@ def command(recording: tuple[Path, ...], settings: Path | None, speed: float, ve
 def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
     if config is not None:
         return config.frames
-    written = yaml.safe_load(recording.header.settings) or {}
     try:
-        return FrameSettings.model_validate(written.get("frames") or {})
+        written = parse_yaml(recording.header.settings)
+        frames = written.get("frames") if isinstance(written, dict) else None
+        return FrameSettings.model_validate(frames or {})
+    except yaml.YAMLError as error:
+        raise RecordingError(f"the settings in the recording cannot be read: {str(error).splitlines()[0]}") from error
     except ValidationError:
         raise RecordingError("the frames of the recording came from the environment: give them by --settings") from None
 

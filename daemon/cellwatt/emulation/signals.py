@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.files import check_file
+from cellwatt.parquet import read_parquet
 
 Float = NDArray[np.float64]
 
@@ -76,6 +78,7 @@ def load_signals(path: Path, *, loop: bool = False) -> RecordedSignals:
 
 
 def _csv(path: Path) -> tuple[list[str], Float]:
+    check_file(path)
     with path.open(newline=None) as file:
         header = file.readline()
         separator = next((s for s in (",", ";", "\t") if s in header), None)
@@ -87,7 +90,5 @@ def _csv(path: Path) -> tuple[list[str], Float]:
 
 
 def _parquet(path: Path) -> tuple[list[str], Float]:
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path)
+    table = read_parquet(path)
     return table.column_names, np.column_stack([np.asarray(c, dtype=np.float64) for c in table.columns])

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
 
 from cellwatt.errors import SinkError
+from cellwatt.files import WRITTEN, check_file
 from cellwatt.host import check_host
 from cellwatt.sink import SinkSettings
 
@@ -240,6 +241,7 @@ def _check_files(settings: LinkSettings) -> None:
         if path is None:
             continue
         try:
+            check_file(path, WRITTEN)
             path.open("rb").close()
         except OSError as error:
             raise SinkError(f"{option}: {path} cannot be read: {error.strerror}") from None

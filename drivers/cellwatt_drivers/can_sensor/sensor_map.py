@@ -13,9 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from cellwatt.channel import UNITS, Channel
 from cellwatt.config.document import read
-from cellwatt.config.places import ordered
+from cellwatt.config.places import first
 from cellwatt.config.wording import did_you_mean, explain
 from cellwatt.errors import ConfigError
+from cellwatt.files import WRITTEN, check_file
 from cellwatt.quantity import Seconds
 
 if TYPE_CHECKING:
@@ -123,13 +124,15 @@ class Decoding:
 def load_map(path: Path) -> SensorMap:
     """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
     document = read(path, {})
+    more = 0
     mistakes = [p for found in document.mistakes.values() for p in found]
     try:
         made = SensorMap.model_validate(document.value)
     except ValidationError as error:
-        mistakes += explain(error, SensorMap, document, (), set(document.mistakes))
+        told, more = explain(error, SensorMap, document, (), set(document.mistakes))
+        mistakes += told
     if mistakes:
-        raise ConfigError(ordered(mistakes))
+        raise ConfigError(first(mistakes, more))
     return made.model_copy(update={"dbc": path.parent / made.dbc})
 
 
@@ -148,6 +151,7 @@ def _decodings(made: SensorMap) -> dict[str, Decoding]:
     from cantools.database.errors import Error
 
     try:
+        check_file(made.dbc, WRITTEN)
         database: Any = cantools.database.load_file(made.dbc, database_format="dbc", strict=False)
     except (OSError, UnicodeDecodeError, Error) as error:
         raise ConfigError(f"{made.dbc}: cannot be read as a DBC file: {error}") from error

@@ -11,7 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from cellwatt.channel import Channel
 from cellwatt.config.document import read
-from cellwatt.config.places import ordered
+from cellwatt.config.places import first
 from cellwatt.config.wording import explain
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.registers import LONGEST, RegisterType, Slot, WordOrder, width
@@ -162,13 +162,15 @@ class MeterMap(_Part):
 def load_map(path: Path) -> MeterMap:
     """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
     document = read(path, {})
+    more = 0
     mistakes = [p for found in document.mistakes.values() for p in found]
     try:
         made = MeterMap.model_validate(document.value)
     except ValidationError as error:
-        mistakes += explain(error, MeterMap, document, (), set(document.mistakes))
+        told, more = explain(error, MeterMap, document, (), set(document.mistakes))
+        mistakes += told
     if mistakes:
-        raise ConfigError(ordered(mistakes))
+        raise ConfigError(first(mistakes, more))
     return made
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellwatt.errors import ConfigError
+from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
 
 Float = NDArray[np.float64]
@@ -58,7 +58,7 @@ def load_arm(path: Path) -> Arm:
     description = load_robot(path)
     file = path / "robot.yaml" if path.is_dir() else path
     try:
-        supplied = Supplied.model_validate(yaml.safe_load(file.read_text()))
+        supplied = Supplied.model_validate(read_yaml(file))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])

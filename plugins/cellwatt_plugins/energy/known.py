@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from cellwatt.errors import ModelError
+from cellwatt.files import read_text
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.drive import KINDS, Drive
 
@@ -47,7 +48,7 @@ class Known:
 def load_known(path: Path, arm: Arm) -> Known:
     """Read ``energy.json``. Raises ``ModelError`` where it is no such file, is of another arm or of an old cellwatt."""
     try:
-        found: dict[str, Any] = json.loads(path.read_text())
+        found: dict[str, Any] = json.loads(read_text(path))
         if "drives" in found and "covariance" not in found:
             raise ModelError(
                 f"{path}: is of an earlier cellwatt and does not say how its parameters are uncertain: "
@@ -56,7 +57,7 @@ def load_known(path: Path, arm: Arm) -> Known:
         known = _known(found, arm)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ModelError(f"{path}: is not energy.json of `cellwatt disaggregate`: {error!r}") from error
     if known.robot != arm.description.robot or len(known.viscous) != arm.joints:
         raise ModelError(f"{path}: is of robot {known.robot}, robot.yaml describes {arm.description.robot}")

@@ -14,6 +14,8 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
+from cellwatt.files import check_file
+from cellwatt.parquet import read_parquet
 
 Float = NDArray[np.float64]
 
@@ -121,7 +123,8 @@ def _on_grid(even: Float, time: Float, values: Float) -> Float:
 
 def _columns(path: Path, names: Sequence[str]) -> tuple[Float, list[Float]]:
     try:
-        table = pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
+        check_file(path)
+        table = read_parquet(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error).splitlines()[0]}") from error
     except (pa.ArrowException, ValueError) as error:

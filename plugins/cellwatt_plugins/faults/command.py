@@ -18,6 +18,7 @@ from cellwatt.frames import Frames
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
+from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.faults.cycles.recording import recording_of
 from cellwatt_plugins.faults.learn import Cell, learn
 from cellwatt_plugins.faults.recordings import frames_of_files
@@ -167,7 +168,10 @@ def _description(robot: str | None) -> Path | None:
 def _described(robot: str) -> bool:
     """Whether a YAML description says enough of the arm to model it."""
     file = _description(robot)
-    content = yaml.safe_load(file.read_text()) if file is not None else None
+    try:
+        content = read_yaml(file) if file is not None else None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
     return isinstance(content, dict) and "urdf" in content and "joints" in content
 
 
@@ -219,7 +223,7 @@ def _robot_name(robot: str | None) -> str | None:
     if file is None:
         return robot
     try:
-        content = yaml.safe_load(file.read_text())
+        content = read_yaml(file)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
     name = content.get("robot") if isinstance(content, dict) else None

@@ -48,6 +48,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from cellwatt.errors import ModelError
+from cellwatt.files import COMPUTED
+from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredModel
 
 Float = NDArray[np.float64]
@@ -168,7 +170,7 @@ def save(reference: Reference, path: Path) -> None:
 def load(path: Path) -> Reference:
     """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
     try:
-        content = yaml.load(path.read_text(), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = read_yaml(path, COMPUTED)
     except FileNotFoundError as error:
         raise ModelError(f"reference {path}: no such file; learn one with `cellwatt reference`") from error
     except (OSError, UnicodeDecodeError) as error:

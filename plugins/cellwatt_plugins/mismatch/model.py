@@ -12,6 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term
@@ -168,7 +169,7 @@ def load_model(path: Path) -> Model:
     """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` naming the file and what is wrong."""
     file = path / "model.yaml" if path.is_dir() else path
     try:
-        content = yaml.safe_load(file.read_text())
+        content = read_yaml(file)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
     if isinstance(content, dict) and content.get("format") == 1:

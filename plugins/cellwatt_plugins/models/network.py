@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import COMPUTED, read_bytes
 from cellwatt_plugins.models.metadata import KEY, Metadata, decode, refused
 from cellwatt_plugins.models.seal import broken
 
@@ -31,7 +32,7 @@ _PREFIX = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : (Load model from .*? 
 def check_intact(path: Path) -> None:
     """Raises ``ModelError`` where a file cannot be read, or has changed since ``describe`` wrote it."""
     try:
-        damaged = broken(path.read_bytes())
+        damaged = broken(read_bytes(path, COMPUTED))
     except OSError as error:
         raise refused(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
     if damaged:

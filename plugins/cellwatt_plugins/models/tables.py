@@ -13,6 +13,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError, RecordingError
+from cellwatt.files import check_file
+from cellwatt.parquet import read_parquet
 from cellwatt.record import Recording
 
 Float = NDArray[np.float64]
@@ -64,8 +66,9 @@ def read_table(path: Path) -> pa.Table:
     """
     try:
         if path.suffix == ".parquet":
-            table = pq.read_table(path)
+            table = read_parquet(path)
         elif path.suffix in {".csv", ".txt"}:
+            check_file(path)
             table = pyarrow.csv.read_csv(path)
         else:
             table = _frames(path)

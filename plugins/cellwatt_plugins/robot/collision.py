@@ -7,11 +7,11 @@ from typing import Annotated, Final
 
 import numpy as np
 import pinocchio as pin
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from cellwatt.errors import ConfigError
+from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.robot import RigidBody
 
 Float = NDArray[np.float64]
@@ -49,7 +49,7 @@ def read_outline(path: Path, body: RigidBody) -> Outline:
     """
     file = path / "robot.yaml" if path.is_dir() else path
     try:
-        outline = Outline.model_validate(yaml.safe_load(file.read_text()))
+        outline = Outline.model_validate(read_yaml(file))
     except ValidationError as error:
         first = error.errors()[0]
         raise ConfigError(f"{file}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error

@@ -9,6 +9,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
 from cellwatt.errors import ConfigError
+from cellwatt.yaml_file import read_yaml
 
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -85,7 +86,7 @@ def load_robot(path: Path) -> RobotDescription:
     """Read ``robot.yaml`` (or the folder that holds it). Raises ``ConfigError`` naming the file and the key."""
     file = path / "robot.yaml" if path.is_dir() else path
     try:
-        content = yaml.safe_load(file.read_text())
+        content = read_yaml(file)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
     if not isinstance(content, dict):

@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import read_bytes
 
 Float = NDArray[np.float64]
 
@@ -125,7 +126,7 @@ class RigidBody:
 
 def _with_one_angle_each(urdf: Path) -> str:
     """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
-    root = ET.fromstring(urdf.read_bytes())
+    root = ET.fromstring(read_bytes(urdf))
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellwatt.errors import ConfigError
+from cellwatt.yaml_file import read_yaml
 
 Float = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -56,7 +57,7 @@ def load_cube(robot: str, file: Path | None = None) -> Cube:
     """The cube of a robot of Table I, or of a file of the same form. Raises ``ConfigError``."""
     path = file or PACKAGED
     try:
-        cubes: dict[str, Any] = yaml.safe_load(path.read_text())
+        cubes: dict[str, Any] = read_yaml(path)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
     if not isinstance(cubes, dict):

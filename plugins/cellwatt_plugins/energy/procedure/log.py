@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellwatt.errors import RecordingError, why
+from cellwatt.files import read_bytes
 
 StateName = Literal["controller", "connected", "released"]
 STATES: Final[tuple[StateName, ...]] = ("controller", "connected", "released")
@@ -63,7 +64,7 @@ class Log(BaseModel):
 def read_log(path: Path) -> Log:
     """Read ``campaign.json``. Raises ``RecordingError`` naming the key."""
     try:
-        return Log.model_validate_json(path.read_bytes())
+        return Log.model_validate_json(read_bytes(path))
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error)}") from error
     except ValidationError as error:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from cellwatt.errors import ModelError
+from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.faults.paper.bevf import PowerEquation
 from cellwatt_plugins.faults.paper.rational import Rational
 
@@ -66,7 +67,7 @@ def save(equation: PowerEquation, path: Path) -> None:
 def load(path: Path) -> PowerEquation:
     """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
     try:
-        content: Any = yaml.safe_load(path.read_text())
+        content: Any = read_yaml(path)
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f"power equation {path}: cannot be read: {error}") from error
     except yaml.YAMLError as error:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import check_file
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -81,6 +82,8 @@ class FaultNetwork:
         source = str(model) if isinstance(model, Path) else model
         where = f"fault network {model}" if isinstance(model, Path) else "fault network"
         try:
+            if isinstance(model, Path):
+                check_file(model)
             self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
             self.table: Codes = np.array(json.loads(self._session.get_modelmeta().custom_metadata_map[KEY]), np.int8)
         except KeyError as error:

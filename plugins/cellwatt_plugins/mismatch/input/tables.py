@@ -16,6 +16,8 @@ import pyarrow.parquet
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
+from cellwatt.files import COMPUTED, read_bytes
+from cellwatt.parquet import read_parquet
 from cellwatt.record import Recording
 from cellwatt_plugins.mismatch.input.columns import CLOCKS, listed
 
@@ -51,7 +53,7 @@ def read_table(path: Path) -> Table:
     if path.is_dir() or ".mcap" in path.suffixes:
         return _recorded(path)
     try:
-        table = pyarrow.parquet.read_table(path) if path.suffix == ".parquet" else _csv(path)
+        table = read_parquet(path) if path.suffix == ".parquet" else _csv(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:
@@ -68,7 +70,7 @@ def _recorded(path: Path) -> Table:
 
 def _csv(path: Path) -> Any:
     """Comma, semicolon, tab or blanks between the columns; decimal commas where the separator is another."""
-    content = path.read_bytes().removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    content = read_bytes(path, COMPUTED).removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     header, _, rest = content.partition(b"\n")
     separator = next((s for s in (";", ",", "\t") if s.encode() in header), " ")
     if separator == " ":

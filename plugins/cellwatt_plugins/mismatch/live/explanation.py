@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cellwatt.errors import RecordingError
+from cellwatt.files import COMPUTED, read_text
 
 NICENESS = 19
 """It gives way to everything else on the PC."""
@@ -66,7 +67,7 @@ class Explanation:
         if code != 0:
             return Outcome(self.folder, None, self._last_words(code))
         try:
-            return Outcome(self.folder, json.loads((self.folder / "findings.json").read_text()))
+            return Outcome(self.folder, json.loads(read_text(self.folder / "findings.json", COMPUTED)))
         except (OSError, ValueError) as error:
             return Outcome(self.folder, None, f"its findings cannot be read: {error}")
 

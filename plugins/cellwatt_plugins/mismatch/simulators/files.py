@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import read_text
 from cellwatt_plugins.mismatch.simulators.markup import Element, Markup
 
 DIRECTORIES = ("meshdir", "texturedir", "assetdir")
@@ -34,7 +35,7 @@ class Files:
 
     def _read(self, path: Path) -> None:
         try:
-            text = path.read_text()
+            text = read_text(path)
             one = One(path, text, Markup(text))
         except (OSError, UnicodeDecodeError, expat.ExpatError) as error:
             raise ConfigError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error

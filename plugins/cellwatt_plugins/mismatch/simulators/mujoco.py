@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import WRITTEN, check_file, read_text
 from cellwatt_plugins.mismatch.simulators.inertia import about_origin
 from cellwatt_plugins.robot.law import SIGN_WIDTH
 
@@ -136,8 +137,9 @@ def _compiled(path: Path) -> Any:
     mujoco = _mujoco(path)
     try:
         if path.suffix.lower() == ".urdf":
-            model = mujoco.MjModel.from_xml_string(_without_shapes(path.read_text()))
+            model = mujoco.MjModel.from_xml_string(_without_shapes(read_text(path)))
         else:
+            check_file(path, WRITTEN)
             model = mujoco.MjModel.from_xml_path(str(path))
     except (OSError, UnicodeDecodeError, ET.ParseError, ValueError) as error:
         raise ConfigError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, RecordingError
+from cellwatt.files import COMPUTED, read_text
 from cellwatt.frames import Frames, Layout
 from cellwatt_plugins.models.static.held import STILL, HeldPose, Recogniser
 
@@ -69,8 +70,7 @@ class PoseFile:
             csv.writer(file).writerows(rows)
 
     def _resume(self) -> None:
-        with self.path.open(newline="") as file:
-            header, *rows = [row for row in csv.reader(file) if row] or [[]]
+        header, *rows = [row for row in csv.reader(read_text(self.path, COMPUTED).splitlines()) if row] or [[]]
         if header != self._columns:
             raise RecordingError(
                 f"{self.path}: has other columns than this collection: {', '.join(header[:4])} …; choose another file"
@@ -89,7 +89,7 @@ def place_of(path: Path) -> dict[str, tuple[int, int]]:
     file = _place_file(path)
     if not (file.exists() and path.exists()):
         return {}
-    return {topic: (int(session), int(number)) for topic, (session, number) in json.loads(file.read_text()).items()}
+    return {topic: (int(session), int(number)) for topic, (session, number) in json.loads(read_text(file)).items()}
 
 
 def _place_file(path: Path) -> Path:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cellwatt.config import load
 from cellwatt.errors import RecordingError
+from cellwatt.files import read_text
 from cellwatt.frames import Frames
 from cellwatt.publish.reach import link_to
 from cellwatt.subscriber import Subscriber
@@ -64,8 +65,7 @@ def collect(
 def read_plan(path: Path) -> Float:
     """The poses (P, n) rad of a plan's table. Raises ``RecordingError``."""
     try:
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(read_text(path).splitlines()))
         names = [name for name in rows[0] if name.startswith("q_")]
         return np.array([[float(row[name]) for name in names] for row in rows])
     except (OSError, ValueError, IndexError, TypeError) as error:

@@ -1,0 +1,84 @@
+"""YAML files other than settings: what a program or a person wrote, read within bounds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from cellwatt.files import WRITTEN, read_text
+
+DEEPEST: Final = 50
+"""Lists and mappings within each other."""
+MOST_VALUES: Final = 5_000_000
+"""Values after aliases are followed; a few nested ones can stand for billions."""
+MOST_MERGES: Final = 1_000
+"""Merge keys (``<<``); each costs time by all others."""
+
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def read_yaml(path: Path, limit: int = WRITTEN) -> Any:
+    """What is in a YAML file of at most ``limit`` bytes.
+
+    Raises ``OSError``, ``UnicodeDecodeError`` or ``yaml.YAMLError``; the first line of their text says why.
+    """
+    return parse_yaml(read_text(path, limit))
+
+
+def parse_yaml(text: str) -> Any:
+    """What a YAML text says. Raises ``yaml.YAMLError``."""
+    _check(text)
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except (ValueError, OverflowError) as error:  # a date that there is not, a number of a million digits
+        raise yaml.YAMLError(f"not a value: {error}") from error
+
+
+def _check(text: str) -> None:
+    """Raise ``yaml.YAMLError`` where the text is nested too deeply or stands for too many values."""
+    sizes: list[int] = [0]
+    depths: list[int] = [0]
+    names: list[str | None] = []
+    anchors: dict[str, tuple[int, int]] = {}
+    merges = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        size, depth = 1, 0
+        match event:
+            case yaml.AliasEvent():
+                if event.anchor in names:
+                    raise yaml.YAMLError(f"{_place(event)}: an anchor that contains itself")
+                size, depth = anchors.get(event.anchor, (1, 0))
+            case yaml.CollectionStartEvent():
+                names.append(event.anchor)
+                sizes.append(1)
+                depths.append(0)
+                depth = -1
+            case yaml.CollectionEndEvent():
+                size, depth = sizes.pop(), depths.pop() + 1
+                _name(anchors, names.pop(), size, depth)
+            case yaml.ScalarEvent():
+                _name(anchors, event.anchor, 1, 0)
+                merges += event.value == "<<"
+            case _:
+                continue
+        if depth >= 0:
+            sizes[-1] += size
+            depths[-1] = max(depths[-1], depth)
+        if len(sizes) - 1 + depths[-1] > DEEPEST:
+            raise yaml.YAMLError(f"{_place(event)}: nested more than {DEEPEST} deep")
+        if merges > MOST_MERGES:
+            raise yaml.YAMLError(f"{_place(event)}: more than {MOST_MERGES:,} merge keys (<<)")
+        if sizes[-1] > MOST_VALUES:
+            raise yaml.YAMLError(f"{_place(event)}: stands for more than {MOST_VALUES:,} values")
+
+
+def _name(anchors: dict[str, tuple[int, int]], name: str | None, size: int, depth: int) -> None:
+    if name is not None:
+        anchors[name] = size, depth
+
+
+def _place(event: yaml.Event) -> str:
+    mark = event.start_mark
+    return f"line {mark.line + 1} column {mark.column + 1}"

@@ -1,0 +1,136 @@
+"""Whatever a command opens: what is no file, or was made to fill the memory, is told in one line and at once."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt import CellwattError
+from cellwatt.emulation.signals import load_signals
+from cellwatt.parquet import read_parquet
+from cellwatt.yaml_file import parse_yaml
+from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
+from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
+from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.energy.procedure.cube import load_cube
+from cellwatt_plugins.energy.procedure.log import read_log
+from cellwatt_plugins.energy.recordings import _columns
+from cellwatt_plugins.faults import reference
+from cellwatt_plugins.faults.command import _described, _robot_name
+from cellwatt_plugins.faults.paper import equation
+from cellwatt_plugins.faults.paper.network import FaultNetwork
+from cellwatt_plugins.mismatch.input.tables import read_table as read_experiment
+from cellwatt_plugins.mismatch.model import load_model
+from cellwatt_plugins.mismatch.simulators.files import Files
+from cellwatt_plugins.models.network import check_intact
+from cellwatt_plugins.models.static.live import read_plan
+from cellwatt_plugins.models.tables import read_table
+from cellwatt_plugins.robot.description import load_robot
+from cellwatt_plugins.robot.rigid_body import RigidBody
+
+Read = Callable[[Path], object]
+READERS: dict[str, tuple[str, Read]] = {
+    "robot.yaml": ("robot.yaml", load_robot),
+    "URDF": ("arm.urdf", lambda path: RigidBody(path, ("joint_1",))),
+    "MJCF": ("arm.xml", Files),
+    "ONNX": ("power.onnx", check_intact),
+    "fault network": ("faults.onnx", FaultNetwork),
+    "meter map": ("meter.yaml", load_meter),
+    "sensor map": ("sensor.yaml", load_sensor),
+    "reference": ("reference.yaml", reference.load),
+    "power equation": ("equation.yaml", equation.load),
+    "model": ("model.yaml", load_model),
+    "--robot": ("arm.yaml", lambda path: _robot_name(str(path))),
+    "--robot described": ("arm.yaml", lambda path: _described(str(path))),
+    "cube": ("cube.yaml", lambda path: load_cube("ur10e", path)),
+    "energy.json": ("energy.json", lambda path: load_known(path, SimpleNamespace())),  # type: ignore[arg-type]
+    "campaign.json": ("campaign.json", read_log),
+    "campaign's table": ("run.csv", lambda path: _columns(path, ["q_1"])),
+    "campaign's Parquet": ("run.parquet", lambda path: _columns(path, ["q_1"])),
+    "experiment": ("moves.csv", read_experiment),
+    "experiment's Parquet": ("moves.parquet", read_experiment),
+    "table": ("poses.csv", read_table),
+    "Parquet": ("poses.parquet", read_table),
+    "plan": ("plan.csv", read_plan),
+    "signals": ("signals.csv", load_signals),
+    "signals' Parquet": ("signals.parquet", load_signals),
+}
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("kind", ["FIFO", "device", "sparse"])
+@pytest.mark.parametrize(("name", "read"), READERS.values(), ids=READERS)
+def test_what_is_no_file_of_this_kind(tmp_path: Path, name: str, read: Read, kind: str) -> None:
+    path = tmp_path / name
+    if kind == "FIFO":
+        os.mkfifo(path)
+        reason = "a FIFO, expected a file"
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+        reason = "a device, expected a file"
+    else:
+        path.touch()
+        os.truncate(path, 10_000_000_000)
+        reason = "larger than "
+    with pytest.raises(CellwattError) as caught:
+        read(path)
+    said = str(caught.value)
+    assert reason.lower() in said.lower()
+    assert path.name in said
+    assert len(said.splitlines()) == 1
+
+
+DEEP = "a: " + "[" * 100_000
+LAUGHS = "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 12))
+MERGES = "a: &a {}\nb: {" + "<<: *a, " * 180_000 + "}\n"
+YAMLS = [name for name, (file, _) in READERS.items() if file.endswith(".yaml")]
+
+
+@pytest.mark.parametrize("text", [DEEP, LAUGHS, MERGES], ids=["deep", "laughs", "merges"])
+@pytest.mark.parametrize("name", YAMLS)
+def test_yaml_that_was_made_to_fill_the_memory(tmp_path: Path, name: str, text: str) -> None:
+    file, read = READERS[name]
+    path = tmp_path / file
+    path.write_text(text)
+    began = time.process_time()
+    with pytest.raises(CellwattError) as caught:
+        read(path)
+    assert time.process_time() - began < 30  # of the file's 1 MB; followed, it would never end
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["energy.json", "campaign.json"])
+def test_json_that_is_nested_too_deeply(tmp_path: Path, name: str) -> None:
+    file, read = READERS[name]
+    path = tmp_path / file
+    path.write_text("[" * 100_000)
+    with pytest.raises(CellwattError):
+        read(path)
+
+
+def test_a_parquet_file_that_unpacks_to_gigabytes(tmp_path: Path) -> None:
+    path = tmp_path / "moves.parquet"
+    rows = 1_000_000
+    column = pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), pa.array([1.0]))
+    table = pa.table({"t": column, **{f"q_{i}": column for i in range(600)}})
+    pq.write_table(table, path)
+    assert path.stat().st_size < 3_000_000
+    with pytest.raises(OSError, match=r"would take more than 4,000,000,000 bytes of memory"):
+        read_parquet(path)
+    with pytest.raises(CellwattError, match="would take more than"):
+        read_experiment(path)
+
+
+def test_what_people_write_is_read() -> None:
+    assert parse_yaml("a: &x {k: [1, 2]}\nb: {<<: *x, c: *x}\n") == {
+        "a": {"k": [1, 2]},
+        "b": {"k": [1, 2], "c": {"k": [1, 2]}},
+    }
