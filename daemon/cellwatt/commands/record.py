@@ -19,6 +19,7 @@ from rich.live import Live
 from cellwatt.commands.live_view import LiveCell
 from cellwatt.config import load
 from cellwatt.record import RecordSettings
+from cellwatt.record.claim import claimed
 from cellwatt.runtime.cell import Cell
 
 
@@ -37,7 +38,8 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
         settings = settings.model_copy(update={"folder": out})
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
     cell = Cell(replace(config, record=settings, stages={}, sinks={}))
-    final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))
+    with claimed(settings.folder, config.cell):
+        final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))
     if as_json:
         click.echo(json.dumps(final))
         return

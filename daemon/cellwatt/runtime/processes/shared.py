@@ -115,6 +115,13 @@ class Apply:
 
 
 @dataclass(frozen=True, slots=True)
+class Alive:
+    """The cell's health was looked at; ``status`` is one line about it for systemd."""
+
+    status: str
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """Come to an end."""
 

@@ -20,6 +20,7 @@ from typing import Final
 
 from cellwatt.config import CellConfig, load
 from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.record.claim import claimed
 from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import chain_names, declared
 from cellwatt.runtime.change import Change
@@ -27,7 +28,18 @@ from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.part import Part
-from cellwatt.runtime.processes.shared import OTHERS, SLOTS, Apply, Assignment, Failed, InForce, Ready, Shared, Stop
+from cellwatt.runtime.processes.shared import (
+    OTHERS,
+    SLOTS,
+    Alive,
+    Apply,
+    Assignment,
+    Failed,
+    InForce,
+    Ready,
+    Shared,
+    Stop,
+)
 from cellwatt.runtime.processes.tell import tell
 
 log = logging.getLogger(__name__)
@@ -72,7 +84,12 @@ class Supervisor:
         return [self._collect, self._align, self._tell, *self._judges.values(), *held, *self._ending]
 
     def run(self) -> None:
-        """Serve the cell. Raises ``CellwattError`` where a part cannot be started."""
+        """Serve the cell. Raises ``CellwattError`` where a part cannot be started, or another has the record folder."""
+        record = self._config.record
+        with claimed(record.folder if record is not None else None, self._config.cell):
+            self._run()
+
+    def _run(self) -> None:
         gc.collect()
         gc.freeze()
         with self._signals() as self._selector:
@@ -198,6 +215,9 @@ class Supervisor:
                     self._reload_done(self._reload)  # it was begun again, by the new settings
             case InForce() if self._reload is not None:
                 self._reload_done(self._reload)
+            case Alive():
+                # systemd listens to this process alone: its word says that both of them work.
+                systemd.notify(WATCHDOG="1", STATUS=message.status)
             case Failed():
                 self._take_failure(part, message.error)
             case _:
