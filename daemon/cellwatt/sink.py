@@ -95,6 +95,10 @@ class Sink(ABC, Generic[S]):
     def health(self, status: Mapping[str, Any]) -> None:
         """Take the cell's health, about once a second; never blocks."""
 
+    def trouble(self) -> str | None:
+        """What keeps it from serving though it runs, for health; ``None`` where all is well."""
+        return None
+
     @abstractmethod
     async def run(self) -> None:
         """Open, serve until cancelled, drain, close."""

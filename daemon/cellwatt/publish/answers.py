@@ -7,7 +7,8 @@
     alarm/**?cleared=N                                                alarms active now and the last N cleared
 
 A question about the past gets one bounded piece of it: ask again from its end. Where nothing is there, or the
-question is wrong, the answer is a Zenoh error with ``{"error": text}``.
+question is wrong, the answer is a Zenoh error with ``{"error": text}``. Whoever reaches the port may ask anything:
+no question ends the thread that answers, or is kept when it is large.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
-from urllib.parse import unquote
 
 from cellwatt.blocks import cut, join
 from cellwatt.errors import CellwattError
@@ -27,6 +29,15 @@ from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
 from cellwatt.publish.keys import ALARM, FRAME, CellKeys, alarm_path, raw_topic
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import encode_item, encode_json
+from cellwatt.publish.questions import (
+    LARGEST,
+    NothingKeptError,
+    QuestionError,
+    number_of,
+    parameters,
+    short,
+    text_of,
+)
 from cellwatt.results import Alarm
 from cellwatt.sink import CellView
 
@@ -38,13 +49,11 @@ log = logging.getLogger(__name__)
 MOST_SAMPLES: Final = 2000
 """Samples in one answer; about 1 MB of sixty channels."""
 MOST_RESULTS: Final = 500
-"""Results in one answer."""
+"""Results in one answer, and cleared alarms."""
 _WAITING: Final = 64
 """Questions that may wait; more are refused, and a consumer asks again."""
-
-
-class QuestionError(CellwattError):
-    """A question is wrong, or nothing is there to answer it with."""
+STUCK: Final = 10.0
+"""Time, s, that one question may take before health says that the answers are stuck."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +86,8 @@ class Answers:
         self._count = count
         self._questions: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
+        self._busy_since: float | None = None
+        self._told: set[str] = set()
         self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
             "status": lambda _: Answer(health()),
             "config": lambda _: Answer(encode_json(view.config())),
@@ -88,6 +99,7 @@ class Answers:
 
     def start(self, session: zenoh.Session) -> None:
         """Declare the questions and begin to answer them."""
+        self._questions = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._serve, name="cellwatt zenoh answers", daemon=False)
         self._thread.start()
         session.declare_queryable(self._keys.question("*"), lambda q: self._enqueue(q, self._reply))
@@ -100,32 +112,47 @@ class Answers:
             self._thread.join()
             self._thread = None
 
+    @property
+    def dead(self) -> bool:
+        """Whether the thread has ended though nobody stopped it."""
+        return self._thread is not None and not self._thread.is_alive()
+
+    def trouble(self) -> str | None:
+        """Why nobody is answered now; ``None`` where all is well."""
+        since = self._busy_since
+        if self.dead:
+            return "the thread that answers questions has ended"
+        if since is not None and time.monotonic() - since > STUCK:
+            return f"the thread that answers questions has been stuck at one for {time.monotonic() - since:.0f} s"
+        return None
+
     def about(self, name: str, asked: Mapping[str, str]) -> Answer:
         """The answer to one question. Raises ``CellwattError`` where it is wrong or nothing is there."""
         if name not in self._known:
-            raise QuestionError(f"there is no question {name!r}; there are: {', '.join(self._known)}")
+            raise QuestionError(f"there is no question {short(name)}; there are: {', '.join(self._known)}")
         return self._known[name](asked)
 
     def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
         """The alarms active now, after the last ``cleared`` that are over."""
-        return [*self._backlog.cleared(_number(asked, "cleared", 0)), *self._backlog.active()]
+        return [*self._backlog.cleared(min(number_of(asked, "cleared", 0), MOST_RESULTS)), *self._backlog.active()]
 
     def _history(self, asked: Mapping[str, str]) -> Answer:
-        session, first = _number(asked, "session", self._view.session), _number(asked, "first", 0)
-        count = min(_number(asked, "count", MOST_SAMPLES), MOST_SAMPLES)
+        session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
+        count = min(number_of(asked, "count", MOST_SAMPLES), MOST_SAMPLES)
         if "source" not in asked and asked.get("stream") == FRAME:
             return self._frames(session, first, count)
-        source, stream = _text(asked, "source"), _text(asked, "stream")
+        source, stream = text_of(asked, "source"), text_of(asked, "stream")
         batch = join(self._view.history(source, stream, session, first, count), count)
         if batch is None:
-            raise QuestionError(f"nothing is recorded of {source}/{stream} from {first} in session {session}")
+            about = f"{source}/{stream}"
+            raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
         mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
         return Answer(encode_batch(batch), ARROW, mark, raw_topic(source, stream))
 
     def _frames(self, session: int, first: int, count: int) -> Answer:
         kept = self._backlog.frames(session, first, count)
         if not kept:
-            raise QuestionError(f"no frames are kept from {first} in session {session}")
+            raise NothingKeptError(f"no frames are kept from {first} in session {session}")
         begin, _ = kept[0]
         skipped = max(first - begin.sequence, 0)
         joined = join([frames for _, frames in kept], skipped + count)
@@ -135,11 +162,11 @@ class Answers:
         return Answer(encode_frames(frames), ARROW, mark, FRAME)
 
     def _results(self, asked: Mapping[str, str]) -> Answer:
-        kind, session = _text(asked, "kind"), _number(asked, "session", self._backlog.session)
-        count = min(_number(asked, "count", MOST_RESULTS), MOST_RESULTS)
-        kept = self._backlog.results(kind, session, _number(asked, "first", 0), count)
+        kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
+        count = min(number_of(asked, "count", MOST_RESULTS), MOST_RESULTS)
+        kept = self._backlog.results(kind, session, number_of(asked, "first", 0), count)
         if not kept:
-            raise QuestionError(f"no results {kind!r} are kept from there in session {session}")
+            raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
         first, last = kept[0][0], kept[-1][0]
         mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
         return Answer(b"[" + b",".join(encode_item(item, m) for m, item in kept) + b"]", JSON, mark, kind)
@@ -148,8 +175,11 @@ class Answers:
 
     def _enqueue(self, query: zenoh.Query, reply: Callable[[zenoh.Query], None]) -> None:
         """Runs in Zenoh's thread: must not block."""
-        if self._questions.qsize() >= _WAITING:
-            self._count("questions refused")
+        reason = "too many wait" if self._questions.qsize() >= _WAITING else None
+        if reason is None and _size(query) > LARGEST:
+            reason = "too large"
+        if reason is not None:
+            self._count(f"questions refused: {reason}")
             query.drop()  # type: ignore[no-untyped-call]
             return
         self._questions.put(lambda: reply(query))
@@ -158,44 +188,65 @@ class Answers:
         import zenoh
 
         while (work := self._questions.get()) is not None:
+            self._busy_since = time.monotonic()
             try:
                 work()
             except zenoh.ZError as error:  # who asked is gone
                 self._count("answers lost")
                 log.info("zenoh: an answer could not be given: %s", error)
+            except Exception as error:
+                self._failed("", error)
+            finally:
+                self._busy_since = None
+
+    def _failed(self, what: str, error: Exception) -> None:
+        """Count what only a mistake of ours, or a broken record, can cause; each kind is logged once."""
+        self._count("questions failed")
+        kind = f"{what.partition('?')[0]} {type(error).__name__}"
+        if kind not in self._told and len(self._told) < _WAITING:
+            self._told.add(kind)
+            log.exception("zenoh: the question %s could not be answered", short(what, 200))
 
     def _reply(self, query: zenoh.Query) -> None:
         with query:
-            asked = _asked(query)
             names = [n for n in self._known if query.key_expr.intersects(self._keys.question(n))]
             alone = len(names) < 2
             for name in names or [str(query.key_expr).rsplit("/", 1)[-1]]:
                 if alone or name not in ("history", "results"):
-                    self._reply_one(query, name, asked)
+                    self._reply_one(query, name)
 
-    def _reply_one(self, query: zenoh.Query, name: str, asked: Mapping[str, str]) -> None:
+    @contextmanager
+    def _refusing(self, query: zenoh.Query) -> Iterator[None]:
+        """What is wrong with the question is the answer to it."""
         import zenoh
 
         try:
-            answer = self.about(name, asked)
+            yield
+        except zenoh.ZError:
+            raise
         except CellwattError as error:
+            if isinstance(error, QuestionError) and not isinstance(error, NothingKeptError):
+                self._count("questions refused: wrong")
             query.reply_err(encode_json({"error": str(error)}), encoding=JSON)
-            return
         except Exception as error:
             # One question that meets a broken record must not end the answers to all others.
-            self._count("questions failed")
-            log.exception("zenoh: the question %s could not be answered", query.selector)
+            self._failed(str(query.selector), error)
             query.reply_err(encode_json({"error": f"{type(error).__name__}: {error}"}), encoding=JSON)
-            return
-        key = self._keys.question(name)
-        if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
-            key = self._keys.backfill(answer.path)
-        attachment = None if answer.mark is None else answer.mark.encode(answer.payload)
-        query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
+
+    def _reply_one(self, query: zenoh.Query, name: str) -> None:
+        import zenoh
+
+        with self._refusing(query):
+            answer = self.about(name, parameters(str(query.parameters)))
+            key = self._keys.question(name)
+            if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
+                key = self._keys.backfill(answer.path)
+            attachment = None if answer.mark is None else answer.mark.encode(answer.payload)
+            query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
 
     def _reply_alarms(self, query: zenoh.Query) -> None:
-        with query:
-            for mark, alarm in self.alarms(_asked(query)):
+        with query, self._refusing(query):
+            for mark, alarm in self.alarms(parameters(str(query.parameters))):
                 payload = encode_item(alarm, mark)
                 attachment = replace(mark, backfill=True).encode(payload)
                 # Zenoh by default keeps one reply a key: with its id each alarm has a key of its own.
@@ -205,19 +256,6 @@ class Answers:
                         break
 
 
-def _asked(query: zenoh.Query) -> dict[str, str]:
-    pairs = (pair.partition("=") for pair in str(query.parameters).split(";"))
-    return {name: unquote(value) for name, _, value in pairs if name}
-
-
-def _text(asked: Mapping[str, str], name: str) -> str:
-    if not asked.get(name):
-        raise QuestionError(f"the question needs {name}=…")
-    return asked[name]
-
-
-def _number(asked: Mapping[str, str], name: str, default: int) -> int:
-    text = asked.get(name, str(default))
-    if not text.isascii() or not text.isdecimal():
-        raise QuestionError(f"{name}={text!r} is not a whole number")
-    return int(text)
+def _size(query: zenoh.Query) -> int:
+    """Bytes that a question keeps in memory while it waits."""
+    return len(query.payload or b"") + len(query.attachment or b"") + len(str(query.parameters))

@@ -23,6 +23,8 @@ from cellwatt.sink import SinkSettings
 if TYPE_CHECKING:
     import zenoh
 
+LARGEST_MESSAGE: Final = 64 * 1024 * 1024
+"""Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
 _ATTEMPT: Final = 1.0
 """Longest time, s, of one attempt to reach a router; a stop waits for it."""
 _PAUSE: Final = 0.2  # s
@@ -120,15 +122,15 @@ class LinkSettings(SinkSettings):
         return self
 
 
-def session_config(settings: LinkSettings, timeout: float = _ATTEMPT) -> zenoh.Config:
-    """The settings as Zenoh takes them; ``timeout`` s for reaching a router.
+def session_config(settings: LinkSettings, timeout: float = _ATTEMPT, largest: int = LARGEST_MESSAGE) -> zenoh.Config:
+    """The settings as Zenoh takes them; ``timeout`` s for reaching a router, messages of ``largest`` bytes.
 
     Raises ``ValueError`` that names the option where Zenoh refuses one.
     """
     import zenoh
 
     config = zenoh.Config()
-    for path, value in _options(settings, timeout):
+    for path, value in _options(settings, timeout, largest):
         try:
             config.insert_json5(path, json.dumps(value))
         except zenoh.ZError as error:
@@ -137,18 +139,22 @@ def session_config(settings: LinkSettings, timeout: float = _ATTEMPT) -> zenoh.C
 
 
 def open_session(
-    settings: LinkSettings, stopped: Callable[[], bool] = lambda: False, patience: float = 10.0
+    settings: LinkSettings,
+    stopped: Callable[[], bool] = lambda: False,
+    patience: float = 10.0,
+    largest: int = LARGEST_MESSAGE,
 ) -> zenoh.Session:
     """Open a session; blocks, so call it in a thread.
 
     A client tries for ``patience`` s to reach its router, unless somebody there refuses it. Raises ``SinkError``
-    that says what to look at, or when ``stopped()`` turns true meanwhile.
+    that says what to look at, or when ``stopped()`` turns true meanwhile. Messages above ``largest`` bytes that come in
+    pieces (Zenoh's are of 64 kB) are thrown away before they are put together.
     """
     import zenoh
 
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     _check_files(settings)
-    config = session_config(settings)
+    config = session_config(settings, largest=largest)
     end = time.monotonic() + patience
     refused_before = False
     while True:
@@ -163,7 +169,7 @@ def open_session(
         time.sleep(_PAUSE)
 
 
-def _options(settings: LinkSettings, timeout: float) -> Iterator[tuple[str, Any]]:
+def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[tuple[str, Any]]:
     yield "mode", settings.mode
     yield "listen/endpoints", settings.listen
     yield "connect/endpoints", settings.connect
@@ -175,6 +181,7 @@ def _options(settings: LinkSettings, timeout: float) -> Iterator[tuple[str, Any]
         yield "scouting/delay", 0
     # Shared memory gains nothing at our message sizes, costs 30 MB, and put() was seen to take 24 ms with it.
     yield "transport/shared_memory/enabled", False
+    yield "transport/link/rx/max_message_size", largest
     yield from _QUEUES
     yield from _tls(settings.tls)
     if settings.user is not None and settings.password is not None:

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 from cellwatt.batch import Batch
 from cellwatt.errors import SinkError
 from cellwatt.frames import Frames
-from cellwatt.publish.answers import Answers
+from cellwatt.publish.answers import STUCK, Answers
 from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
 from cellwatt.publish.keys import HEALTH, CellKeys
-from cellwatt.publish.link import LinkSettings, open_session, why_unconnected
+from cellwatt.publish.link import LARGEST_MESSAGE, LinkSettings, open_session, why_unconnected
 from cellwatt.publish.messages import encode_item
 from cellwatt.publish.outbox import Outbox, Outgoing
+from cellwatt.publish.questions import LARGEST
 
 if TYPE_CHECKING:
     import zenoh
@@ -55,7 +56,8 @@ class Publisher(threading.Thread):
         self._answers = answers
         self._health = health
         self._publishers: dict[str, Any] = {}
-        self._beat_due = False
+        self._beat_due: float | None = None
+        """When, monotonic s, the health message was called for that is still to be put."""
         self._stop_at: float | None = None
         self._session: zenoh.Session | None = None
         self._hindered_until = 0.0
@@ -64,7 +66,8 @@ class Publisher(threading.Thread):
 
     def beat(self) -> None:
         """Put a health message after what is being put now."""
-        self._beat_due = True
+        if self._beat_due is None:
+            self._beat_due = time.monotonic()
         self._outbox.wake()
 
     @property
@@ -88,6 +91,13 @@ class Publisher(threading.Thread):
         if len(self._outbox) or self._broken is not None:
             self._outbox.wake()
 
+    def trouble(self) -> str | None:
+        """Why nothing, or no answer, goes out now; ``None`` where all is well."""
+        due = self._beat_due
+        if self._session is not None and due is not None and time.monotonic() - due > STUCK:
+            return f"the thread that publishes has been stuck for {time.monotonic() - due:.0f} s"
+        return self._answers.trouble()
+
     def stop(self) -> None:
         """Empty the outbox, as far as ``DRAIN`` allows, and end."""
         self._stop_at = time.monotonic() + DRAIN
@@ -107,11 +117,11 @@ class Publisher(threading.Thread):
             self.done.set_result(None)
 
     def _serve(self) -> None:
-        session = open_session(self._link, lambda: self._stop_at is not None)
+        session = open_session(self._link, lambda: self._stop_at is not None, largest=_largest(self._link))
         try:
             token = session.liveliness().declare_token(self._keys.root)
             self._answers.start(session)
-            self._session = session
+            self._beat_due, self._session = None, session
             self._publish(session)
             token.undeclare()  # type: ignore[no-untyped-call]
         finally:
@@ -129,10 +139,12 @@ class Publisher(threading.Thread):
                 raise self._broken
             if outgoing is not None:
                 self._put(session, outgoing)
-            if self._beat_due:
-                self._beat_due = False
+            if self._beat_due is not None:
+                self._beat_due = None
                 self._put_health(session)
                 self._links.look(session)
+                if self._answers.dead:
+                    raise SinkError("the thread that answers questions has ended")
 
     def _put(self, session: zenoh.Session, outgoing: Outgoing) -> None:
         import zenoh
@@ -140,7 +152,7 @@ class Publisher(threading.Thread):
         try:
             payload = encode(outgoing)
             attachment = outgoing.mark.encode(payload)
-        except (ValueError, TypeError):
+        except Exception:
             # One item that breaks its own contract costs that item, not the sink.
             log.exception("zenoh: an item of %s cannot be encoded", outgoing.topic)
             self._outbox.lost(outgoing, "not encodable")
@@ -156,8 +168,13 @@ class Publisher(threading.Thread):
     def _put_health(self, session: zenoh.Session) -> None:
         import zenoh
 
-        key = self._keys.live(HEALTH)
-        session.put(key, self._health(), encoding=JSON, priority=zenoh.Priority.DATA, express=True)
+        try:
+            payload = self._health()
+        except Exception:  # as of an item: some part's figures, or what a device calls itself, cannot be said
+            self._outbox.count("health not encodable")
+            log.exception("zenoh: the health message cannot be encoded")
+            return
+        session.put(self._keys.live(HEALTH), payload, encoding=JSON, priority=zenoh.Priority.DATA, express=True)
 
     def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> Any:
         import zenoh
@@ -204,6 +221,11 @@ class _LinkWatch:
         elif now - self._up_at > _UNCONNECTED and not self._told:
             self._told = True
             log.warning("zenoh: no link for %.0f s: %s", now - self._up_at, why_unconnected(self._settings))
+
+
+def _largest(link: LinkSettings) -> int:
+    """Bytes of a message that the cell takes: it is sent questions only, unless it relays for others."""
+    return LARGEST_MESSAGE if link.mode == "router" else 4 * LARGEST
 
 
 def encode(outgoing: Outgoing) -> bytes:

@@ -108,6 +108,11 @@ class ZenohSink(Sink[ZenohSettings]):
         if self._publisher is not None:
             self._publisher.beat()
 
+    def trouble(self) -> str | None:
+        """Which of the threads is dead or stuck."""
+        publisher = self._publisher
+        return None if publisher is None else publisher.trouble()
+
     async def run(self) -> None:
         """Open, publish until cancelled, drain, close. Raises ``SinkError`` when there is no session to be had."""
         publisher = self._publisher = Publisher(self.settings, self._keys, self._outbox, self._answers, self._health)

@@ -6,13 +6,15 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from cellwatt.errors import SinkError
 from cellwatt.runtime.source import asked_to_end
 from cellwatt.sink import Item, Sink
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 30.0  # s
 STEADY = 15.0
@@ -39,15 +41,16 @@ class Delivery:
         """Hand over the cell's health."""
         self._contained("health lost", lambda: self._sink.health(status))
 
-    def _contained(self, what: str, work: Callable[[], None]) -> None:
+    def _contained(self, what: str, work: Callable[[], T]) -> T | None:
         try:
-            work()
+            return work()
         except Exception as error:
             self._sink.account.count(what)
             self._broke = f"{type(error).__name__}: {error}"
             if self._broke != self._told:
                 self._told = self._broke
                 log.exception("sink %s broke; what it was given is lost", self.name)
+            return None
 
     async def run(self) -> None:
         """Run the sink until cancelled, again after each end."""
@@ -78,8 +81,9 @@ class Delivery:
 
     def status(self) -> dict[str, Any]:
         """Figures for health, JSON-ready; each look also forgets where the sink broke since the one before."""
+        trouble = self._contained("looks lost", self._sink.trouble)
         broke, self._broke = self._broke, None
         if time.monotonic() > self._serves_from:
             self._ended = None
-        error = self._ended or broke
+        error = self._ended or broke or trouble
         return {"state": "down" if error else "ok", "error": error, **self._sink.account.snapshot()}

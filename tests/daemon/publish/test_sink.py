@@ -202,7 +202,7 @@ async def test_a_record_that_breaks_is_an_answer_not_an_end(
     monkeypatch.setattr(view, "history", lambda *_: 1 / 0)
     (reply,) = await consumer.ask("@/history?source=arm;stream=samples")
     assert json.loads(reply.err.payload.to_bytes()) == {"error": "ZeroDivisionError: division by zero"}
-    assert "weld-3/@/history?source=arm;stream=samples could not be answered" in caplog.text
+    assert "weld-3/@/history?source=arm;stream=samples' could not be answered" in caplog.text
     assert (await consumer.ask_json("@/status"))["session"] == EPOCH
 
 
