@@ -19,6 +19,10 @@ class SinkSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
+    def warnings(self) -> tuple[str, ...]:
+        """What is allowed and yet worth a word, a line each; ``check``, ``doctor``, health and the log say it."""
+        return ()
+
 
 Item = Batch | Frames | Result | Event
 """What is published live."""

@@ -194,6 +194,8 @@ class Subscriber:
         except asyncio.CancelledError:
             self._stopped.set()
             await asyncio.wait([opening])
+            if not opening.cancelled():
+                opening.exception()  # whoever waited for what it says is gone
             await asyncio.to_thread(self.close)
             raise
 

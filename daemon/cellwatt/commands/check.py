@@ -26,7 +26,8 @@ from cellwatt.runtime.assemble import Prepared, prepare
 def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
     """Check settings files without connecting to anything.
 
-    Prints one line for each mistake, by place, and ends with exit code 2 when there is one.
+    Prints one line for each mistake, by place, and ends with exit code 2 when there is one. What is allowed and yet
+    dangerous is a warning on stderr.
     """
     if schema:
         click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
@@ -41,6 +42,8 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
         except ConfigError as error:
             problems += error.problems
         else:
+            for warning in config.warnings:
+                click.echo(f"{file}: warning: {warning}", err=True)
             if not as_json:
                 _describe(config, prepared)
     problems = ordered(problems)

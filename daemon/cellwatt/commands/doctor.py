@@ -36,7 +36,8 @@ def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is wrong.
     """
     config = load(file)
-
+    for warning in config.warnings:
+        click.echo(f"{file}: warning: {warning}", err=True)
     read: dict[str, list[Batch]] = {name: [] for name in config.sources}
 
     async def all_sources() -> list[Examination]:

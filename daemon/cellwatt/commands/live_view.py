@@ -66,6 +66,8 @@ class LiveCell:
         disk = f" · recorder {recorder['state']}" if recorder else " · not recording"
         text.append(f"   {s['frames']['count']} frames · {s['results']} results{disk}", style="dim")
         text.append(f"   {time.strftime('%H:%M:%S', time.gmtime(s['time'] * 1e-9))} UTC", style="dim")
+        for warning in s.get("warnings", ()):
+            text.append(f"\nwarning: {warning}", style="yellow")
         return text
 
     def _sources(self) -> Table:

@@ -114,3 +114,8 @@ class CellConfig:
     def folder(self) -> Path:
         """Where relative paths in the settings start."""
         return self.path.absolute().parent
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is allowed and yet worth a word, a line each."""
+        return tuple(f"{name}: {text}" for name, sink in self.sinks.items() for text in sink.settings.warnings())

@@ -27,6 +27,8 @@ LARGEST_MESSAGE: Final = 64 * 1024 * 1024
 """Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
 _ATTEMPT: Final = 1.0
 """Longest time, s, of one attempt to reach a router; a stop waits for it."""
+PATIENCE: Final = 10.0
+"""Time, s, that a client tries to reach its router."""
 _PAUSE: Final = 0.2  # s
 _PROBE: Final = 1.0  # s
 _LAST_PORT: Final = 65535
@@ -118,6 +120,9 @@ class LinkSettings(SinkSettings):
         secure = [e for e in (*self.listen, *self.connect) if e.startswith(("tls/", "quic/"))]
         if secure and self.tls is None:
             raise ValueError(f"{secure[0]} needs tls: {{root_ca: FILE, …}}")
+        served = [e for e in self.listen if e in secure]
+        if served and self.tls is not None and self.tls.certificate is None:
+            raise ValueError(f"to listen, {served[0]} needs tls: {{root_ca: FILE, certificate: FILE, key: FILE}}")
         session_config(self)
         return self
 
@@ -141,21 +146,22 @@ def session_config(settings: LinkSettings, timeout: float = _ATTEMPT, largest: i
 def open_session(
     settings: LinkSettings,
     stopped: Callable[[], bool] = lambda: False,
-    patience: float = 10.0,
+    patience: float | None = None,
     largest: int = LARGEST_MESSAGE,
 ) -> zenoh.Session:
     """Open a session; blocks, so call it in a thread.
 
-    A client tries for ``patience`` s to reach its router, unless somebody there refuses it. Raises ``SinkError``
-    that says what to look at, or when ``stopped()`` turns true meanwhile. Messages above ``largest`` bytes that come in
-    pieces (Zenoh's are of 64 kB) are thrown away before they are put together.
+    A client tries for ``patience`` s (``PATIENCE``) to reach its router, unless somebody there refuses it. Raises
+    ``SinkError`` that says what to look at, or when ``stopped()`` turns true meanwhile. Messages above ``largest``
+    bytes that come in pieces (Zenoh's are of 64 kB) are thrown away before they are put together.
     """
     import zenoh
 
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
-    _check_files(settings)
+    for problem in unreadable(settings):
+        raise SinkError(problem)
     config = session_config(settings, largest=largest)
-    end = time.monotonic() + patience
+    end = time.monotonic() + (PATIENCE if patience is None else patience)
     refused_before = False
     while True:
         try:
@@ -241,9 +247,11 @@ def _answers(answers: Mapping[str, str | None]) -> str:
     return "; ".join(f"{endpoint}: {answer or _REFUSED}" for endpoint, answer in answers.items())
 
 
-def _check_files(settings: LinkSettings) -> None:
+def unreadable(settings: LinkSettings) -> list[str]:
+    """What is wrong with the files that the settings name, a line each."""
     tls = settings.tls
     named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
+    found = []
     for option, path in {**named, "users": settings.users}.items():
         if path is None:
             continue
@@ -251,7 +259,8 @@ def _check_files(settings: LinkSettings) -> None:
             check_file(path, WRITTEN)
             path.open("rb").close()
         except OSError as error:
-            raise SinkError(f"{option}: {path} cannot be read: {error.strerror}") from None
+            found.append(f"{option}: {path} cannot be read: {error.strerror}")
+    return found
 
 
 _REFUSED: Final = (

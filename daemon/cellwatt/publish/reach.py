@@ -2,37 +2,43 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
-from cellwatt.publish.link import LinkSettings
+from cellwatt.publish.link import LinkSettings, TlsSettings
 from cellwatt.publish.sink import ZenohSettings
 
 if TYPE_CHECKING:
     from cellwatt.config import CellConfig
 
 
-def link_to(config: CellConfig, connect: str | None = None, hint: str = "") -> LinkSettings:
+def link_to(
+    config: CellConfig, connect: str | None = None, hint: str = "", tls: TlsSettings | None = None
+) -> LinkSettings:
     """A client's link to the cell: at ``connect``, or where the cell listens or connects, with its credentials.
 
-    Raises ``ConfigError``, with a ``hint`` of what else could be done, where the cell is not on the bus.
+    ``tls`` takes the place of the cell's own certificates. Raises ``ConfigError``, with a ``hint`` of what else could
+    be done, where the cell is not on the bus.
     """
     zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
     endpoints = (*zenoh.listen, *zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
     if not (connect or endpoints):
         raise ConfigError(f"{config.path}: the cell is not on the bus: zenoh has neither listen nor connect{hint}")
-    endpoint = connect or endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-    link = client_of(endpoint)
     if not isinstance(zenoh, ZenohSettings):
-        return link
-    return link.model_copy(update={key: getattr(zenoh, key) for key in ("tls", "user", "password", "namespace")})
+        return client_of(connect or endpoints[0], tls)
+    endpoint = connect or endpoints[0].replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+    tls = tls or zenoh.tls
+    if tls is not None and endpoint not in (connect, endpoints[0]):
+        # A certificate names the PC, not the loopback address by which we reach it without leaving it.
+        tls = tls.model_copy(update={"verify_name": False})
+    return client_of(endpoint, tls, user=zenoh.user, password=zenoh.password, namespace=zenoh.namespace)
 
 
-def client_of(endpoint: str) -> LinkSettings:
-    """A client's link to an endpoint. Raises ``ConfigError`` where it is none."""
+def client_of(endpoint: str, tls: TlsSettings | None = None, **more: Any) -> LinkSettings:
+    """A client's link to an endpoint. Raises ``ConfigError`` where it is none, or lacks certificates."""
     try:
-        return LinkSettings(mode="client", connect=(endpoint,))
+        return LinkSettings(mode="client", connect=(endpoint,), tls=tls, **more)
     except ValidationError as error:
         raise ConfigError("; ".join(e["msg"].removeprefix("Value error, ") for e in error.errors())) from None

@@ -8,14 +8,16 @@ import time
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, PositiveInt
+from pydantic import BaseModel, ConfigDict, PositiveInt, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.publish.answers import Answers
 from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.exposure import Opening, openings
 from cellwatt.publish.keys import FRAME, CellKeys, raw_topic
-from cellwatt.publish.link import LinkSettings
+from cellwatt.publish.link import LinkSettings, unreadable
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import health, topic_of
 from cellwatt.publish.outbox import Lane, Outbox, Outgoing
@@ -46,6 +48,26 @@ class ZenohSettings(LinkSettings):
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 16e6
     """Memory for frames that a consumer may ask for after a cut; raw samples it gets from the record."""
+    open: bool = False
+    """Let the network in without TLS and access rules: anybody there can then read all and speak in the cell's name."""
+
+    @model_validator(mode="after")
+    def _closed(self) -> ZenohSettings:
+        if not self.open:
+            found = [_refusal(opening) for opening in openings(self)]
+            if found:
+                raise ValidationError.from_exception_data(type(self).__name__, found)
+        return self
+
+    def warnings(self) -> tuple[str, ...]:
+        """Ways in that were left open on purpose, and certificates that are not there."""
+        return (*(f"{opening.value}: {opening.text} (open: true)" for opening in openings(self)), *unreadable(self))
+
+
+def _refusal(opening: Opening) -> InitErrorDetails:
+    text = f"{opening.text}; use 127.0.0.1, or TLS with access rules as 'cellwatt secure' makes them, or set open: true"
+    kind = PydanticCustomError("value_error", "{error}", {"error": text})
+    return InitErrorDetails(type=kind, loc=opening.at, input=opening.value)
 
 
 class ZenohSink(Sink[ZenohSettings]):

@@ -52,6 +52,7 @@ class Teller:
         self._active = {name: alarm for name, alarm in self._active.items() if alarm.active}
         self._watch = Watch(self._active.values())
         self._status: dict[str, Any] = {}
+        self._warnings = config.warnings
 
     # life -----------------------------------------------------------------------------------------
 
@@ -72,7 +73,7 @@ class Teller:
 
     def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
         """Take other settings: the sinks ``names``, which have ended, begin anew or are left out."""
-        self._config = config
+        self._config, self._warnings = config, config.warnings
         for name in names:
             self.sinks.pop(name, None)
             if name in config.sinks:
@@ -101,6 +102,8 @@ class Teller:
     def _start_sink(self, tasks: Tasks, config: SinkConfig) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
         delivery = self.sinks[config.name] = Delivery(config.name, sink)
+        for warning in config.settings.warnings():
+            log.warning("sink %s: %s", config.name, warning)
         tasks.spawn(f"sink {config.name}", delivery.run())
 
     # data -----------------------------------------------------------------------------------------
@@ -158,6 +161,7 @@ class Teller:
             "session": self.session,
             "time": now,
             **parts,
+            "warnings": self._warnings,
             "results": self._results,
             "sinks": {name: sink.status() for name, sink in self.sinks.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,

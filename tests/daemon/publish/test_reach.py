@@ -20,7 +20,11 @@ def written(folder: Path, zenoh: str = "") -> Path:
 
 
 def test_a_cell_that_listens_everywhere_is_reached_on_this_pc(tmp_path: Path) -> None:
-    config = load(written(tmp_path, "zenoh: {listen: [tcp/0.0.0.0:7447], connect: [tcp/router:7447], namespace: eu}\n"))
+    config = load(
+        written(
+            tmp_path, "zenoh: {open: true, listen: [tcp/0.0.0.0:7447], connect: [tcp/router:7447], namespace: eu}\n"
+        )
+    )
     link = link_to(config)
     assert (link.mode, link.connect, link.listen, link.namespace) == ("client", ("tcp/127.0.0.1:7447",), (), "eu")
     assert link_to(config, "tcp/other:1").connect == ("tcp/other:1",)
@@ -36,3 +40,19 @@ def test_a_cell_that_is_not_on_the_bus_is_told_with_its_file(tmp_path: Path) -> 
     with pytest.raises(ConfigError, match=r"cell\.yaml: the cell is not on the bus: .* nor connect; or so"):
         link_to(load(file), hint="; or so")
     assert link_to(load(file), "tcp/other:1").connect == ("tcp/other:1",)
+
+
+def test_the_cells_own_file_carries_its_certificates(tmp_path: Path) -> None:
+    rules = "access_control: {enabled: true, default_permission: deny, rules: [], subjects: [], policies: []}"
+    file = tmp_path / "cell.yaml"
+    file.write_text(
+        f"{CELL}zenoh:\n  listen: [tls/0.0.0.0:7447]\n  options: {{{rules}}}\n"
+        "  tls: {root_ca: ca, certificate: cell, key: cell.key}\n"
+    )
+    link = link_to(load(file))
+    assert link.tls is not None
+    assert (link.connect, link.tls.certificate) == (("tls/127.0.0.1:7447",), tmp_path / "cell")
+    assert not link.tls.verify_name, "the certificate names the PC, not its loopback address"
+    other = link_to(load(file), "tls/weld-3:7447").tls
+    assert other is not None
+    assert other.verify_name

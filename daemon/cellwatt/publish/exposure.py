@@ -1,0 +1,63 @@
+"""Who could reach a cell by its settings, and what would keep strangers from speaking in its name. Pure.
+
+Safe are: listening on this PC alone; or TLS together with access rules that deny what they do not allow
+(``options: {access_control: …}``, which ``cellwatt secure`` writes).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Any, Final
+
+from cellwatt.publish.link import LinkSettings, session_config
+
+_NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
+_ENCRYPTED: Final = ("tls", "quic")
+_HARM: Final = "whoever reaches it can read everything and speak in the cell's name"
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """A way in for strangers: the setting it stands in, what is set there, and what that means."""
+
+    at: tuple[str | int, ...]
+    value: str
+    text: str
+
+
+def openings(settings: LinkSettings) -> Iterator[Opening]:
+    """All ways in by which others than this PC get to the cell without TLS and access rules."""
+    ruled = _denies(settings)
+    for i, endpoint in enumerate(settings.listen):
+        protocol = _protocol(endpoint)
+        missing = ["TLS"] if protocol not in _ENCRYPTED else []
+        missing += [] if ruled else ["access rules"]
+        if protocol is not None and missing:
+            text = f"open to the network without {' and '.join(missing)}: {_HARM}"
+            yield Opening(("listen", i), endpoint, text)
+    if settings.scouting:
+        yield Opening(("scouting",), "scouting", f"finds, and links with, anybody on the local network: {_HARM}")
+
+
+def _protocol(endpoint: str) -> str | None:
+    """That by which others than this PC come in; ``None`` where they cannot."""
+    found = _NETWORK.fullmatch(endpoint)
+    if found is None:
+        return None  # a socket, pipe or serial line of this PC
+    host = found[2].strip("[]")
+    if host.lower() == "localhost":
+        return None
+    try:
+        return None if ip_address(host).is_loopback else found[1]
+    except ValueError:
+        return found[1]
+
+
+def _denies(settings: LinkSettings) -> bool:
+    """Whether access rules are on that refuse what none of them allows, however they were written."""
+    control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
+    return bool(control.get("enabled")) and control.get("default_permission") == "deny"
