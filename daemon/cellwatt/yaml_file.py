@@ -16,24 +16,33 @@ MOST_VALUES: Final = 5_000_000
 MOST_MERGES: Final = 1_000
 """Merge keys (``<<``); each costs time by all others."""
 
+_LONGEST: Final = 200  # characters of a reason
+
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class NotYamlError(yaml.YAMLError, ValueError):
+    """A text is not YAML, or not within bounds; says where and why in one line."""
 
 
 def read_yaml(path: Path, limit: int = WRITTEN) -> Any:
     """What is in a YAML file of at most ``limit`` bytes.
 
-    Raises ``OSError``, ``UnicodeDecodeError`` or ``yaml.YAMLError``; the first line of their text says why.
+    Raises ``OSError``, ``UnicodeDecodeError`` or ``NotYamlError``; the first line of their text says why.
     """
     return parse_yaml(read_text(path, limit))
 
 
 def parse_yaml(text: str) -> Any:
-    """What a YAML text says. Raises ``yaml.YAMLError``."""
-    _check(text)
+    """What a YAML text says. Raises ``NotYamlError``."""
     try:
+        _check(text)
         return yaml.load(text, Loader=_Loader)
-    except (ValueError, OverflowError) as error:  # a date that there is not, a number of a million digits
-        raise yaml.YAMLError(f"not a value: {error}") from error
+    except yaml.YAMLError as error:
+        raise NotYamlError(" ".join(str(error).split())[:_LONGEST]) from error
+    except (ValueError, KeyError, IndexError, AttributeError, TypeError, OverflowError) as error:
+        # Of the constructors of numbers, truth values and dates: 2001-13-01, !!bool 5, !!timestamp x …
+        raise NotYamlError(f"a value cannot be read: {' '.join(str(error).split())[:_LONGEST]}") from error
 
 
 def _check(text: str) -> None:
@@ -49,7 +58,7 @@ def _check(text: str) -> None:
             case yaml.AliasEvent():
                 if event.anchor in names:
                     raise yaml.YAMLError(f"{_place(event)}: an anchor that contains itself")
-                size, depth = anchors.get(event.anchor, (1, 0))
+                size, depth = anchors.get(event.anchor or "", (1, 0))
             case yaml.CollectionStartEvent():
                 names.append(event.anchor)
                 sizes.append(1)
@@ -81,4 +90,5 @@ def _name(anchors: dict[str, tuple[int, int]], name: str | None, size: int, dept
 
 def _place(event: yaml.Event) -> str:
     mark = event.start_mark
+    assert mark is not None, "the text is whole"
     return f"line {mark.line + 1} column {mark.column + 1}"

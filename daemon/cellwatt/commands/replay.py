@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import yaml
 from pydantic import ValidationError
 
 from cellwatt.commands import EXIT_FAILED
@@ -22,7 +21,7 @@ from cellwatt.record import Recording
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
-from cellwatt.yaml_file import parse_yaml
+from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
 @click.command()
@@ -65,7 +64,7 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
         written = parse_yaml(recording.header.settings)
         frames = written.get("frames") if isinstance(written, dict) else None
         return FrameSettings.model_validate(frames or {})
-    except yaml.YAMLError as error:
+    except NotYamlError as error:
         raise RecordingError(f"the settings in the recording cannot be read: {str(error).splitlines()[0]}") from error
     except ValidationError:
         raise RecordingError("the frames of the recording came from the environment: give them by --settings") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,7 +84,9 @@ def _csv(path: Path) -> tuple[list[str], Float]:
         header = file.readline()
         separator = next((s for s in (",", ";", "\t") if s in header), None)
         names = [n.strip() for n in header.strip().split(separator)]
-        table = np.genfromtxt(file, delimiter=separator, dtype=np.float64, ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a table without rows, which is refused below
+            table = np.genfromtxt(file, delimiter=separator, dtype=np.float64, ndmin=2)
     if table.shape[1] != len(names):
         raise ValueError(f"{len(names)} names in the header but {table.shape[1]} columns")
     return names, table

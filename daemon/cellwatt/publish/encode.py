@@ -16,13 +16,16 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import pydantic_core
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from cellwatt.batch import Batch
 from cellwatt.channel import Channel, Stream
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import LONGEST_REASON
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,6 +46,11 @@ _KEPT: Final = 256
 
 _Declared = Stream | Layout
 _ready: dict[tuple[int, str, int, bool], tuple[_Declared, bytes]] = {}
+_CHANNEL: Final = ("name", "unit", "kind", "align", "window")
+_FRAME_CHANNEL: Final = ("name", "unit", "kind", "method", "window")
+"""What is said of a channel, in order."""
+_STREAM: Final[TypeAdapter[Stream]] = TypeAdapter(Stream)
+_LAYOUT: Final[TypeAdapter[Layout]] = TypeAdapter(Layout)
 
 
 def encode_batch(batch: Batch) -> bytes:
@@ -91,7 +99,8 @@ def decode(payload: bytes, mark: Mark) -> Batch | Frames:
             return _to_frames(table, about, mark)
         return _to_batch(table, *about, mark)
     except (pa.ArrowException, ValueError, KeyError, TypeError, OSError, StopIteration) as error:
-        raise ProtocolError(f"a message is not a cellwatt Arrow stream: {error}") from error
+        reason = " ".join(str(error).split())[:LONGEST_REASON]
+        raise ProtocolError(f"a message is not a cellwatt Arrow stream: {reason}") from error
 
 
 def named(content: Batch | Frames) -> pa.Table:
@@ -173,7 +182,7 @@ def _batch_schema(stream: Stream, source: str) -> pa.Schema:
         "stream": stream.name,
         "rate": stream.rate,
         "clock": stream.clock,
-        "channels": [_told([c.name, c.unit, c.kind, c.align, c.window]) for c in stream.channels],
+        "channels": [_told(c, _CHANNEL) for c in stream.channels],
     }
     columns = [
         pa.field("time", pa.int64(), nullable=False),
@@ -185,8 +194,9 @@ def _batch_schema(stream: Stream, source: str) -> pa.Schema:
     return pa.schema(columns, metadata={_KEY: json.dumps(about, separators=(",", ":"), ensure_ascii=False)})
 
 
-def _told(about: list[Any]) -> list[Any]:
+def _told(channel: Channel | FrameChannel, names: Sequence[str]) -> list[Any]:
     """What is said of a channel; its window, which comes last, only where there is one."""
+    about = [getattr(channel, name) for name in names]
     return about if about[-1] else about[:-1]
 
 
@@ -196,7 +206,7 @@ def _frames_schema(layout: Layout) -> pa.Schema:
     about = {
         "format": FRAMES_FORMAT,
         "rate": layout.rate,
-        "channels": [_told([c.name, c.unit, c.kind, c.method, c.window]) for c in layout.channels],
+        "channels": [_told(c, _FRAME_CHANNEL) for c in layout.channels],
     }
     width = len(layout.channels)
     columns = [
@@ -210,13 +220,15 @@ def _frames_schema(layout: Layout) -> pa.Schema:
 
 @lru_cache(maxsize=_KEPT)
 def _about(metadata: bytes) -> Layout | tuple[str, Stream]:
-    about = json.loads(metadata)
+    about = pydantic_core.from_json(metadata)
     if about["format"] == FRAMES_FORMAT:
-        return Layout(tuple(FrameChannel(*c) for c in about["channels"]), about["rate"])
-    if about["format"] != BATCH_FORMAT:
-        raise ValueError(f"unknown format {about['format']!r}")
-    channels = tuple(Channel(*c) for c in about["channels"])
-    return about["source"], Stream(about["stream"], channels, about["rate"], about["clock"])
+        columns = [dict(zip(_FRAME_CHANNEL, column, strict=False)) for column in about["channels"]]
+        return _LAYOUT.validate_python({"channels": columns, "rate": about["rate"]})
+    if about["format"] != BATCH_FORMAT or not isinstance(about["source"], str):
+        raise ValueError(f"unknown format {str(about['format'])[:40]!r}")
+    channels = [dict(zip(_CHANNEL, channel, strict=False)) for channel in about["channels"]]
+    plain = {"name": about["stream"], "channels": channels, "rate": about["rate"], "clock": about["clock"]}
+    return about["source"], _STREAM.validate_python(plain)
 
 
 def _to_batch(table: Any, source: str, stream: Stream, mark: Mark) -> Batch:
@@ -255,6 +267,6 @@ def _numbers(column: Any, dtype: Any) -> NDArray[Any]:
 
 
 def _matrix(column: Any, width: int, dtype: Any) -> NDArray[Any]:
-    if column.type.list_size != width:
+    if getattr(column.type, "list_size", None) != width:  # which lists of any length lack
         raise ValueError(f"expected rows of {width} channels, found {column.type}")
     return _numbers(column.values, dtype).reshape(len(column), width)

@@ -6,7 +6,6 @@ see attachments. A number that is not finite is ``null``.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -14,8 +13,8 @@ from functools import cache
 from typing import Any, Final
 
 import numpy as np
+import pydantic_core
 from pydantic import TypeAdapter, ValidationError
-from pydantic_core import to_json
 
 from cellwatt.errors import ProtocolError
 from cellwatt.publish.keys import ALARM, EVENT, prediction_topic
@@ -32,6 +31,8 @@ TYPES: Final[Mapping[str, type[Result | Event]]] = {
 }
 """What the messages of a kind of topic hold."""
 
+LONGEST_REASON: Final = 300
+"""Characters of what is wrong with a message; it may repeat what was in it."""
 _NUMBERS: Final = ("speed", "total", "uncertainty", "positive_mechanical", "motion_efficiency_percent")
 _NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")
 
@@ -51,16 +52,21 @@ def encode_item(item: Result | Event, mark: Mark) -> bytes:
 
 def encode_json(value: Any) -> bytes:
     """Anything JSON-like, numpy's numbers and paths included; what is not finite becomes ``null``."""
-    return to_json(value, inf_nan_mode="null", fallback=_plain)
+    return pydantic_core.to_json(value, inf_nan_mode="null", fallback=_plain)
 
 
 def decode_item(kind: str, payload: bytes) -> Result | Event:
     """The result or event in a message of a kind of topic. Raises ``ProtocolError`` where it is none."""
     try:
-        body = json.loads(payload)
-        return from_json(kind, body)
+        body = parse_json(payload)
     except ValueError as error:
         raise ProtocolError(f"a message of {kind} is not JSON: {error}") from error
+    return from_json(kind, body)
+
+
+def parse_json(payload: bytes) -> Any:
+    """JSON as it came; raises ``ValueError`` where it is none, also where it is nested beyond all sense."""
+    return pydantic_core.from_json(payload)
 
 
 def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
@@ -69,7 +75,8 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
         found: Result | Event = adapter(kind).validate_python(_with_nan(body))
         return found
     except (ValidationError, KeyError, TypeError, AttributeError) as error:
-        raise ProtocolError(f"a message of {kind} is not what its schema says: {error}") from error
+        reason = " ".join(str(error).split())[:LONGEST_REASON]
+        raise ProtocolError(f"a message of {kind} is not what its schema says: {reason}") from error
 
 
 def health(session: int, time: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from cellwatt.publish.encode import decode
 from cellwatt.publish.follow import Positions
 from cellwatt.publish.keys import FRAME
 from cellwatt.publish.mark import Mark
-from cellwatt.publish.messages import decode_item, from_json
+from cellwatt.publish.messages import decode_item, from_json, parse_json
 from cellwatt.results import Event, Result
 
 if TYPE_CHECKING:
@@ -50,26 +49,35 @@ def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Fr
     payload = sample.payload.to_bytes()
     mark = _mark(sample, payload)
     try:
-        bodies = json.loads(payload)
-        return [(Mark(mark.session, b["mark"]["sequence"], 1, mark.arrival, True), from_json(kind, b)) for b in bodies]
+        marks = [
+            (Mark(mark.session, _whole(b["mark"]["sequence"]), 1, mark.arrival, True), b) for b in parse_json(payload)
+        ]
     except (ValueError, KeyError, TypeError) as error:
         raise ProtocolError(f"an answer about {topic} is not a list of results: {error}") from error
+    return [(mark, from_json(kind, body)) for mark, body in marks]
 
 
 def read_health(payload: bytes) -> Health:
     """Raises ``ProtocolError`` where it is no health message."""
     try:
-        body = json.loads(payload)
-        positions = {topic: (int(session), int(end)) for topic, (session, end) in body["positions"].items()}
-        return Health(int(body["session"]), int(body["time"]), positions, body["status"])
+        body = parse_json(payload)
+        positions = {topic: (_whole(session), _whole(end)) for topic, (session, end) in body["positions"].items()}
+        return Health(_whole(body["session"]), _whole(body["time"]), positions, body["status"])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise ProtocolError(f"a health message is not what its schema says: {error}") from error
+
+
+def _whole(number: object) -> int:
+    """A number as a mark holds it. Raises ``ValueError`` for any other."""
+    if type(number) is not int or not -(1 << 63) <= number < 1 << 63:
+        raise ValueError(f"{str(number)[:40]!r} is not a whole number of 64 bits")
+    return number
 
 
 def read_sessions(payload: bytes) -> list[int]:
     """The sessions of the recordings that a cell lists, oldest first."""
     try:
-        return list(dict.fromkeys(int(recording["session"]) for recording in json.loads(payload)))
+        return list(dict.fromkeys(_whole(recording["session"]) for recording in parse_json(payload)))
     except (ValueError, KeyError, TypeError):
         return []  # a cell that does not say of which sessions its recordings are
 
@@ -77,6 +85,6 @@ def read_sessions(payload: bytes) -> list[int]:
 def read_refusal(error: zenoh.ReplyError) -> str | None:
     """What the cell says against a question; ``None`` where Zenoh itself gave up."""
     try:
-        return str(json.loads(error.payload.to_bytes())["error"])
+        return str(parse_json(error.payload.to_bytes())["error"])
     except (ValueError, KeyError, TypeError):
         return None

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 
 from mcap.opcode import Opcode
 from mcap.records import Channel
+from pydantic import TypeAdapter
 
-from cellwatt.frames import FrameChannel, Layout
+from cellwatt.channel import Stream
+from cellwatt.frames import Layout
 from cellwatt.record import messages
 from cellwatt.record.container import FRAMED_MESSAGE
 from cellwatt.record.encoder import FRAME_TOPIC, Item
-from cellwatt.record.header import stream_from_dict
 from cellwatt.record.rows import FrameRows, SampleRows
 
 _KINDS = {topic: kind for kind, topic in messages.TOPICS.items()}
+_STREAM: TypeAdapter[Stream] = TypeAdapter(Stream)
+_LAYOUT: TypeAdapter[Layout] = TypeAdapter(Layout)
+_LATEST_FIRST = 1 << 62
+"""Numbers from here on would soon not fit 64 bits."""
+_LONGEST = 200  # characters of what is wrong with a declaration
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +42,32 @@ def track_of(channel: Channel) -> Track | None:
     if "declaration" not in channel.metadata:
         return None
     try:
-        declared, first = json.loads(channel.metadata["declaration"]), int(channel.metadata["first"])
+        declared, first = channel.metadata["declaration"], int(channel.metadata["first"])
+        if not 0 <= first < _LATEST_FIRST:
+            raise ValueError(f"begins at number {first}")
         if channel.topic == FRAME_TOPIC:
-            columns = tuple(FrameChannel(**column) for column in declared["channels"])
-            return Track(channel.topic, FrameRows(Layout(columns, declared["rate"])), first=first)
-        return Track(channel.topic, SampleRows(channel.metadata["source"], stream_from_dict(declared)), first=first)
-    except (KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"{channel.topic} is declared in a way this version does not know: {error}") from error
+            return Track(channel.topic, FrameRows(_LAYOUT.validate_json(declared)), first=first)
+        return Track(
+            channel.topic, SampleRows(channel.metadata["source"], _STREAM.validate_json(declared)), first=first
+        )
+    except (KeyError, ValueError) as error:
+        why = " ".join(str(error).split())[:_LONGEST]
+        raise ValueError(f"{channel.topic} is declared in a way this version does not know: {why}") from error
+
+
+def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[str]]:
+    """How to read all channels that are ours, by number, and what is wrong with those that are damaged."""
+    found: dict[int, Track] = {}
+    wrong: list[str] = []
+    for number, channel in channels.items():
+        try:
+            track = track_of(channel)
+        except ValueError as error:
+            wrong.append(str(error))
+            continue
+        if track is not None:
+            found[number] = track
+    return found, wrong
 
 
 def items(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[Item]:
@@ -54,6 +78,8 @@ def items(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> I
     at, end = 0, len(data)
     while at + FRAMED_MESSAGE.size <= end:
         opcode, length, channel, _, _, _ = FRAMED_MESSAGE.unpack_from(data, at)
+        if at + 9 + length > end:
+            raise ValueError("a record in a chunk is cut")
         track = tracks.get(channel) if opcode == Opcode.MESSAGE and channel in wanted else None
         if track is None:
             at += 9 + length

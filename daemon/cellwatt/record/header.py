@@ -7,7 +7,9 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
 
 from cellwatt import __version__
 from cellwatt.channel import Channel, Stream
@@ -33,12 +35,12 @@ class Header:
 
     site: str
     cell: str
-    session: int
+    session: Annotated[int, Field(ge=0, lt=1 << 63)]
     robot: str | None = None
     settings: str = ""
     streams: Mapping[str, tuple[Stream, ...]] = field(default_factory=dict)
     version: str = __version__
-    number: int = 0
+    number: Annotated[int, Field(ge=0, lt=1 << 63)] = 0
 
     def to_json(self) -> str:
         """The header as JSON text."""
@@ -48,16 +50,8 @@ class Header:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Header:
-        """The header back from its JSON; raises ``ValueError``, ``KeyError``, ``TypeError`` or
-        ``AttributeError`` where it is none.
-        """
-        plain = json.loads(text)
-        if not all(isinstance(plain.get(name, 0), int) for name in ("session", "number")):
-            raise TypeError("session and number are no numbers")
-        if not all(isinstance(plain.get(name, ""), str) for name in ("site", "cell", "settings", "version")):
-            raise TypeError("site, cell, settings and version are no texts")
-        declared = {source: tuple(map(stream_from_dict, streams)) for source, streams in plain.pop("streams").items()}
-        return cls(**plain, streams=declared)
+        """The header back from its JSON; raises ``ValueError`` where it is none."""
+        return _HEADER.validate_json(text)
 
 
 def stream_to_dict(stream: Stream) -> dict[str, Any]:
@@ -69,6 +63,9 @@ def stream_from_dict(plain: Mapping[str, Any]) -> Stream:
     """A stream back from ``stream_to_dict``; raises ``ValueError``, ``KeyError`` or ``TypeError``."""
     channels = tuple(Channel(**channel) for channel in plain["channels"])
     return Stream(str(plain["name"]), channels, float(plain["rate"]), plain["clock"])
+
+
+_HEADER: TypeAdapter[Header] = TypeAdapter(Header)
 
 
 @dataclass(frozen=True, slots=True, order=True)

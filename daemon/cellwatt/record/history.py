@@ -18,7 +18,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.record import decoder
 from cellwatt.record.container import Chunk, Contents
-from cellwatt.record.decoder import Track, track_of
+from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import topic_of
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import Kept, listing
@@ -155,8 +155,7 @@ def _end(batches: Sequence[Batch], first: int) -> int:
 
 
 def _tracks(contents: Contents) -> dict[int, Track]:
-    tracks = ((number, track_of(channel)) for number, channel in dict(contents.channels).items())
-    return {number: track for number, track in tracks if track is not None}
+    return tracks_of(dict(contents.channels))[0]
 
 
 def _look(kept: Kept) -> Known:

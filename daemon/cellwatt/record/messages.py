@@ -76,5 +76,5 @@ def decode(kind: type[Message], data: bytes) -> Message:
     try:
         message: Message = _ADAPTERS[kind].validate_json(data)
     except ValidationError as error:
-        raise ValueError(str(error)) from error
+        raise ValueError(" ".join(str(error).split())[:200]) from error
     return message

@@ -20,7 +20,7 @@ from cellwatt.frames import Frames
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
 from cellwatt.record.container import RECORD, Chunk
-from cellwatt.record.decoder import Track, track_of
+from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health
@@ -66,7 +66,7 @@ class Recording:
 
     def __init__(self, files: Sequence[Survey], damage: Iterable[Damage] = ()) -> None:
         self._files = tuple(files)
-        self._tracks = [_tracks(file) for file in self._files]
+        self._tracks = [tracks_of(file.contents.channels)[0] for file in self._files]
         self.damage: list[Damage] = [*damage, *(d for f in self._files for d in f.damage)]
         self.header: Header = self._files[0].header
         self.start = min(f.contents.start for f in self._files)
@@ -214,14 +214,6 @@ def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
         quality=np.concatenate([np.empty(0, np.uint8), *(b.quality for b in batches)]),
         device_time=np.concatenate(times) if times and len(times) == len(batches) else None,
     )
-
-
-def _tracks(file: Survey) -> dict[int, Track]:
-    try:
-        found = [(number, track_of(channel)) for number, channel in file.contents.channels.items()]
-    except ValueError as error:
-        raise RecordingError(f"{file.path}: {error}") from error
-    return {number: track for number, track in found if track is not None}
 
 
 def _in_folder(folder: Path) -> list[Path]:

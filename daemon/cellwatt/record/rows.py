@@ -54,16 +54,19 @@ FRAME_FIELDS = (QUALITIES, BOUNDS, LEFT)
 
 def value_fields(names: Sequence[str], fixed: Sequence[Field]) -> tuple[Field, ...]:
     """One double field per channel, numbered from 16."""
-    if len(names) > MOST_VALUES:
-        raise ValueError(f"{len(names)} channels in one stream: a recording takes at most {MOST_VALUES}")
     unique = protobuf.identifiers(names, (f.name for f in fixed))
     return tuple(Field(name, FIRST_VALUE + i, Kind.DOUBLE) for i, name in enumerate(unique))
 
 
 class RowType:
-    """The struct of one message record: ``fixed`` fields, then ``channels`` doubles."""
+    """The struct of one message record: ``fixed`` fields, then ``channels`` doubles.
+
+    Raises ``ValueError`` for more than ``MOST_VALUES`` channels.
+    """
 
     def __init__(self, fixed: Sequence[Field], channels: int) -> None:
+        if channels > MOST_VALUES:
+            raise ValueError(f"{channels} channels in one stream: a recording takes at most {MOST_VALUES}")
         layout = list(FRAMING)
         prefixes: dict[str, bytes] = {}
         for field in fixed:

@@ -75,10 +75,11 @@ class Scan:
 
 
 def read_at(file: FileIO, length: int, offset: int) -> bytes:
-    """Up to ``length`` bytes, as many as there are; none where the disk cannot read them."""
+    """Up to ``length`` bytes, as far as the file goes; none where the disk cannot read them."""
     try:
+        # A damaged file may ask for any length: what is not there takes no memory.
         there = os.fstat(file.fileno()).st_size - offset
-        return os.pread(file.fileno(), min(length, there), offset) if there > 0 < length else b""
+        return os.pread(file.fileno(), min(length, there), offset) if there > 0 else b""
     except OSError:
         return b""
 
@@ -230,7 +231,7 @@ class _Scanner:
             definition = self.found.contents.channels.get(channel)
             if definition is None:
                 continue
-            expected = int(definition.metadata.get("first", 0)) & _LOW
+            expected = _first(definition) & _LOW
             for first, last, counted in runs:
                 absent = (last - expected + 1 & _LOW) - counted
                 # Numbers that run backwards are another matter than holes.
@@ -267,6 +268,14 @@ class _Scanner:
         return True
 
 
+def _first(definition: Channel) -> int:
+    """The number at which a channel begins; 0 where that is not told, or damaged."""
+    try:
+        return int(definition.metadata.get("first", 0))
+    except ValueError:
+        return 0
+
+
 def _check_times(index: dict[int, bytes], start: int, end: int) -> None:
     times = np.concatenate([np.frombuffer(pairs, "<u8")[::2] for pairs in index.values()] or [np.zeros(1, "<u8")])
     if int(times.min()) != start or int(times.max()) != end:
@@ -277,5 +286,5 @@ def header_of(data: bytes) -> Header:
     """The header from its attachment; raises ``ValueError`` where it is none."""
     try:
         return Header.from_json(data)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(f"the header is not one this version knows: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"the header is not one this version knows: {' '.join(str(error).split())[:200]}") from error

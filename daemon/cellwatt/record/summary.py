@@ -17,7 +17,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.record.chunks import LARGEST_RECORD, parse, parse_attachment
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
-from cellwatt.record.decoder import track_of
+from cellwatt.record.decoder import tracks_of
 from cellwatt.record.header import FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
@@ -49,20 +49,24 @@ def survey(path: Path, *, chunks: bool = True) -> Survey:
             header = _header(file, summary) if summary is not None else None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
-    try:
-        if summary is not None:
-            return Survey(path, size, header or guess_header(path, summary), summary, (), closed=True)
-        assert found is not None
-        if not found.contents.chunks and found.header is None:
-            raise RecordingError(f"{path}: holds nothing that is a recording")
-        return _from_scan(found)
-    except ValueError as error:  # a channel that is none of this version's
-        raise RecordingError(f"{path}: {error}") from error
+    if summary is not None:
+        damage = _undeclared(path, summary)
+        return Survey(path, size, header or guess_header(path, summary), summary, damage, closed=True)
+    assert found is not None
+    if not found.contents.chunks and found.header is None:
+        raise RecordingError(f"{path}: holds nothing that is a recording")
+    return _from_scan(found)
 
 
 def _from_scan(found: Scan) -> Survey:
     header = found.header or guess_header(found.path, found.contents)
-    return Survey(found.path, found.size, header, found.contents, tuple(found.damage), found.closed)
+    damage = (*found.damage, *_undeclared(found.path, found.contents))
+    return Survey(found.path, found.size, header, found.contents, damage, found.closed)
+
+
+def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:
+    """Channels whose declaration is damaged; the others are read."""
+    return tuple(Damage(path, 0, 0, wrong) for wrong in tracks_of(contents.channels)[1])
 
 
 def read_summary(file: FileIO, *, chunks: bool = True) -> Contents | None:
@@ -120,9 +124,8 @@ def _header(file: FileIO, contents: Contents) -> Header | None:
 def guess_header(path: Path, contents: Contents) -> Header:
     """What can be said of a file whose header is lost: its name tells cell and session, its channels the streams."""
     streams: dict[str, tuple[Stream, ...]] = {}
-    for channel in contents.channels.values():
-        track = track_of(channel)
-        if track is not None and isinstance(track.rows, SampleRows):
+    for track in tracks_of(contents.channels)[0].values():
+        if isinstance(track.rows, SampleRows):
             streams[track.rows.source] = (*streams.get(track.rows.source, ()), track.rows.stream)
     name = FileName.parse(path.name) or FileName(contents.start, 0, path.stem)
     return Header(site="", cell=name.cell, session=name.session, number=name.number, streams=streams)

@@ -58,7 +58,7 @@ def items(page: bytes) -> list[Item]:
     """All ``<li>`` of a page in order. Raises ``ProtocolError`` where it is not XHTML."""
     try:
         root = ElementTree.fromstring(page)
-    except (ElementTree.ParseError, ValueError) as error:
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the last: an encoding that there is not
         raise ProtocolError(f"a page of Robot Web Services is no XHTML: {error}") from error
     return list(_walk(root))
 
@@ -103,7 +103,7 @@ def energy(page: bytes, unit: str) -> Energy:
             joints.append(_number(item.values.get("interval-energy", "")))
     return Energy(
         valid=state.get("state") == "0",
-        count=int(_number(state.get("change-count", "0"))),
+        count=int(_number(state.get("change-count") or "0")),
         state=state.get("energy-state", ""),
         interval=_number(state.get("interval-length", "")),
         interval_energy=_number(state.get("interval-energy", "")),

@@ -163,8 +163,13 @@ def force(message: Any) -> Sequence[float]:
     measured = message.measuredForce
     if measured.force or measured.HasField("fcActive"):
         return list(measured.force)
+    from google.protobuf.message import DecodeError
+
     older = classes()["EgmMeasuredForce6"]()
-    older.ParseFromString(measured.SerializeToString())
+    try:
+        older.ParseFromString(measured.SerializeToString())
+    except DecodeError:  # unknown fields are whatever was sent: here, half a number
+        return ()
     return list(older.force)
 
 

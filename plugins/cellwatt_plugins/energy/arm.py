@@ -62,7 +62,7 @@ def load_arm(path: Path) -> Arm:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{file}: {place}: {first['msg']} (found {first['input']!r})") from error
+        raise ConfigError(f"{file}: {place}: {first['msg']} (found {repr(first['input'])[:60]})") from error
     for joint in description.joints:
         for key in ("torque_constant", "winding_resistance"):
             if not getattr(joint, key) > 0:

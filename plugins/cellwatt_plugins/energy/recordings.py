@@ -125,13 +125,13 @@ def _columns(path: Path, names: Sequence[str]) -> tuple[Float, list[Float]]:
     try:
         check_file(path)
         table = read_parquet(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
+        there = table.column_names
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {why(error).splitlines()[0]}") from error
     except (pa.ArrowException, ValueError) as error:
         raise RecordingError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from error
-    if missing := [name for name in ("t", *names) if name not in table.column_names]:
-        there = ", ".join(table.column_names[:8])
-        raise RecordingError(f"{path}: no column {', '.join(missing[:4])}; there are {there}")
+    if missing := [name for name in ("t", *names) if name not in there]:
+        raise RecordingError(f"{path}: no column {', '.join(missing[:4])}; there are {', '.join(there[:8])}")
     try:
         time, *values = (np.asarray(table[name].to_numpy(), np.float64) for name in ("t", *names))
     except (TypeError, ValueError, pa.ArrowException) as error:

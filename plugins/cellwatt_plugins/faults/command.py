@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
-import yaml
 
 from cellwatt.errors import ConfigError, ModelError, RecordingError, why
 from cellwatt.frames import Frames
@@ -168,10 +167,7 @@ def _description(robot: str | None) -> Path | None:
 def _described(robot: str) -> bool:
     """Whether a YAML description says enough of the arm to model it."""
     file = _description(robot)
-    try:
-        content = read_yaml(file) if file is not None else None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
+    content = _content(robot, file) if file is not None else None
     return isinstance(content, dict) and "urdf" in content and "joints" in content
 
 
@@ -222,14 +218,18 @@ def _robot_name(robot: str | None) -> str | None:
     file = _description(robot)
     if file is None:
         return robot
-    try:
-        content = read_yaml(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
+    content = _content(robot, file)
     name = content.get("robot") if isinstance(content, dict) else None
     if not isinstance(name, str):
         raise ConfigError(f"--robot {robot}: has no key robot with a name")
     return name
+
+
+def _content(robot: str | None, file: Path) -> Any:
+    try:
+        return read_yaml(file)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
 
 
 def _report(learned: Reference, tasks: list[Task], out: Path) -> dict[str, Any]:

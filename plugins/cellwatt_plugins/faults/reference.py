@@ -175,8 +175,8 @@ def load(path: Path) -> Reference:
         raise ModelError(f"reference {path}: no such file; learn one with `cellwatt reference`") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f"reference {path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise ModelError(f"reference {path}: not a YAML file: {str(error).splitlines()[0]}") from error
+    except ValueError as error:
+        raise ModelError(f"reference {path}: not a YAML file: {error}") from error
     if not isinstance(content, dict) or "cellwatt_reference" not in content:
         raise ModelError(f"reference {path}: not a file made by `cellwatt reference` (no key cellwatt_reference)")
     if content["cellwatt_reference"] != VERSION:

@@ -170,7 +170,7 @@ def load_model(path: Path) -> Model:
     file = path / "model.yaml" if path.is_dir() else path
     try:
         content = read_yaml(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
     if isinstance(content, dict) and content.get("format") == 1:
         raise ConfigError(f"{file}: is of an earlier cellwatt: run `cellwatt explain` again")

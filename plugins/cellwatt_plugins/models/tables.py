@@ -72,9 +72,10 @@ def read_table(path: Path) -> pa.Table:
             table = pyarrow.csv.read_csv(path)
         else:
             table = _frames(path)
-    except (OSError, pa.ArrowException) as error:
+        rows = table.num_rows if table.column_names else 0
+    except (OSError, pa.ArrowException, ValueError) as error:  # the last: names that are not UTF-8
         raise RecordingError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from error
-    if not table.num_rows:
+    if not rows:
         raise RecordingError(f"{path}: has no rows")
     return table
 

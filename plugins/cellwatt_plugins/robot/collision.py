@@ -53,6 +53,8 @@ def read_outline(path: Path, body: RigidBody) -> Outline:
     except ValidationError as error:
         first = error.errors()[0]
         raise ConfigError(f"{file}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
     if any(capsule.link > body.joints for capsule in outline.capsules):
         raise ConfigError(f"{file}: capsules: a link above {body.joints}, the last")
     return outline if outline.capsules else outline.model_copy(update={"capsules": _rods(body)})

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
 from cellwatt.errors import ConfigError
@@ -87,7 +86,7 @@ def load_robot(path: Path) -> RobotDescription:
     file = path / "robot.yaml" if path.is_dir() else path
     try:
         content = read_yaml(file)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
     if not isinstance(content, dict):
         raise ConfigError(f"{file}: expected the keys robot, urdf and joints")
@@ -96,5 +95,5 @@ def load_robot(path: Path) -> RobotDescription:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{file}: {place}: {first['msg']} (found {first['input']!r})") from error
+        raise ConfigError(f"{file}: {place}: {first['msg']} (found {repr(first['input'])[:60]})") from error
     return robot.model_copy(update={"urdf": (file.parent / robot.urdf)})

@@ -69,6 +69,11 @@ def test_force_is_told_apart_by_its_wire_type():
     assert math.isnan(seven["tool.torque_z"])
 
 
+def test_a_force_of_half_a_number_is_none():
+    packet = wire.decode(MINIMAL + bytes.fromhex("4a05 0a03 616263"))
+    assert list(wire.force(packet.message)) == []
+
+
 def test_packed_doubles_are_read_too():
     values = read(PACKED, ("joints",), axes=2)
     assert values["joint_2.position"] == pytest.approx(math.radians(20))

@@ -53,6 +53,16 @@ def test_pages_that_are_none(page):
         rws.energy(page, "ROB_1")
 
 
+@pytest.mark.parametrize("encoding", [b"UTF-4", b"rot13", b"utf-7"])
+def test_a_page_in_an_encoding_that_there_is_not(encoding):
+    with pytest.raises(ProtocolError, match="no XHTML"):
+        rws.items(b'<?xml version="1.0" encoding="' + encoding + b'"?><ul/>')
+
+
+def test_energy_without_a_count_is_the_first():
+    assert rws.energy(ENERGY.replace(b"change-count>4<", b"change-count>").replace(b">4<", b"><"), "ROB_1").count == 0
+
+
 @given(st.binary(max_size=200))
 def test_no_bytes_raise_anything_else(data):
     with suppress(ProtocolError):

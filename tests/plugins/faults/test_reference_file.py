@@ -101,3 +101,10 @@ def test_a_place_that_cannot_be_written(reference, tmp_path):
 def test_numbers_are_kept_to_six_digits(reference):
     mean = load(reference).tasks[0].variants[0].intervals[0].power.mean
     assert all(math.isfinite(value) and value == float(f"{value:.6g}") for value in mean)
+
+
+def test_a_file_nested_beyond_all_sense_is_refused_and_does_not_crash(tmp_path):
+    path = tmp_path / "reference.yaml"
+    path.write_text("- " * 50_000 + "x")
+    with pytest.raises(ModelError, match="nested more than"):
+        load(path)

@@ -91,3 +91,15 @@ def test_a_description_that_cannot_be_read(tmp_path):
     (tmp_path / "robot.yaml").write_bytes(b"\xff\xfe\x00robot")
     with pytest.raises(ConfigError, match=r"robot\.yaml: cannot be read"):
         load_robot(tmp_path)
+
+
+NESTED = "a: &a [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
+    f"{b}: &{b} [{','.join([f'*{a}'] * 10)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize("text", ["robot: 2001-13-01", "a: !!bool 5", "[" * 50_000, NESTED, NESTED + "joints: *i"])
+def test_what_no_reader_of_yaml_should_meet_is_told_in_a_line(tmp_path, text):
+    with pytest.raises(ConfigError, match=r"robot\.yaml") as error:
+        load_robot(write(tmp_path, text))
+    assert len(str(error.value)) < 500

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
@@ -14,8 +14,7 @@ from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recorder, decoder
-from cellwatt.record.container import Chunk
-from cellwatt.record.decoder import Track, track_of
+from cellwatt.record.decoder import tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.messages import Message
 from cellwatt.record.reader import chunk_data
@@ -53,10 +52,13 @@ class Resume:
                 contents = survey(kept.path).contents
             except RecordingError:
                 continue
-            tracks = {n: t for n, c in contents.channels.items() if (t := track_of(c)) is not None}
+            tracks, _ = tracks_of(contents.channels)
             with FileIO(kept.path, "rb") as file:
                 for chunk in contents.chunks[-LAST:]:
-                    found._note(_whole_items(file, chunk, tracks))
+                    try:
+                        found._note(list(decoder.items(chunk_data(file, chunk), tracks, tracks)))
+                    except ValueError as error:
+                        log.warning("%s: the chunk at %d is passed over: %s", kept.path.name, chunk.offset, error)
         return found
 
     def _note(self, items: Iterable[Item]) -> None:
@@ -81,14 +83,6 @@ class Resume:
         if item.sequence + len(item) <= first:
             return None
         return cut(item, first - item.sequence, len(item))
-
-
-def _whole_items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track]) -> Iterator[Item]:
-    """What of a chunk can be read: what is damaged is recorded once more, if a ring still holds it."""
-    try:
-        yield from decoder.items(chunk_data(file, chunk), tracks, tracks)
-    except (ValueError, OSError) as error:
-        log.warning("%s: a chunk at its end is damaged (%s)", file.name, error)
 
 
 def _key(item: Batch | Frames) -> tuple[str, str]:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -58,7 +57,7 @@ def load_cube(robot: str, file: Path | None = None) -> Cube:
     path = file or PACKAGED
     try:
         cubes: dict[str, Any] = read_yaml(path)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
     if not isinstance(cubes, dict):
         raise ConfigError(f"{path}: expected robots' names, each with points and payload")
@@ -72,4 +71,4 @@ def load_cube(robot: str, file: Path | None = None) -> Cube:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}: {name}.{place}: {first['msg']} (found {first['input']!r})") from error
+        raise ConfigError(f"{path}: {name}.{place}: {first['msg']} (found {repr(first['input'])[:60]})") from error

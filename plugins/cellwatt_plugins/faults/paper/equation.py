@@ -70,8 +70,8 @@ def load(path: Path) -> PowerEquation:
         content: Any = read_yaml(path)
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f"power equation {path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise ModelError(f"power equation {path}: not a YAML file: {str(error).splitlines()[0]}") from error
+    except ValueError as error:
+        raise ModelError(f"power equation {path}: not a YAML file: {error}") from error
     try:
         file = _File.model_validate(content)
     except ValidationError as error:

@@ -54,11 +54,11 @@ def read_table(path: Path) -> Table:
         return _recorded(path)
     try:
         table = read_parquet(path) if path.suffix == ".parquet" else _csv(path)
+        return _converted(path, table)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:
         raise RecordingError(f"{path}: cannot be read as a table: {_line(error)}") from error
-    return _converted(path, table)
 
 
 def _recorded(path: Path) -> Table:

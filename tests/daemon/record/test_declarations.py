@@ -1,0 +1,106 @@
+"""Headers and declarations whose checksums are right and that are no use all the same: found by ``python -m fuzz``."""
+
+import json
+from io import FileIO
+
+import pytest
+from mcap.records import Channel, Schema
+
+from cellwatt.record import Recording
+from cellwatt.record.decoder import items, track_of, tracks_of
+from cellwatt.record.encoder import Encoder
+from cellwatt.record.header import Header, stream_to_dict
+from cellwatt.record.openfile import OpenFile
+from cellwatt.record.scan import header_of, read_at
+
+from .making import ARM, CELL, HEADER, SESSION, batch_of, name_of
+
+DECLARED = stream_to_dict(ARM)
+DEEP = "[" * 100_000
+GOOD = json.loads(HEADER.to_json())
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "5",
+        DEEP,
+        json.dumps(GOOD | {"streams": 5}),
+        json.dumps(GOOD | {"streams": {"arm": [5]}}),
+        json.dumps(GOOD | {"session": "soon"}),
+        json.dumps(GOOD | {"session": 1 << 63}),
+        json.dumps(GOOD | {"number": None}),
+        json.dumps(GOOD | {"cell": {}}),
+    ],
+)
+def test_a_header_that_is_none(text):
+    with pytest.raises(ValueError, match="the header is not one") as error:
+        header_of(text.encode())
+    assert "\n" not in str(error.value)
+
+
+def test_a_header_comes_back():
+    header = Header("s", "c", SESSION, streams={"arm": (ARM,)}, number=3)
+    assert header_of(header.to_json().encode()) == header
+
+
+@pytest.mark.parametrize(
+    ("declaration", "first"),
+    [
+        (json.dumps(DECLARED), "soon"),
+        (json.dumps(DECLARED), str(1 << 64)),
+        (json.dumps(DECLARED), "-1"),
+        (DEEP, "0"),
+        ("[]", "0"),
+        (json.dumps(DECLARED | {"rate": "fast"}), "0"),
+        (json.dumps(DECLARED | {"channels": {}}), "0"),
+        (json.dumps(DECLARED | {"channels": DECLARED["channels"] * 400}), "0"),
+    ],
+)
+def test_a_declaration_that_is_none(declaration, first):
+    channel = Channel(1, "/raw/arm/rtde", "protobuf", {"source": "arm", "declaration": declaration, "first": first}, 1)
+    with pytest.raises(ValueError, match="/raw/arm/rtde is declared"):
+        track_of(channel)
+    assert tracks_of({1: channel})[0] == {}
+
+
+def test_a_damaged_declaration_costs_its_channel_alone(tmp_path):
+    file = OpenFile(tmp_path / name_of(), Header("s", CELL, SESSION, number=1))
+    Encoder(file).add(batch_of(0, 3))
+    schema = Schema(0, b"", "protobuf", "x")
+    number = file.define("/raw/arm/other", "protobuf", schema, {"source": "arm", "declaration": "{", "first": "0"})
+    file.add_message(number, 0, SESSION, b"")
+    file.finish()
+    file.publish()
+    recording = Recording.open(tmp_path)
+    assert len(recording.batches("arm", "rtde")) == 3
+    assert [str(d).split(" is declared")[0] for d in recording.damage] == [f"{name_of()}: /raw/arm/other"]
+
+
+def test_a_record_that_ends_behind_its_chunk():
+    rows = track_of(
+        Channel(1, "/raw/a/b", "protobuf", {"source": "a", "declaration": json.dumps(DECLARED), "first": "0"}, 1)
+    )
+    data = rows.rows.encode(batch_of(0, 1), 1).tobytes()
+    assert len(list(items(data, {1: rows}, {1}))) == 1
+    with pytest.raises(ValueError, match="cut"):
+        list(items(data[:-1], {1: rows}, {1}))
+
+
+def test_places_that_no_file_has_are_empty(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"abc")
+    with FileIO(path, "rb") as file:
+        assert read_at(file, 1 << 62, 1) == b"bc"
+        assert read_at(file, 4, 1 << 63) == b""
+
+
+def test_a_first_number_that_is_none_stops_no_scan(tmp_path):
+    file = OpenFile(tmp_path / name_of(), Header("s", CELL, SESSION, number=1))
+    Encoder(file).add(batch_of(0, 3))
+    number = file.define("/tick", "json", Schema(0, b"", "jsonschema", "x"), {"first": "soon"})
+    file.add_message(number, 0, SESSION, b"{}")
+    file.write_chunk()
+    file.release()
+    assert len(Recording.open(tmp_path).batches("arm", "rtde")) == 3
