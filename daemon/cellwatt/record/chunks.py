@@ -37,7 +37,7 @@ def parse(kind: type[R], body: bytes) -> R:
     reader: Any = kind
     try:
         record: R = reader.read(ReadDataStream(BytesIO(body)))
-    except (McapError, struct.error, UnicodeDecodeError):
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError):  # the last: a length beyond 63 bits
         raise ValueError(f"a {kind.__name__.lower()} record is damaged") from None
     return record
 

@@ -34,6 +34,8 @@ class Intake:
         self._name = name
         self._decoding = decoding
         self._outlet = outlet
+        wanted = decoding.wanted
+        self._needed = frozenset((*wanted.signals, *wanted.flags, *([wanted.counter] if wanted.counter else [])))
         self._cycle = Cycle(period, decoding.counts_to)
         self._resumed = False
         self._bracketed = 0
@@ -59,6 +61,9 @@ class Intake:
             self._outlet.account.count("malformed")
             if self._outlet.account.counters["malformed"] == 1:
                 self._outlet.event("malformed_frame", f"{self._name}: {error}")
+            return
+        if not self._needed <= signals.keys():  # a multiplexed message that carries others this time
+            self._outlet.account.count("frames without the signals")
             return
         wanted = self._decoding.wanted
         count = int(signals[wanted.counter]) if wanted.counter else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from can import Message
 from can.interfaces.slcan import slcanBus
 
 _LINE = re.compile(r"(?:[tTxrRdDbBVNF][0-9A-Fa-f]*|[zZ])?[\r\a]")
@@ -25,3 +26,10 @@ class CountingSlcanBus(slcanBus):
             return line
         self.malformed += 1
         return None
+
+    def _recv_internal(self, timeout: float | None) -> tuple[Message | None, bool]:
+        try:
+            return super()._recv_internal(timeout)
+        except (ValueError, IndexError):  # a line of the right characters that was cut
+            self.malformed += 1
+            return None, False

@@ -1,12 +1,15 @@
 """Headers and declarations whose checksums are right and that are no use all the same: found by ``python -m fuzz``."""
 
 import json
+import struct
+import zlib
 from io import FileIO
 
 import pytest
 from mcap.records import Channel, Schema
 
 from cellwatt.record import Recording
+from cellwatt.record.chunks import parse_attachment
 from cellwatt.record.decoder import items, track_of, tracks_of
 from cellwatt.record.encoder import Encoder
 from cellwatt.record.header import Header, stream_to_dict
@@ -86,6 +89,13 @@ def test_a_record_that_ends_behind_its_chunk():
     assert len(list(items(data, {1: rows}, {1}))) == 1
     with pytest.raises(ValueError, match="cut"):
         list(items(data[:-1], {1: rows}, {1}))
+
+
+def test_a_length_beyond_all_memory_is_damage():
+    """An attachment of 2⁶⁴ - 1 bytes, its checksum right."""
+    body = struct.pack("<QQII", 0, 0, 0, 0) + b"\xff" * 8
+    with pytest.raises(ValueError, match=r"an? attachment record is damaged"):
+        parse_attachment(body + struct.pack("<I", zlib.crc32(body)))
 
 
 def test_places_that_no_file_has_are_empty(tmp_path):
