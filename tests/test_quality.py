@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ["daemon", "drivers", "plugins", "tests", "bench", "examples"]
+SOURCES = ["daemon", "drivers", "plugins", "tests", "bench", "examples", "fuzz"]
 
 
 @pytest.mark.timeout(1200)

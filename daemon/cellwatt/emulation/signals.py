@@ -71,6 +71,9 @@ def load_signals(path: Path, *, loop: bool = False) -> RecordedSignals:
     clock = next((n for n in ("timestamp", "t", "time") if n in names), None)
     if clock is None:
         raise RecordingError(f"{path}: no column named timestamp, t or time; there are: {', '.join(names[:8])} …")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(f"{path}: two columns are called {twice!r}")
     columns = dict(zip(names, table.T, strict=True))
     time = columns.pop(clock)
     if len(time) < 2 or np.any(np.diff(time) <= 0):

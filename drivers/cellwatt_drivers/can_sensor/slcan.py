@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from can import Message
+from can import CanOperationError, Message
 from can.interfaces.slcan import slcanBus
 
 _LINE = re.compile(r"(?:[tTxrRdDbBVNF][0-9A-Fa-f]*|[zZ])?[\r\a]")
@@ -19,7 +19,9 @@ class CountingSlcanBus(slcanBus):
     def _read(self, timeout: float | None) -> str | None:
         try:
             line = super()._read(timeout)
-        except UnicodeDecodeError:
+        except CanOperationError as error:
+            if not isinstance(error.__cause__, UnicodeDecodeError):
+                raise
             self._buffer.clear()
             line = "?"
         if line is None or _LINE.fullmatch(line):

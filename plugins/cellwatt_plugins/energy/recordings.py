@@ -132,6 +132,8 @@ def _columns(path: Path, names: Sequence[str]) -> tuple[Float, list[Float]]:
         raise RecordingError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from error
     if missing := [name for name in ("t", *names) if name not in there]:
         raise RecordingError(f"{path}: no column {', '.join(missing[:4])}; there are {', '.join(there[:8])}")
+    if twice := [name for name in ("t", *names) if there.count(name) > 1]:
+        raise RecordingError(f"{path}: two columns are called {twice[0]!r}")
     try:
         time, *values = (np.asarray(table[name].to_numpy(), np.float64) for name in ("t", *names))
     except (TypeError, ValueError, pa.ArrowException) as error:

@@ -72,11 +72,14 @@ def read_table(path: Path) -> pa.Table:
             table = pyarrow.csv.read_csv(path)
         else:
             table = _frames(path)
-        rows = table.num_rows if table.column_names else 0
+        names = table.column_names
     except (OSError, pa.ArrowException, ValueError) as error:  # the last: names that are not UTF-8
         raise RecordingError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from error
-    if not rows:
+    if not names or not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise RecordingError(f"{path}: two columns are called {twice!r}")
     return table
 
 

@@ -60,7 +60,7 @@ def test_file_that_is_no_parquet(tmp_path: Path) -> None:
         load_signals(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"t,x\n", b"t,x\n# 1,2\n", b"t,\xefx\n0,1\n1,2\n"])
+@pytest.mark.parametrize("content", [b"", b"t,x\n", b"t,x\n# 1,2\n", b"t,\xefx\n0,1\n1,2\n", b"t,t\n0,1\n1,2\n"])
 def test_tables_without_rows_and_names_that_are_no_text(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.csv").write_bytes(content)
     with pytest.raises(RecordingError):

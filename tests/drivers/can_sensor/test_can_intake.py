@@ -15,7 +15,7 @@ from cellwatt_drivers.can_sensor.slcan import CountingSlcanBus
 
 from ..outlet import CollectingOutlet
 
-LINES = [b"t521\r", b"T0000\r", b"t\r", b"?\r"]
+LINES = [b"t521\r", b"T0000\r", b"t\r", b"?\r", b"t521\xff\r"]
 DBC = """VERSION ""
 BU_: Vector__XXX
 BO_ 16 A: 8 Vector__XXX
