@@ -176,6 +176,8 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode, path: KeyPath) -> Any:
         value = self._plain(node, path)
+        if isinstance(value, str) and "\0" in value:
+            return self._mistake(path, mark_of(node), "the character U+0000 cannot be part of a name or path")
         if not isinstance(value, str) or "${" not in value:
             return value
         expansion = expand(value, self.environ)

@@ -45,6 +45,7 @@ MISTAKES = {
     "python tag": (arm("note: !!python/object:os.system {}"), "7:11", "the tag !!python/object:os.system"),
     "anchor within itself": (arm("zones: &a {x: *a}"), "7:12", "an anchor that contains itself"),
     "merge of a text": (arm("<<: hello"), "7:5", "'<<' expects *name"),
+    "character 0": (arm(r'host2: "a\0b"'), "7:12", "the character U+0000"),
     "backslash": (arm(r'note: "C:\path"'), "7:15", "write a backslash in 'single quotes'"),
     # the top level
     "no sources": ("site: a\ncell: b\n", "1:1", "the key 'sources' is missing"),

@@ -121,3 +121,11 @@ def test_questions_that_cannot_be_answered_say_why(
     with pytest.raises(QuestionError, match=text) as caught:
         answers.about(name, asked)
     assert isinstance(caught.value, CellwattError)
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "9" * 20, "-5", "1e3", "٣"])
+def test_numbers_beyond_all_sense_are_refused(answers: Answers, number: str) -> None:
+    with pytest.raises(QuestionError, match="not a whole number"):
+        answers.about("history", {"source": "arm", "stream": "samples", "first": number})
+    with pytest.raises(QuestionError, match="not a whole number"):
+        answers.alarms({"cleared": number})
