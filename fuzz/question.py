@@ -1,0 +1,98 @@
+"""A consumer's question over Zenoh, and its answer."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+from cellwatt.batch import Batch
+from cellwatt.errors import CellwattError
+from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers, _asked
+from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.encode import ARROW, decode
+from cellwatt.publish.keys import QUESTIONS, CellKeys
+from cellwatt.results import Alarm
+from cellwatt.sink import CellView
+from fuzz.items import MESSAGES, SESSION, batch, frames
+from fuzz.target import Target
+
+
+class _View(CellView):
+    """A cell of which three batches are recorded."""
+
+    site, cell, session, journal = "plant", "weld", SESSION, None
+
+    def status(self) -> Mapping[str, Any]:
+        return {}
+
+    def config(self) -> Mapping[str, Any]:
+        return {"site": "plant"}
+
+    def schema(self) -> Mapping[str, Any]:
+        return {}
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        return []
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        assert 0 <= count <= MOST_SAMPLES
+        if (source, stream, session) != ("arm", "rtde", SESSION):
+            return []
+        return [b for b in (batch(0, 4), batch(4, 3), batch(9, 2)) if b.sequence < first + count]
+
+
+def _answers() -> Answers:
+    view = _View()
+    backlog = Backlog(SESSION, 1e6)
+    for message in MESSAGES:
+        if hasattr(message, "source") or hasattr(message, "model"):
+            backlog.add(message)
+    backlog.add(Alarm("a1", "joint_fault", "error", False, 1, 2, "over"))
+    backlog.add_frames(frames(0, 4))
+    backlog.add_frames(frames(4, 2))
+    return Answers(view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: b"{}")
+
+
+ANSWERS = _answers()
+
+
+def run(data: bytes) -> None:
+    """``name?parameters``, as text that Zenoh hands over: always UTF-8."""
+    name, _, parameters = data.decode("utf-8", "replace").partition("?")
+    query: Any = SimpleNamespace(parameters=parameters)
+    asked = _asked(query)
+    try:
+        answer = ANSWERS.about(name, asked)
+    except CellwattError as error:
+        assert len(str(error)) < 1000 + 3 * len(data)
+    else:
+        assert len(answer.payload) < 100_000
+        if answer.encoding == ARROW:
+            assert answer.mark is not None
+            content = decode(answer.payload, answer.mark)
+            assert 0 < len(content) == answer.mark.count
+        else:
+            json.loads(answer.payload)
+    try:
+        assert len(ANSWERS.alarms(asked)) <= MOST_RESULTS
+    except CellwattError:
+        return
+
+
+def seeds() -> Iterable[bytes]:
+    """Each question."""
+    for name in QUESTIONS:
+        yield name.encode()
+    session = f"session={SESSION}"
+    yield f"history?source=arm;stream=rtde;{session};first=2;count=4".encode()
+    yield f"history?stream=frame;{session};first=1;count=3".encode()
+    yield f"results?kind=alarm;{session};first=0;count=5".encode()
+    yield f"results?kind=prediction%2Fpower;{session}".encode()
+    yield b"?cleared=-5"
+    yield b"?cleared=2"
+    yield b"?cleared=" + b"9" * 4400
+
+
+TARGET = Target(run, seeds, 5000)

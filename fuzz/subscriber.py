@@ -1,0 +1,95 @@
+"""What a subscriber does with messages, health and answers in any order."""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterable
+
+from cellwatt.publish.follow import Following, Question
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.order import Gap, Part
+from cellwatt.results import Event
+from fuzz.items import SESSION
+from fuzz.target import Target
+
+STEP = struct.Struct("<BbhhB")
+"""What comes; session, first number and count, each near the last or, with a high bit, far away; time passed."""
+TOPICS = ("event", "raw/arm/rtde", "frame")
+FAR = 1 << 40
+
+
+def run(data: bytes) -> None:
+    """Steps of ``STEP`` each; no sample is handed out twice or out of order, and none is lost without a gap."""
+    state = Following(("event", "raw", "frame"))
+    reached: dict[str, tuple[int, int]] = {}
+    asked: list[Question] = []
+    now = 0.0
+    for at in range(0, len(data) // STEP.size * STEP.size, STEP.size):
+        kind, session, first, count, passed = STEP.unpack_from(data, at)
+        now += passed / 50
+        topic = TOPICS[kind % len(TOPICS)]
+        mark = Mark(SESSION + session, abs(first) * (FAR if kind & 128 else 1), max(count, 0), 0)
+        parts = _step(state, kind // 4 % 6, topic, mark, asked, now)
+        _in_order(parts, state, reached)
+    assert state.duplicates >= 0
+    assert isinstance(state.complete, bool)
+
+
+def _step(
+    state: Following, kind: int, topic: str, mark: Mark, asked: list[Question], now: float
+) -> list[tuple[str, Part]]:
+    content = Event(0, None, "k", "t")
+    if kind == 0:
+        return [(topic, part) for part in state.message(topic, mark, content)]
+    if kind == 1:
+        state.beat(mark.session, {topic: (mark.session, mark.end)})
+    elif kind == 2:
+        asked += state.questions(now)
+        if state.asks_sessions(now):
+            state.sessions(None, now)
+    elif kind == 3:
+        state.sessions([mark.session - 1, mark.session], now)
+    elif asked and kind == 4:
+        question = asked.pop()
+        return [(question.topic, part) for part in state.filled(question, [(mark, content)])]
+    elif asked:
+        question = asked.pop()
+        if mark.count % 2:
+            state.unanswered(question, now)
+        else:
+            return [(question.topic, part) for part in state.nothing(question, "gone", now)]
+    return []
+
+
+def _in_order(parts: list[tuple[str, Part]], state: Following, reached: dict[str, tuple[int, int]]) -> None:
+    seen: Counter[str] = Counter()
+    for topic, part in parts:
+        session, following = reached.get(topic) or state.begun[topic]
+        assert part.count > 0 or isinstance(part.content, Event | Gap)
+        if part.session == session:
+            assert part.sequence == following, (part, following)
+        reached[topic] = (part.session, part.end)
+        seen[topic] += 1
+
+
+def seeds() -> Iterable[bytes]:
+    """A stream with a hole that is filled, a new session, and one that is told by health."""
+
+    def step(kind: int, session: int, first: int, count: int, passed: int = 5) -> bytes:
+        return STEP.pack(kind, session, first, count, passed)
+
+    live, beat, ask, sessions, fill, nothing = (4 * i for i in range(6))
+    yield step(beat, 0, 0, 5) + step(live, 0, 5, 1) + step(live, 0, 7, 1) + step(ask, 0, 0, 0) + step(fill, 0, 6, 1)
+    yield (
+        step(beat + 1, 0, 0, 5)
+        + step(live + 1, 1, 0, 4)
+        + step(ask, 0, 0, 0)
+        + step(sessions, 1, 0, 0)
+        + step(ask, 0, 0, 0)
+        + step(nothing, 0, 0, 0)
+    )
+    yield step(live + 2, 0, 3, 2) + step(live + 2 + 128, 0, 9, 2) + step(ask, 0, 0, 0, 50) + step(nothing, 0, 0, 1)
+
+
+TARGET = Target(run, seeds, 700)

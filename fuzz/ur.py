@@ -1,0 +1,112 @@
+"""A controller's RTDE stream, from its bytes to samples and events."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from contextlib import suppress
+
+from cellwatt.channel import Stream
+from cellwatt.driver import Identity
+from cellwatt.errors import ProtocolError
+from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.fields import FIELDS
+from cellwatt_drivers.ur.intake import Intake
+from cellwatt_drivers.ur.recipe import Decoder, Selection
+from fuzz.outlet import CheckingOutlet
+from fuzz.target import Target
+
+SELECTION = Selection.of(["robot_mode", "payload", "bus.power"])
+TYPES = [FIELDS[name].type for name in SELECTION.names]
+RECIPE = 1
+
+
+def run(data: bytes) -> None:
+    """The first byte says into what pieces the stream comes and whether a recipe was agreed."""
+    how, stream = data[:1], data[1:]
+    with suppress(ProtocolError):
+        for item, _ in wire.scan(memoryview(stream), wire.FROM_CLIENT):
+            assert isinstance(item, wire.Frame)
+            _request(item)
+    outlet = CheckingOutlet()
+    intake = Intake(outlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "count")
+    intake.opened(Identity("UR", "fuzzed"), 125.0, 125.0)
+    decoder = Decoder(SELECTION, RECIPE, TYPES) if how and how[0] & 1 else None
+    step = 1 + (how[0] >> 1 if how else 0) * 8
+    rest = b""
+    with suppress(ProtocolError):
+        for at in range(0, len(stream), step):
+            rest += stream[at : at + step]
+            rest = rest[_take(rest, decoder, intake) :]
+
+
+def _take(data: bytes, decoder: Decoder | None, intake: Intake) -> int:
+    used = 0
+    package = decoder.package if decoder is not None else None
+    for item, end in wire.scan(memoryview(data), wire.FROM_CONTROLLER, package):
+        assert used < end <= len(data)
+        used = end
+        if isinstance(item, wire.Run):
+            assert decoder is not None
+            assert item.count * decoder.package.size == len(item.data)
+            intake.take(*decoder.decode(item.data, item.count))
+        else:
+            _answer(item, intake)
+    return used
+
+
+def _answer(frame: wire.Frame, intake: Intake) -> None:
+    payload = frame.payload
+    with suppress(ProtocolError):
+        accepted = wire.parse_accept(payload)
+        assert wire.accept_reply(frame.kind, accepted)[3:] == payload
+    with suppress(ProtocolError):
+        version = wire.parse_controller(payload)
+        assert wire.controller_reply(version)[3:] == payload
+    with suppress(ProtocolError):
+        recipe, types = wire.parse_recipe(payload)
+        assert wire.parse_recipe(wire.recipe_reply(frame.kind, recipe, types)[3:]) == (recipe, types)
+        Decoder(SELECTION, recipe, types)
+    with suppress(ProtocolError):
+        intake.message(wire.parse_text(payload))
+
+
+def _request(frame: wire.Frame) -> None:
+    with suppress(ProtocolError):
+        rate, names = wire.parse_ask_outputs(frame.payload)
+        if all(names):
+            assert wire.parse_ask_outputs(wire.ask_outputs(rate, names)[3:]) == (rate, names)
+    with suppress(ProtocolError):
+        names = wire.parse_ask_inputs(frame.payload)
+        if all(names):
+            assert wire.parse_ask_inputs(wire.ask_inputs(names)[3:]) == names
+    with suppress(ProtocolError):
+        wire.parse_protocol(frame.payload)
+
+
+def seeds() -> Iterable[bytes]:
+    """A session as a controller answers it, and as a client asks."""
+    answers = [
+        wire.accept_reply(wire.Kind.PROTOCOL_VERSION, True),
+        wire.controller_reply(wire.ControllerVersion(5, 12, 0, 1)),
+        wire.text_message(wire.TextMessage("protective stop", "safety", 2)),
+        wire.recipe_reply(wire.Kind.SETUP_OUTPUTS, RECIPE, TYPES),
+    ]
+    yield b"\0" + b"".join(answers)
+    yield b"\x08" + b"".join(answers)
+    packages = b"".join(package(1000.0 + 0.008 * i, 7) for i in (0, 1, 2, 2, 5, 6))
+    yield b"\x01" + packages
+    yield b"\xff" + answers[2] + packages + package(3.0, 5) + answers[1]
+    yield b"\0" + wire.ASK_PROTOCOL + wire.ASK_CONTROLLER + wire.ask_outputs(125.0, SELECTION.names)
+    yield b"\0" + wire.ask_inputs(["speed_slider_mask"]) + wire.START + wire.PAUSE
+
+
+def package(time: float, mode: int) -> bytes:
+    """One data package of the agreed recipe."""
+    letters = {"DOUBLE": "d", "INT32": "i"}
+    form = struct.Struct(">HBB" + "".join(letters[name] for name in TYPES))
+    values = [mode if name == "INT32" else 1.5 for name in TYPES[1:]]
+    return form.pack(form.size, wire.Kind.DATA_PACKAGE, RECIPE, time, *values)
+
+
+TARGET = Target(run, seeds, 2048)
