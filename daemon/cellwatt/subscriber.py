@@ -19,6 +19,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
@@ -38,6 +39,7 @@ from cellwatt.publish.received import (
     read_refusal,
     read_sessions,
 )
+from cellwatt.publish.signing import Check
 from cellwatt.results import Alarm, Event, Result
 
 if TYPE_CHECKING:
@@ -82,8 +84,10 @@ class Subscriber:
     ``link`` is the Zenoh session to make; ``want`` topics or first parts of topics, like ``raw/arm``. ``resume`` takes
     up where an earlier run's ``positions`` were. ``patience``: time, s, to wait for what the cell should have before
     it is called a gap. ``queue_size``: messages that may wait for the consumer; beyond that they are let go, and asked
-    for again. Raises ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening
-    raises ``SinkError`` when the link cannot be made.
+    for again. ``verify``: public key of a cell that signs, or a certificate with it (PEM); what the cell has not
+    signed is then left out and counted as ``unsigned``, what is of an earlier session or time as ``replayed``. Raises
+    ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening raises ``SinkError``
+    when the link cannot be made.
 
     Leave the context before the interpreter ends: an open Zenoh session keeps it from exiting.
     """
@@ -98,18 +102,21 @@ class Subscriber:
         resume: Positions | None = None,
         patience: float = 5.0,
         queue_size: int = 10_000,
+        verify: Path | None = None,
     ) -> None:
         self._keys = CellKeys(site, cell)
         self._link = link
         self._want = tuple(want)
         if unknown := [w for w in want if w.split("/", 1)[0] not in KINDS]:
             raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
+        self._check = None if verify is None else Check(self._keys.root, verify)
         self._following = Following(self._want, resume or {}, patience)
         self._standing_asked = self._following.joined
         self._mailbox: Mailbox[Message] = Mailbox(queue_size)
         self._lock = threading.Lock()
         self._look = threading.Event()
         self._counts: Counter[str] = Counter()
+        self._newest: dict[str, tuple[int, int]] = {}
         self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()
         self._session: zenoh.Session | None = None
@@ -210,10 +217,14 @@ class Subscriber:
                 self._counts["let go"] += 1
                 return
             address = parse(str(sample.key_expr))
+            if not self._genuine(address.topic, sample):
+                return
             if address.kind == HEALTH:
                 self._on_health(sample.payload.to_bytes(), HEALTH in self._want)
                 return
             mark, content = read_message(sample, address.kind)
+            if not self._newer(address.topic, (mark.session, 0)):
+                return
             ready = self._following.message(address.topic, mark, content)
             self._deliver(address.topic, ready)
             if not ready:
@@ -226,6 +237,8 @@ class Subscriber:
 
     def _on_health(self, payload: bytes, wanted: bool) -> None:
         health = read_health(payload)
+        if not self._newer(HEALTH, (health.session, health.time)):
+            return
         self._following.beat(health.session, health.positions)
         if wanted:
             self._mailbox.put(Message(HEALTH, health.session, health.time, False, health))
@@ -257,6 +270,35 @@ class Subscriber:
             raise
         self._following.unanswered(question, now)
 
+    def _genuine(self, topic: str, sample: zenoh.Sample) -> bool:
+        """Whether the cell said this, where it signs what it says."""
+        if self._check is None:
+            return True
+        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+        return self._counted(self._check.message(topic, attachment, sample.payload.to_bytes()), "unsigned", topic)
+
+    def _genuine_reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
+        if reply.ok is not None:
+            return self._genuine(topic, reply.ok)
+        if self._check is None or reply.err is None or read_refusal(reply.err) is None:
+            return True
+        parameters, payload = selector.partition("?")[2], reply.err.payload.to_bytes()
+        return self._counted(self._check.refusal(parameters, payload), "unsigned", topic)
+
+    def _newer(self, topic: str, stamp: tuple[int, int]) -> bool:
+        """Whether a message is no earlier than those before it, since what was signed once can be shown again."""
+        if self._check is None:
+            return True
+        newest = self._newest[topic] = max(stamp, self._newest.get(topic, stamp))
+        return self._counted(stamp == newest, "replayed", topic)
+
+    def _counted(self, right: bool, wrong: str, topic: str) -> bool:
+        if not right:
+            self._counts[wrong] += 1
+            if self._counts[wrong] == 1:  # whoever forges could fill the log
+                log.warning("%s/%s: a message that is %s came; such are left out", self._keys.root, topic, wrong)
+        return right
+
     def _deliver(self, topic: str, parts: list[Part]) -> None:
         for part in parts:
             self._mailbox.put(Message(topic, part.session, part.sequence, part.backfilled, part.content))
@@ -279,7 +321,7 @@ class Subscriber:
         import zenoh
 
         try:
-            self._ask(self._keys.question("status"), self._on_status)
+            self._ask(self._keys.question("status"), "@/status", self._on_status)
             while not self._stopped.is_set():
                 self._look.wait(_TICK)
                 self._look.clear()
@@ -298,14 +340,14 @@ class Subscriber:
             self._standing_asked |= standing
             sessions = self._following.asks_sessions(time.monotonic())
         if sessions:
-            self._ask(self._keys.question("recordings"), self._on_recordings)
+            self._ask(self._keys.question("recordings"), "@/recordings", self._on_recordings)
         if standing:
-            self._ask(self._keys.live(f"{ALARM}/**"), self._on_standing)
+            self._ask(self._keys.live(f"{ALARM}/**"), ALARM, self._on_standing)
         for question in questions:
-            self._ask(self._selector(question), partial(self._on_answer, question))
+            self._ask(self._selector(question), question.topic, partial(self._on_answer, question))
 
-    def _ask(self, selector: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
-        """Ask; ``then`` gets the replies once all are there."""
+    def _ask(self, selector: str, topic: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
+        """Ask about a topic; ``then`` gets the replies once all are there."""
         import zenoh
 
         assert self._session is not None
@@ -313,7 +355,7 @@ class Subscriber:
 
         def done() -> None:
             with self._guarded():
-                then(replies)
+                then([reply for reply in replies if self._genuine_reply(topic, selector, reply)])
             self._look.set()
 
         self._session.get(

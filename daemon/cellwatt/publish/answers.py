@@ -38,6 +38,7 @@ from cellwatt.publish.questions import (
     short,
     text_of,
 )
+from cellwatt.publish.signing import Seal
 from cellwatt.results import Alarm
 from cellwatt.sink import CellView
 
@@ -69,7 +70,8 @@ class Answer:
 class Answers:
     """Serves the questions of one cell, in a thread of its own from ``start`` to ``stop``.
 
-    ``health`` gives the health message of now, the answer to ``@/status``; ``count`` counts what went wrong.
+    ``health`` gives the health message of now, the answer to ``@/status``; ``count`` counts what went wrong; ``seal``
+    signs the answers, where the cell signs.
     """
 
     def __init__(
@@ -79,11 +81,13 @@ class Answers:
         backlog: Backlog,
         count: Callable[[str], None],
         health: Callable[[], bytes],
+        seal: Seal | None = None,
     ) -> None:
         self._view = view
         self._keys = keys
         self._backlog = backlog
         self._count = count
+        self._seal = seal or Seal(keys.root, None)
         self._questions: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
         self._busy_since: float | None = None
@@ -227,11 +231,11 @@ class Answers:
         except CellwattError as error:
             if isinstance(error, QuestionError) and not isinstance(error, NothingKeptError):
                 self._count("questions refused: wrong")
-            query.reply_err(encode_json({"error": str(error)}), encoding=JSON)
+            self._refuse(query, str(error))
         except Exception as error:
             # One question that meets a broken record must not end the answers to all others.
             self._failed(str(query.selector), error)
-            query.reply_err(encode_json({"error": f"{type(error).__name__}: {error}"}), encoding=JSON)
+            self._refuse(query, f"{type(error).__name__}: {error}")
 
     def _reply_one(self, query: zenoh.Query, name: str) -> None:
         import zenoh
@@ -241,14 +245,18 @@ class Answers:
             key = self._keys.question(name)
             if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
                 key = self._keys.backfill(answer.path)
-            attachment = None if answer.mark is None else answer.mark.encode(answer.payload)
+            mark = b"" if answer.mark is None else answer.mark.encode(answer.payload)
+            attachment = self._seal.message(answer.path or f"@/{name}", mark, answer.payload) or None
             query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
+
+    def _refuse(self, query: zenoh.Query, error: str) -> None:
+        query.reply_err(encode_json(self._seal.refusal(str(query.parameters), error)), encoding=JSON)
 
     def _reply_alarms(self, query: zenoh.Query) -> None:
         with query, self._refusing(query):
             for mark, alarm in self.alarms(parameters(str(query.parameters))):
                 payload = encode_item(alarm, mark)
-                attachment = replace(mark, backfill=True).encode(payload)
+                attachment = self._seal.message(ALARM, replace(mark, backfill=True).encode(payload), payload)
                 # Zenoh by default keeps one reply a key: with its id each alarm has a key of its own.
                 for key in (alarm_path(alarm.severity, alarm.kind, alarm.id), alarm_path(alarm.severity, alarm.kind)):
                     if query.key_expr.intersects(self._keys.live(key)):

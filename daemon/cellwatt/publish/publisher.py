@@ -19,6 +19,7 @@ from cellwatt.publish.link import LARGEST_MESSAGE, LinkSettings, open_session, w
 from cellwatt.publish.messages import encode_item
 from cellwatt.publish.outbox import Outbox, Outgoing
 from cellwatt.publish.questions import LARGEST
+from cellwatt.publish.signing import Seal
 
 if TYPE_CHECKING:
     import zenoh
@@ -43,7 +44,13 @@ class Publisher(threading.Thread):
     """
 
     def __init__(
-        self, link: LinkSettings, keys: CellKeys, outbox: Outbox, answers: Answers, health: Callable[[], bytes]
+        self,
+        link: LinkSettings,
+        keys: CellKeys,
+        outbox: Outbox,
+        answers: Answers,
+        health: Callable[[], bytes],
+        seal: Seal,
     ) -> None:
         # No daemon thread: the threads in which Zenoh calls back would inherit that, and one of them inside
         # Zenoh while the interpreter ends aborts the process.
@@ -55,6 +62,7 @@ class Publisher(threading.Thread):
         self._outbox = outbox
         self._answers = answers
         self._health = health
+        self._seal = seal
         self._publishers: dict[str, Any] = {}
         self._beat_due: float | None = None
         """When, monotonic s, the health message was called for that is still to be put."""
@@ -151,7 +159,7 @@ class Publisher(threading.Thread):
 
         try:
             payload = encode(outgoing)
-            attachment = outgoing.mark.encode(payload)
+            attachment = self._seal.message(outgoing.topic, outgoing.mark.encode(payload), payload)
         except Exception:
             # One item that breaks its own contract costs that item, not the sink.
             log.exception("zenoh: an item of %s cannot be encoded", outgoing.topic)
@@ -170,11 +178,13 @@ class Publisher(threading.Thread):
 
         try:
             payload = self._health()
+            attachment = self._seal.message(HEALTH, b"", payload) or None
         except Exception:  # as of an item: some part's figures, or what a device calls itself, cannot be said
             self._outbox.count("health not encodable")
             log.exception("zenoh: the health message cannot be encoded")
             return
-        session.put(self._keys.live(HEALTH), payload, encoding=JSON, priority=zenoh.Priority.DATA, express=True)
+        key = self._keys.live(HEALTH)
+        session.put(key, payload, encoding=JSON, attachment=attachment, priority=zenoh.Priority.DATA, express=True)
 
     def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> Any:
         import zenoh

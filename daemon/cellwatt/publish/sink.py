@@ -6,6 +6,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, PositiveInt, ValidationError, model_validator
@@ -22,6 +23,7 @@ from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import health, topic_of
 from cellwatt.publish.outbox import Lane, Outbox, Outgoing
 from cellwatt.publish.publisher import Publisher
+from cellwatt.publish.signing import Seal
 from cellwatt.quantity import Bytes
 from cellwatt.sink import CellView, Item, Sink
 
@@ -48,6 +50,8 @@ class ZenohSettings(LinkSettings):
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 16e6
     """Memory for frames that a consumer may ask for after a cut; raw samples it gets from the record."""
+    sign: Path | None = None
+    """Private key (Ed25519, PEM) that signs every message and answer; ``cellwatt secure`` makes one for each cell."""
     open: bool = False
     """Let the network in without TLS and access rules: anybody there can then read all and speak in the cell's name."""
 
@@ -87,7 +91,8 @@ class ZenohSink(Sink[ZenohSettings]):
         self._backlog = Backlog(
             time.time_ns() if view.journal is None else view.session, settings.frame_memory, view.journal
         )
-        self._answers = Answers(view, self._keys, self._backlog, self._outbox.count, self._health)
+        self._seal = Seal(self._keys.root, settings.sign)
+        self._answers = Answers(view, self._keys, self._backlog, self._outbox.count, self._health, self._seal)
         self._topics: dict[tuple[str, str], str] = {}
         self._status: Mapping[str, Any] = {}
         self._publisher: Publisher | None = None
@@ -137,7 +142,10 @@ class ZenohSink(Sink[ZenohSettings]):
 
     async def run(self) -> None:
         """Open, publish until cancelled, drain, close. Raises ``SinkError`` when there is no session to be had."""
-        publisher = self._publisher = Publisher(self.settings, self._keys, self._outbox, self._answers, self._health)
+        await asyncio.to_thread(self._seal.open)
+        publisher = self._publisher = Publisher(
+            self.settings, self._keys, self._outbox, self._answers, self._health, self._seal
+        )
         done = asyncio.wrap_future(publisher.done)
         publisher.start()
         try:
