@@ -5,6 +5,7 @@ zenoh is imported on first use. Nothing listens and nothing is discovered unless
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import socket
@@ -13,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SecretStr, field_validator, model_validator
 
 from cellwatt.errors import SinkError
 from cellwatt.files import WRITTEN, check_file
@@ -66,6 +67,13 @@ class TlsSettings(BaseModel):
     """Ask for the other side's certificate when we listen; show ours when we connect."""
     verify_name: bool = True
     """The certificate must name the host that we connect to."""
+    _written: tuple[int, ...] = PrivateAttr(())
+    """When the files were written: a renewed certificate is a change of the settings."""
+
+    def model_post_init(self, _: object) -> None:
+        """Look at the files; those that cannot be looked at are told when they are needed."""
+        with contextlib.suppress(OSError):
+            self._written = tuple(p.stat().st_mtime_ns for p in (self.root_ca, self.certificate, self.key) if p)
 
     @model_validator(mode="after")
     def _paired(self) -> TlsSettings:

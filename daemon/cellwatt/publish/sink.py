@@ -64,8 +64,11 @@ class ZenohSettings(LinkSettings):
         return self
 
     def warnings(self) -> tuple[str, ...]:
-        """Ways in that were left open on purpose, and certificates that are not there."""
-        return (*(f"{opening.value}: {opening.text} (open: true)" for opening in openings(self)), *unreadable(self))
+        """Ways in that were left open on purpose, and certificates that are not there or will soon have ended."""
+        from cellwatt.secure import validity
+
+        ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
+        return (*ways, *unreadable(self), *validity.warnings(self))
 
 
 def _refusal(opening: Opening) -> InitErrorDetails:

@@ -1,0 +1,191 @@
+"""``cellwatt secure``: certificates, access rules and keys for signatures of a site."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import click
+
+from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands.tables import show_table
+from cellwatt.errors import ConfigError
+
+try:
+    from cellwatt.secure.folder import Folder, Member, Role
+except ImportError as error:
+    raise ConfigError("cellwatt secure needs the extra 'secure': pip install 'cellwatt[secure]'") from error
+
+SOON = timedelta(days=60)
+"""Certificates that end sooner are renewed unless others are named."""
+_STEPS = {
+    "trust": "A new authority is trusted beside the old one. When all have their folders, run this again to use it.",
+    "use": "All certificates are of the new authority. When all have their folders, run this again to forget the old.",
+    "forget": "The old authority is trusted no more. Give out the folders; nothing is left to do.",
+}
+
+_folder = click.option(
+    "--in",
+    "path",
+    default=Path(),
+    type=click.Path(file_okay=False, path_type=Path),
+    help="The folder that init made (default: here).",
+)
+_host = click.option("--host", "hosts", multiple=True, help="Name or address where it is reached; may be repeated.")
+
+
+@click.group()
+def command() -> None:
+    """Make certificates for cells and viewers, and rules who may publish, ask and see.
+
+    DIR holds the private key of your authority: keep it on a PC or stick of its own. Each member gets the folder of
+    its name. docs/zenoh.md goes through it.
+    """
+
+
+@command.command()
+@click.argument("folder", metavar="DIR", type=click.Path(file_okay=False, path_type=Path))
+@click.option("--site", required=True, help="Site of the cells, as in their settings.")
+def init(folder: Path, site: str) -> None:
+    """Make a small certificate authority for a site in DIR."""
+    Folder.create(folder, site)
+    click.echo(f"{folder}: authority of {site}. Keep {folder / 'private'} to yourself. Next, in {folder}:")
+    click.echo("  cellwatt secure router NAME --host HOST    where cells and viewers meet at a router")
+    click.echo("  cellwatt secure cell NAME")
+    click.echo("  cellwatt secure viewer NAME")
+
+
+@command.command()
+@click.argument("name")
+@click.option("--host", "hosts", multiple=True, required=True, help="Name or address of it; may be repeated.")
+@_folder
+def router(name: str, hosts: tuple[str, ...], path: Path) -> None:
+    """Add the router that cells and viewers connect to (zenohd)."""
+    _add(path, Member(name, "router", hosts))
+
+
+@command.command()
+@click.argument("name")
+@_host
+@_folder
+def cell(name: str, hosts: tuple[str, ...], path: Path) -> None:
+    """Add a cell: it alone may publish and answer under its name.
+
+    Without a router it listens, and needs --host.
+    """
+    _add(path, Member(name, "cell", hosts))
+
+
+@command.command()
+@click.argument("name")
+@click.option("--cell", "cells", multiple=True, help="Cell that it may see; may be repeated (default: all).")
+@click.option("--live-only", is_flag=True, help="It may not ask: no settings, no record, no alarms of the past.")
+@_folder
+def viewer(name: str, cells: tuple[str, ...], live_only: bool, path: Path) -> None:
+    """Add who may see cells and ask them, and publishes nothing."""
+    _add(path, Member(name, "viewer", (), cells, not live_only))
+
+
+@command.command()
+@click.argument("name")
+@_folder
+def remove(name: str, path: Path) -> None:
+    """Take all rights of a member away, though its certificate has not ended."""
+    folder = Folder.open(path)
+    changed = folder.remove(name)
+    click.echo(f"{name} may do nothing any more as soon as these have their new folder:")
+    _give_out(folder, changed)
+
+
+@command.command()
+@click.argument("names", metavar="[NAME]...", nargs=-1)
+@click.option("--authority", is_flag=True, help="One step, of three, to a new authority.")
+@_folder
+def renew(names: tuple[str, ...], authority: bool, path: Path) -> None:
+    """Make new certificates for NAMEs, or for all that end within 60 days.
+
+    The old ones hold until they end: give the new ones out any time before.
+    """
+    folder = Folder.open(path)
+    if authority:
+        step, changed = folder.renew_authority()
+        click.echo(_STEPS[step])
+    else:
+        changed = folder.renew(names, SOON)
+        if not changed:
+            click.echo(f"no certificate ends within {SOON.days} days")
+    _give_out(folder, changed)
+    if not authority and folder.authority_due():
+        click.echo(f"The authority ends on {folder.authority_ends():%Y-%m-%d}: cellwatt secure renew --authority")
+
+
+@command.command("list")
+@_folder
+def listing(path: Path) -> None:
+    """Show who has a certificate, what it may do, and when it ends. Exit code 1 where one has ended."""
+    folder = Folder.open(path)
+    now = datetime.now(UTC)
+    ends = {name: folder.end_of(name) for name in folder.members}
+    rows = [(m.name, m.role, _may(m), ", ".join(m.hosts), _until(ends[m.name], now)) for m in folder.members.values()]
+    rows.append(("authority", "", f"signs for {folder.site}", "", _until(folder.authority_ends(), now)))
+    show_table(("name", "role", "may", "hosts", "ends"), rows)
+    if any(end < now for end in (*ends.values(), folder.authority_ends())):
+        sys.exit(EXIT_FAILED)
+
+
+@command.command()
+@click.argument("key", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+def verify(key: Path, recordings: tuple[Path, ...]) -> None:
+    """Check RECORDINGS (files or folders) against the public KEY of their cell.
+
+    Exit code 1 where a file is not signed by it, or is not what was signed.
+    """
+    from cellwatt.record.seal import verify as check
+
+    wrong = 0
+    for file, problem in check(recordings, key):
+        click.echo(f"{file}: {problem or 'as its cell signed it'}")
+        wrong += bool(problem)
+    if wrong:
+        sys.exit(EXIT_FAILED)
+
+
+def _add(path: Path, member: Member) -> None:
+    folder = Folder.open(path)
+    changed = folder.add(member)
+    click.echo(f"{member.name}: {_may(member)}, until {folder.end_of(member.name):%Y-%m-%d}")
+    settings = path / member.name / ("zenohd.json5" if member.role == "router" else "zenoh.yaml")
+    click.echo(_USE[member.role].format(settings=settings, name=member.name))
+    _give_out(folder, [name for name in changed if name != member.name])
+
+
+_USE: dict[Role, str] = {
+    "router": "Copy the folder {name} to it; start beside the folder: zenohd --config {name}/zenohd.json5",
+    "cell": "Copy the folder {name} beside its settings file, and put {settings} into that file.",
+    "viewer": "Copy the folder {name} to it; its link is in {settings}.",
+}
+
+
+def _give_out(folder: Folder, changed: Sequence[str]) -> None:
+    for name in changed:
+        member = folder.members[name]
+        then = {
+            "router": "start zenohd again",
+            "cell": "put its zenoh.yaml in force: cellwatt check, then reload (SIGHUP)",
+        }
+        click.echo(f"  copy the folder {name} again; {then.get(member.role, 'begin its link anew')}")
+
+
+def _may(member: Member) -> str:
+    if member.role == "router":
+        return "relays"
+    if member.role == "cell":
+        return f"publishes and answers as {member.name}"
+    return f"sees{' and asks' if member.asks else ''} {', '.join(member.cells) or 'all cells'}"
+
+
+def _until(end: datetime, now: datetime) -> str:
+    return f"{end:%Y-%m-%d}, " + ("HAS ENDED" if end < now else f"{(end - now).days} days")
