@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import select
 import socket
+import struct
 import sys
 from pathlib import Path
 
@@ -14,7 +16,7 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from cellwatt.record.claim import LOCK
-from tests.patience import PATIENCE
+from tests.patience import PATIENCE, eventually
 from tests.system.running import Audience, Daemon, balanced, free_port, running
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -73,19 +75,28 @@ async def test_replay_gives_the_same_frames(tmp_path: Path) -> None:
         assert starts[first : first + len(heard)] == heard
 
 
+_SENDER = struct.Struct("iII")
+"""Process, user and group that sent a message, as the kernel tells."""
+
+
 async def test_ready_and_alive_for_systemd_with_every_device_down(tmp_path: Path) -> None:
     path = tmp_path / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
         listener.bind(str(path))
         listener.setblocking(False)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
         sources = "sources:\n" + "".join(ur(f"arm_{i}", f"127.0.0.1:{free_port()}") for i in range(3))
         daemon = Daemon(tmp_path, sources)
         await daemon.start(NOTIFY_SOCKET=str(path))
         try:
-            loop = asyncio.get_running_loop()
+            assert daemon.process is not None
+            first_process = daemon.process.pid
 
             async def message() -> str:
-                return (await asyncio.wait_for(loop.sock_recv(listener, 4096), PATIENCE)).decode()
+                await eventually(lambda: select.select([listener], [], [], 0)[0], "a word to systemd")
+                said, [(_, _, sender)], *_ = listener.recvmsg(4096, socket.CMSG_SPACE(_SENDER.size))
+                assert _SENDER.unpack(sender)[0] == first_process, "the unit lets nobody else speak"
+                return said.decode()
 
             said = [await message()]
             while "READY=1" not in said[-1]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,8 @@ from cellwatt.commands import EXIT_USAGE, cli
 
 UNIT = Path(__file__).resolve().parents[2] / "systemd" / "cellwatt@.service"
 INSTALLED = "/opt/cellwatt/bin/cellwatt"
-EXPOSURE = 19
+SERIAL = UNIT.with_name("serial.conf")
+EXPOSURE = {"alone": 12, "with serial ports": 14}
 """Highest exposure by ``systemd-analyze security``, of 100; it calls up to 40 OK."""
 
 needs_systemd = pytest.mark.skipif(
@@ -22,9 +24,9 @@ needs_systemd = pytest.mark.skipif(
 )
 
 
-def values(key: str) -> list[str]:
+def values(key: str, path: Path = UNIT) -> list[str]:
     """All values of a key, in order."""
-    return [line.partition("=")[2] for line in UNIT.read_text().splitlines() if line.startswith(f"{key}=")]
+    return [line.partition("=")[2] for line in path.read_text().splitlines() if line.startswith(f"{key}=")]
 
 
 @pytest.fixture
@@ -61,8 +63,13 @@ def test_verify_would_tell_a_mistake(copy: Path) -> None:
 
 
 @needs_systemd
-def test_service_is_hardened(copy: Path) -> None:
-    done = analyze("security", "--offline=true", f"--threshold={EXPOSURE}", str(copy))
+@pytest.mark.parametrize("ports", EXPOSURE)
+def test_service_is_hardened(copy: Path, ports: str) -> None:
+    if ports == "with serial ports":
+        beside = copy.with_name(f"{copy.name}.d")
+        beside.mkdir()
+        (beside / SERIAL.name).write_text(SERIAL.read_text())
+    done = analyze("security", "--offline=true", f"--threshold={EXPOSURE[ports]}", str(copy))
     if "unrecognized option" in done.stderr:
         pytest.skip("this systemd-analyze cannot judge a unit file offline (older than systemd 250)")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -90,7 +97,58 @@ def test_network_stays_open(family: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["ttyUSB", "ttyACM", "ttyS", "ttyAMA"])
-def test_serial_ports_stay_open(kind: str) -> None:
-    assert f"char-{kind} rw" in values("DeviceAllow")
-    assert values("SupplementaryGroups") == ["dialout"]
-    assert not values("PrivateDevices"), "it would hide all of them"
+def test_serial_ports_are_opened_by_their_drop_in_alone(kind: str) -> None:
+    assert values("PrivateDevices") == ["yes"]
+    assert not values("DeviceAllow")
+    assert f"char-{kind} rw" in values("DeviceAllow", SERIAL)
+    assert values("SupplementaryGroups", SERIAL) == ["dialout"]
+    assert values("PrivateDevices", SERIAL) == ["no"], "it would hide all of them"
+
+
+def test_each_cell_has_a_user_and_a_folder_of_its_own() -> None:
+    assert values("User") == values("Group") == ["cellwatt-%i"]
+    assert values("StateDirectory") == ["cellwatt/%i"]
+    assert values("StateDirectoryMode") == ["0750"]
+    assert not values("DynamicUser"), "recordings would lie where nobody else can read them, and change their owner"
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1", "::1", "10.1.2.3", "172.16.0.1", "172.31.255.254", "192.168.1.10", "169.254.3.4",
+                "fe80::1", "fd00::1", "224.0.0.224"]
+)  # fmt: skip
+def test_the_plants_network_stays_open(address: str) -> None:
+    assert any(ip_address(address) in network for network in allowed())
+
+
+@pytest.mark.parametrize("address", ["8.8.8.8", "172.32.0.1", "2001:4860:4860::8888", "100.64.0.1"])
+def test_the_rest_of_the_world_is_closed(address: str) -> None:
+    assert values("IPAddressDeny") == ["any"]
+    assert not any(ip_address(address) in network for network in allowed())
+
+
+NAMED = {
+    "localhost": ["127.0.0.0/8", "::1/128"],
+    "link-local": ["169.254.0.0/16", "fe80::/64"],
+    "multicast": ["224.0.0.0/4", "ff00::/8"],
+}
+"""What systemd.resource-control(5) says that these names stand for."""
+
+
+def allowed() -> list[IPv4Network | IPv6Network]:
+    words = " ".join(values("IPAddressAllow")).split()
+    return [ip_network(part) for word in words for part in NAMED.get(word, [word])]
+
+
+def test_the_daemon_needs_nothing_but_its_own_proc(tmp_path: Path) -> None:
+    """``ProcSubset=pid``, tried on what reads /proc: the time that a process was kept from running."""
+    mounted = tmp_path / "proc"
+    mounted.mkdir()
+    script = (
+        f"mount -t proc -o subset=pid proc {mounted} && mount --move {mounted} /proc && test ! -e /proc/stat && "
+        f"exec {sys.executable} -c "
+        "'from cellwatt import slots; import os; slots._ready_ns(); print(slots._schedstat[os.getpid()] >= 0)'"
+    )
+    done = subprocess.run(["unshare", "--mount", "sh", "-c", script], capture_output=True, text=True, check=False)
+    if done.returncode and not done.stderr.startswith("Traceback"):
+        pytest.skip(f"this machine gives no mounts: {done.stderr.strip()}")
+    assert done.stdout == "True\n", done.stderr

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import gc
 import logging
+import select
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -15,11 +16,10 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
 from cellwatt.results import Event
 from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
-from cellwatt.runtime import systemd
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
-from cellwatt.runtime.processes.shared import TELL, TOLD, Apply, Assignment, InForce, Ready, figures
+from cellwatt.runtime.processes.shared import TELL, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
@@ -61,7 +61,7 @@ class _Telling:
         self._assignment = assignment
         self._config, self._generation = assignment.config, assignment.generation
         self._teller = Teller(assignment.config, shared.session, shared.clock.now, RingJournal(*shared.told))
-        self._teller.on_health = tell_systemd
+        self._teller.on_health = self._say_alive
         self._raw = _Way(ItemReader(shared.raw, TELL))
         self._frames = _Way(ItemReader(shared.frames, TELL))
         self._results = [_Way(ItemReader(ring, TELL)) for ring in shared.results]
@@ -220,6 +220,12 @@ class _Telling:
 
     # health ---------------------------------------------------------------------------------------
 
+    def _say_alive(self, status: Mapping[str, Any]) -> None:
+        control = self._assignment.control
+        with contextlib.suppress(OSError):  # the supervisor is gone: this process ends by itself
+            if select.select([], [control], [], 0)[1]:  # one that hangs must hold up nobody
+                control.send(Alive(in_one_line(status)))
+
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
@@ -255,9 +261,9 @@ class _Telling:
         )
 
 
-def tell_systemd(status: Mapping[str, Any]) -> None:
-    """Say that the daemon works, and in one line how the cell is."""
+def in_one_line(status: Mapping[str, Any]) -> str:
+    """How the cell is."""
     up = sum(s["state"] == "ok" for s in status["sources"].values())
     text = f"{status['state']}: {up} of {len(status['sources'])} sources up, {len(status['alarms'])} alarms"
     reason = " ".join(status["reasons"][0].split()) if status["reasons"] else ""
-    systemd.notify(WATCHDOG="1", STATUS=f"{text}; {reason}" if reason else text)
+    return f"{text}; {reason}" if reason else text
