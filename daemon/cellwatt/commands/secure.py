@@ -128,7 +128,9 @@ def listing(path: Path) -> None:
     folder = Folder.open(path)
     now = datetime.now(UTC)
     ends = {name: folder.end_of(name) for name in folder.members}
-    rows = [(m.name, m.role, _may(m), ", ".join(m.hosts), _until(ends[m.name], now)) for m in folder.members.values()]
+    rows: list[tuple[str, ...]] = [
+        (m.name, m.role, _may(m), ", ".join(m.hosts), _until(ends[m.name], now)) for m in folder.members.values()
+    ]
     rows.append(("authority", "", f"signs for {folder.site}", "", _until(folder.authority_ends(), now)))
     show_table(("name", "role", "may", "hosts", "ends"), rows)
     if any(end < now for end in (*ends.values(), folder.authority_ends())):
