@@ -29,13 +29,26 @@ Advance = Callable[[int], None]
 @click.option("--frames", "only", flag_value="frames", help="Only the aligned frames.")
 @click.option("--raw", "only", flag_value="raw", help="Only the raw samples.")
 @click.option("--force", is_flag=True, help="Overwrite tables of an earlier export.")
+@click.option(
+    "--verify", metavar="KEY", type=click.Path(path_type=Path), help="Only what the cell with this key signed."
+)
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
-def command(recordings: tuple[Path, ...], out: Path, form: str, only: str | None, force: bool, as_json: bool) -> None:
+def command(
+    recordings: tuple[Path, ...],
+    out: Path,
+    form: str,
+    only: str | None,
+    force: bool,
+    verify: Path | None,
+    as_json: bool,
+) -> None:
     """Write RECORDINGS (files or folders of one cell) as tables.
 
     One table for each raw stream (SOURCE.STREAM), one of the frames, and results and events as JSON lines.
     Columns are named like the channels; t is s since the start of the recording, utc_ns the time itself.
     """
+    if verify is not None:
+        _refuse_unsigned(recordings, verify)
     recording = Recording.open(recordings)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -59,6 +72,15 @@ def command(recordings: tuple[Path, ...], out: Path, form: str, only: str | None
         click.echo(f"warning: {text}", err=True)
     if not written:
         click.echo("nothing to export")
+
+
+def _refuse_unsigned(recordings: tuple[Path, ...], key: Path) -> None:
+    from cellwatt.record.seal import verify
+
+    wrong = [f"{file} {problem}" for file, _, problem in verify(recordings, key) if problem]
+    if wrong:
+        more = f" ({len(wrong) - 1} more: cellwatt secure verify)" if len(wrong) > 1 else ""
+        raise RecordingError(f"nothing is exported: {wrong[0]}{more}")
 
 
 class Export:

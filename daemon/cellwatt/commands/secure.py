@@ -148,8 +148,9 @@ def verify(key: Path, recordings: tuple[Path, ...]) -> None:
     from cellwatt.record.seal import verify as check
 
     wrong = 0
-    for file, problem in check(recordings, key):
-        click.echo(f"{file}: {problem or 'as its cell signed it'}")
+    for file, state, problem in check(recordings, key):
+        as_signed = "as its cell signed it" + (", after a repair" if state == "repaired" else "")
+        click.echo(f"{file}: {problem or as_signed}")
         wrong += bool(problem)
     if wrong:
         sys.exit(EXIT_FAILED)

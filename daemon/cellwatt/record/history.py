@@ -7,7 +7,7 @@ import threading
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ from cellwatt.batch import Batch
 from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
-from cellwatt.record import decoder
+from cellwatt.record import decoder, seal
 from cellwatt.record.container import Chunk, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import topic_of
@@ -45,6 +45,8 @@ class Known:
     end: int
     messages: int
     firsts: Mapping[str, tuple[int, int]]
+    seal: Mapping[str, Any] | None = None
+    """What the cell signed about it, see ``record.seal``."""
 
 
 class History:
@@ -81,6 +83,7 @@ class History:
                     "bytes": known.kept.size,
                     "messages": known.messages,
                     "state": known.state,
+                    **({} if known.seal is None else {"seal": known.seal}),
                 }
                 for known in self._settled(self._files)
             ]
@@ -164,7 +167,8 @@ def _look(kept: Kept) -> Known:
     try:
         if kept.path.suffix == ".mcap":
             found: Survey = survey(kept.path, chunks=False)
-            return _known(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
+            known = _known(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
+            return replace(known, seal=seal.read(kept.path))
         if not kept.closed:
             with open_file(kept.path) as file:
                 summary = read_summary(file, chunks=False)

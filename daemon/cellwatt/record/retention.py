@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cellwatt.record.header import DAMAGED, FileName, plain_cell
+from cellwatt.record.seal import seal_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,7 @@ def remove(files: Iterable[Kept]) -> int:
     freed = 0
     for file in files:
         file.path.unlink(missing_ok=True)
+        seal_of(file.path).unlink(missing_ok=True)
         freed += file.size
     return freed
 

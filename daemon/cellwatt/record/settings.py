@@ -32,3 +32,5 @@ class RecordSettings(BaseModel):
     """Memory for what waits while the disk is slow or full; what finds no room in it is dropped and counted."""
     frames: bool = True
     """Record the aligned frames beside the raw samples."""
+    sign: Path | None = None
+    """Private key (Ed25519, PEM) that signs each finished file, in ``NAME.mcap.sig`` beside it."""

@@ -12,10 +12,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from cellwatt.errors import ConfigError
+from cellwatt.record import seal
 from cellwatt.record.openfile import OpenFile, sync_folder
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.retention import listing, remove, remove_oldest, surplus
 from cellwatt.record.settings import RecordSettings
+from cellwatt.signing import Signer
 
 log = logging.getLogger(__name__)
 
@@ -143,6 +146,8 @@ class Upkeep:
             # Whatever is in a file, it must stop neither the daemon nor the repair of the others.
             log.exception("%s cannot be repaired", part)
             recovery = Recovery(part, problem=f"cannot be repaired: {error}; it stays as it is")
+        if recovery is not None and recovery.result is not None:
+            self._sign(recovery.result, "repaired")
         if recovery is not None:
             self._recovered.append(recovery)
             if recovery.problem and part.exists():
@@ -150,6 +155,7 @@ class Upkeep:
         return recovery
 
     def _publish(self, file: OpenFile) -> None:
+        self._sign(file.part, "closed")
         try:
             file.publish()
         except OSError as error:
@@ -157,6 +163,16 @@ class Upkeep:
             file.release()
             self._left.add(file.part)
         self._retain()
+
+    def _sign(self, recording: Path, state: seal.State) -> None:
+        """Where that fails the recording is kept unsigned, and it is told."""
+        if self._settings.sign is None:
+            return
+        try:
+            seal.write(recording, state, Signer(self._settings.sign))
+        except (OSError, ConfigError) as error:
+            self._problem = f"{recording.name} could not be signed: {error}"
+            log.warning("recording: %s", self._problem)
 
     def _retain(self) -> None:
         settings = self._settings

@@ -1,0 +1,141 @@
+"""A signed digest beside each finished recording: ``NAME.mcap.sig``.
+
+It holds the file's name, size and SHA-256, how it was finished (``closed``, or ``repaired`` after a crash), and the
+cell's signature (Ed25519) of these four. The file itself says of which site, cell and session it is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from cellwatt.errors import RecordingError, why
+from cellwatt.record.header import PART, FileName
+from cellwatt.signing import Signer, Verifier
+
+SUFFIX: Final = ".sig"
+RECORDING: Final = "cellwatt: recording of a cell, version 1"
+State = Literal["closed", "repaired"]
+_LARGEST: Final = 4096
+"""Bytes of a seal that is read at all; ours have some 350."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """What is said about one file; ``signature`` is hexadecimal."""
+
+    file: str
+    bytes: int
+    sha256: str
+    state: State
+    signature: str = ""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What is signed."""
+        return (RECORDING, self.file, str(self.bytes), self.sha256, self.state)
+
+
+def seal_of(recording: Path) -> Path:
+    """Where a recording's seal is."""
+    return recording.with_name(recording.name + SUFFIX)
+
+
+def write(recording: Path, state: State, signer: Signer) -> None:
+    """Sign a finished file; one that still has ``.part`` behind its name is signed under its final one.
+
+    Reads the whole file. Raises ``OSError``.
+    """
+    target = recording.with_name(recording.name.removesuffix(PART))
+    size, digest = _digest(recording)
+    bare = Seal(target.name, size, digest, state)
+    made = Seal(target.name, size, digest, state, signer.sign(*bare.parts).hex())
+    new = target.with_name(target.name + SUFFIX + ".new")
+    with new.open("w", encoding="utf-8") as file:
+        json.dump(asdict(made), file)
+        file.flush()
+        os.fsync(file.fileno())
+    new.rename(seal_of(target))
+
+
+def read(recording: Path) -> dict[str, Any] | None:
+    """What the seal of a recording says, unchecked; ``None`` where there is none."""
+    found = _read(recording)
+    return None if found is None else asdict(found)
+
+
+def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State | None, str]]:
+    """Check files, and all files of folders: each with how it was finished, or ``None`` and what is wrong with it.
+
+    Files of a session that are missing between others are told, too. Raises ``ConfigError`` where ``key`` holds no
+    public key, ``RecordingError`` where there are no recordings.
+    """
+    verifier = Verifier(key)
+    given = list(recordings)
+    files = [f for path in given for f in (sorted(path.glob(f"*.mcap{PART}")) if path.is_dir() else [])]
+    files += [f for path in given for f in (sorted(path.glob("*.mcap")) if path.is_dir() else [path])]
+    if not files:
+        raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")
+    for file in sorted(files):
+        problem = _problem(file, verifier)
+        found = _read(file)
+        yield file, None if problem or found is None else found.state, problem
+    for path in _missing(files):
+        yield path, None, "is missing, though there are files of the same session before and after it"
+
+
+def _problem(file: Path, verifier: Verifier) -> str:
+    """What is wrong with a file; nothing where it is what its cell signed."""
+    seal = _read(file)
+    if seal is None:
+        return "is not finished, so it is not signed yet" if file.name.endswith(PART) else "is not signed"
+    if not verifier.holds(_hex(seal.signature), *seal.parts):
+        return "is signed by somebody else, or its signature was changed"
+    if seal.file != file.name:
+        return f"was signed under another name: {seal.file}"
+    try:
+        if (seal.bytes, seal.sha256) != _digest(file):
+            return "is not what its cell signed: it was changed"
+    except OSError as error:
+        return f"cannot be read: {why(error)}"
+    return ""
+
+
+def _missing(files: Iterable[Path]) -> Iterator[Path]:
+    """Files that the numbers of a session show to be absent."""
+    there: dict[tuple[Path, int, str], set[int]] = {}
+    for file in files:
+        name = FileName.parse(file.name)
+        if name is not None:
+            there.setdefault((file.parent, name.session, name.cell), set()).add(name.number)
+    for (folder, session, cell), numbers in there.items():
+        for number in sorted(set(range(min(numbers), max(numbers))) - numbers):
+            yield folder / str(FileName(session, number, cell))
+
+
+def _read(recording: Path) -> Seal | None:
+    try:
+        with seal_of(recording).open("rb") as file:
+            plain = json.loads(file.read(_LARGEST))
+        state: State = "repaired" if plain["state"] == "repaired" else "closed"
+        return Seal(str(plain["file"]), int(plain["bytes"]), str(plain["sha256"]), state, str(plain["signature"]))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _digest(path: Path) -> tuple[int, str]:
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return file.tell(), digest
+
+
+def _hex(text: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        return b""
