@@ -59,8 +59,10 @@ def _with(arguments: list[str], name: str) -> list[str]:
 
 
 def _search(name: str, corpus: Path, minutes: float) -> None:
-    import atheris
-
+    try:
+        import atheris
+    except ModuleNotFoundError:
+        sys.exit("the search needs atheris: pip install -e '.[fuzz]'")
     warnings.simplefilter("ignore")
     with atheris.instrument_imports(include=["cellwatt", "cellwatt_drivers", "cellwatt_plugins", *TABLE[name].foreign]):
         target = load(name)

@@ -31,8 +31,9 @@ def run(data: bytes) -> None:
     outlet = CheckingOutlet()
     intake = Intake(outlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "count")
     intake.opened(Identity("UR", "fuzzed"), 125.0, 125.0)
-    decoder = Decoder(SELECTION, RECIPE, TYPES) if how and how[0] & 1 else None
-    step = 1 + (how[0] >> 1 if how else 0) * 8
+    types = ["DOUBLE"] * len(TYPES) if how and how[0] & 128 else TYPES  # of the same width, which a decoder takes
+    decoder = Decoder(SELECTION, RECIPE, types) if how and how[0] & 1 else None
+    step = 1 + (how[0] >> 1 & 63 if how else 0) * 8
     rest = b""
     with suppress(ProtocolError):
         for at in range(0, len(stream), step):
@@ -96,7 +97,9 @@ def seeds() -> Iterable[bytes]:
     yield b"\x08" + b"".join(answers)
     packages = b"".join(package(1000.0 + 0.008 * i, 7) for i in (0, 1, 2, 2, 5, 6))
     yield b"\x01" + packages
-    yield b"\xff" + answers[2] + packages + package(3.0, 5) + answers[1]
+    doubles = struct.pack(f">HBB{len(TYPES)}d", 4 + 8 * len(TYPES), wire.Kind.DATA_PACKAGE, RECIPE, *range(len(TYPES)))
+    yield b"\xff" + doubles * 2
+    yield b"\x7f" + answers[2] + packages + package(3.0, 5) + answers[1]
     yield b"\0" + wire.ASK_PROTOCOL + wire.ASK_CONTROLLER + wire.ask_outputs(125.0, SELECTION.names)
     yield b"\0" + wire.ask_inputs(["speed_slider_mask"]) + wire.START + wire.PAUSE
 

@@ -76,6 +76,6 @@ class Intake:
         before = modes[0] if self._mode is None else self._mode
         self._mode = float(modes[-1])
         for mode in modes[np.flatnonzero(np.diff(modes, prepend=before))]:
-            old, new = (MODES.get(int(m), str(int(m))) for m in (before, mode))
+            old, new = (MODES.get(m, f"{m:g}") for m in (before, mode))
             before = mode
             self._outlet.event("mode", f"robot mode: {old} → {new}", before=old, after=new)

@@ -240,5 +240,5 @@ class Intake:
         rows = np.vstack((before, states))
         for row, column in np.argwhere(np.diff(rows, axis=0) != 0):
             _, kind, names = self._watched[column]
-            old, new = (names.get(int(v), str(int(v))) for v in rows[row : row + 2, column])
+            old, new = (names.get(v, f"{v:g}") for v in rows[row : row + 2, column])
             self._outlet.event(kind, f"{kind}: {old} → {new}", before=old, after=new)

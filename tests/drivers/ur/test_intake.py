@@ -207,3 +207,11 @@ def test_off_expects_what_came():
     cell = Cell(gaps="off")
     cell.feed(60.0 + np.arange(200) * 0.010)
     assert cell.account.expected == 200 and not cell.events
+
+
+def test_a_state_that_is_no_number_is_told_as_it_is():
+    """A controller may declare a state as a double of the same width."""
+    cell = Cell()
+    cell.feed([10.0])
+    cell.feed([10.002], states=(float("nan"), 1, 2))
+    assert [text for kind, text, _ in cell.events if kind == "robot mode"] == ["robot mode: running → nan"]
