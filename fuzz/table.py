@@ -34,7 +34,7 @@ TABLE: Mapping[str, Entry] = {
     "rows": Entry("the records of a chunk: samples, frames, JSON"),
     "ring": Entry("the ring's items"),
     "settings": Entry("a cell's settings, YAML", ("yaml",)),
-    "robot": Entry("robot.yaml", ("yaml",)),
+    "robot": Entry("robot.yaml"),
     "urdf": Entry("a URDF"),
     "reference": Entry("references, power equations, models: YAML"),
     "model": Entry("what a model file says about itself, JSON"),

@@ -16,7 +16,7 @@ from cellwatt.channel import Channel, Kind
 
 JOINTS = 7
 Group = Literal["joints", "targets", "motors", "external", "tool", "torque_rate", "state", "payload"]
-Modes = Mapping[int, str]
+Modes = Mapping[float, str]
 
 MODES: Modes = {
     0: "other",
