@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from types import SimpleNamespace
 from typing import Any
 
 from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
-from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers, _asked
+from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import ARROW, decode
 from cellwatt.publish.keys import QUESTIONS, CellKeys
+from cellwatt.publish.questions import parameters
 from cellwatt.results import Alarm
 from cellwatt.sink import CellView
 from fuzz.items import MESSAGES, SESSION, batch, frames
@@ -60,9 +60,11 @@ ANSWERS = _answers()
 
 def run(data: bytes) -> None:
     """``name?parameters``, as text that Zenoh hands over: always UTF-8."""
-    name, _, parameters = data.decode("utf-8", "replace").partition("?")
-    query: Any = SimpleNamespace(parameters=parameters)
-    asked = _asked(query)
+    name, _, text = data.decode("utf-8", "replace").partition("?")
+    try:
+        asked = parameters(text)
+    except CellwattError:
+        return
     try:
         answer = ANSWERS.about(name, asked)
     except CellwattError as error:
