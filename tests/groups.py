@@ -29,6 +29,7 @@ FIRST = [
     "tests/plugins/mismatch/test_explain.py",
     "tests/daemon/publish/test_link_cut.py",
     "tests/daemon/publish/test_processes.py",
+    "tests/daemon/publish/test_secure.py",
     "tests/plugins/mismatch/input/test_admission.py",
     "tests/plugins/models/static/test_identify.py",
     "tests/daemon/testing/test_suite.py",
