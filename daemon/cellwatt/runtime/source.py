@@ -19,14 +19,11 @@ from cellwatt.clock import ClockModel, middle
 from cellwatt.driver import Driver, Identity
 from cellwatt.errors import SourceError, WrongDeviceError
 from cellwatt.results import Event
-from cellwatt.runtime.quota import Sending, Telling
 from cellwatt.runtime.rate import RateMeter
 
 log = logging.getLogger(__name__)
 
 FIRST_PAUSE, LONGEST_PAUSE, WRONG_DEVICE_PAUSE = 0.5, 10.0, 10.0  # s
-LONGEST_TEXT = 500
-"""Characters of an event that are kept: some of them are a device's own words."""
 STEADY = 5.0
 """A connection that lasted this long, s, resets the back-off."""
 
@@ -77,11 +74,6 @@ class Source:
         self.sequence = dict.fromkeys(self.meters, 0) | dict(sequence or {})
         """Number of the next sample, by stream."""
         self._last_time = dict.fromkeys(self.meters, 0)
-        self._telling = Telling()
-        self._sending = Sending({s.name: s.rate for s in self.driver.streams}, time.monotonic())
-        self._excess = ""
-        """What this source sends too much of; its driver is ended for it."""
-        self._end: asyncio.Timeout | None = None
 
     # Outlet ---------------------------------------------------------------------------------------
 
@@ -118,8 +110,6 @@ class Source:
         self._last_time[stream.name] = int(stamped[-1])
         self.account.receive(n)
         self.meters[stream.name].add(stamped)
-        if excess := self._sending.excess(stream.name, n, time.monotonic()):
-            self._stop_for(excess)
         self._take(
             Batch(
                 self.name,
@@ -146,13 +136,6 @@ class Source:
     def event(self, kind: str, text: str, **data: str | float) -> None:
         """See ``Outlet.event``."""
         self.account.count(f"event {kind}")
-        withheld = self._telling.admit(kind, time.monotonic())
-        if withheld is None:
-            self.account.count("events withheld")
-            return
-        text = text if len(text) <= LONGEST_TEXT else f"{text[:LONGEST_TEXT]} …"
-        if withheld:
-            text += f" (and {withheld} more of this kind before)"
         log.info("%s", text)
         self._tell(Event(self.now(), self.name, kind, text, data))
 
@@ -172,29 +155,16 @@ class Source:
 
     async def _once(self) -> Exception | asyncio.CancelledError:
         try:
-            async with asyncio.timeout(None) as self._end:
-                await self.driver.run()
+            await self.driver.run()
         except SourceError as error:
             return error
-        except TimeoutError as error:
-            excess, self._excess = self._excess, ""
-            return SourceError(f"{self.name}: {excess}") if excess else self._bug(error)
         except (Exception, asyncio.CancelledError) as error:
             if asked_to_end(error):
                 raise
-            return self._bug(error)
+            log.exception("%s: the %s driver broke", self.name, type(self.driver).__name__)
+            self.account.count("driver bugs")
+            return error
         return SourceError(f"{self.name}: the driver ended though nobody stopped it")
-
-    def _bug(self, error: Exception | asyncio.CancelledError) -> Exception | asyncio.CancelledError:
-        log.error("%s: the %s driver broke", self.name, type(self.driver).__name__, exc_info=error)
-        self.account.count("driver bugs")
-        return error
-
-    def _stop_for(self, excess: str) -> None:
-        """Let go of a device that sends too much: it is tried again later, as one that failed."""
-        if not self._excess and self._end is not None:
-            self._excess = excess
-            self._end.reschedule(asyncio.get_running_loop().time())
 
     def _fail(self, error: BaseException, pause: float) -> None:
         self.account.count("restarts")

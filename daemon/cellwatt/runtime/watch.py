@@ -21,27 +21,19 @@ UNSURE: Final = 0.05
 """s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
 
 
-STEPS: Final = 3
-"""Times in ``SPAN`` that a device's clock may be set before it is told."""
-STRANGE: Final = {
-    "malformed": "is not the protocol",
-    "unasked answers": "answers what nobody asked",
-    "duplicates": "comes twice",
-    "strangers": "comes from another address",
-    "other boards": "comes from another board",
-    "half frame": "is cut short",
-    "protocol error": "breaks the protocol",
-    "messages left out": "is text of the device",
-    "events withheld": "is one event after the other",
-}
-"""Counters that stay near zero as long as only the device speaks, and what each says of the traffic."""
-STRANGE_SHARE, STRANGE_LEAST = 0.01, 5
-"""Of what a source receives, and in ``SPAN``, that may be strange without a warning."""
-
-OF_SOURCES: Final = frozenset(
-    {"source_down", "source_slow", "clock_unsure", "clock_unsteady", "strange_traffic", "accounting"}
+KINDS: Final = frozenset(
+    {
+        "source_down",
+        "source_slow",
+        "clock_unsure",
+        "accounting",
+        "stage_broken",
+        "stage_slow",
+        "sink_down",
+        "process_down",
+        "recorder",
+    }
 )
-KINDS: Final = OF_SOURCES | {"stage_broken", "stage_slow", "sink_down", "process_down", "recorder"}
 """Alarms about the daemon itself."""
 
 
@@ -63,9 +55,6 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
         if source["state"] == "ok" and name in before["sources"]:
             found += _slow(name, source, before["sources"][name], seconds)
             found += _unsure(name, source)
-        if name in before["sources"]:
-            found += _unsteady(name, source, before["sources"][name])
-            found += _strange(name, source, before["sources"][name])
         if source["state"] == "retrying":
             text = f"Source {name} is down: {source['error']}"
             found.append(Trouble("source_down", "error", name, text, {"down_s": source["since_s"]}))
@@ -129,29 +118,6 @@ def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
     return [Trouble("clock_unsure", "warning", name, text, {"bound_s": round(worst, 3)})]
 
 
-def _unsteady(name: str, source: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:
-    """A device's clock that is set again and again: nothing can be said of when its samples were made."""
-    steps = max(
-        (c["resets"] - before["clocks"].get(stream, c)["resets"] for stream, c in source["clocks"].items()), default=0
-    )
-    if steps < STEPS:
-        return []
-    text = f"Source {name}: its clock was set or went back {steps} times in the last {SPAN:.0f} s."
-    return [Trouble("clock_unsteady", "warning", name, text, {"steps": steps})]
-
-
-def _strange(name: str, source: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:
-    """Traffic that a device alone does not make: somebody speaks in its place, or the network spoils what it says."""
-    counted = {k: source["counters"].get(k, 0) - before["counters"].get(k, 0) for k in STRANGE}
-    found = {k: n for k, n in counted.items() if n > 0}
-    total = sum(found.values())
-    if total < max(STRANGE_LEAST, STRANGE_SHARE * (source["received"] - before["received"])):
-        return []
-    told = "; ".join(f"{n} {STRANGE[k]} ({k})" for k, n in found.items())
-    text = f"Source {name}: strange traffic in the last {SPAN:.0f} s: {told}."
-    return [Trouble("strange_traffic", "warning", name, text, found)]
-
-
 class Watch:
     """Turns what ``troubles`` finds, look by look, into alarms that are raised once and cleared once.
 
@@ -190,7 +156,7 @@ class Watch:
 
     def _raise(self, key: tuple[str, str], trouble: Trouble, now: int) -> Alarm:
         kind, part = key
-        source = part if kind in OF_SOURCES else None
+        source = part if kind in {"source_down", "source_slow", "clock_unsure", "accounting"} else None
         alarm = Alarm(
             f"{kind}:{part}",
             kind,

@@ -20,14 +20,10 @@ from cellwatt_drivers.ur.wire import ControllerVersion, Kind
 
 BUFFER = 1 << 18
 """Bytes taken from the socket at most in one pass of the loop."""
-FLOODED = 1 << 16
-"""The same while messages come in floods; as long as the longest frame."""
 SOCKET_BUFFER = 1 << 20
 """Asked of the kernel (which may give less, see net.core.rmem_max) for times when the loop is late."""
 BRACKET_EVERY = 1.0
 """Seconds between questions for the version, which bound the clock from below."""
-HEARD_MESSAGES, MOST_MESSAGES = 100, 50_000
-"""Texts of the controller within a second that are looked at, and beyond which the connection is ended."""
 TICK = 0.1
 """Seconds between looks at a stream's silence."""
 
@@ -52,7 +48,6 @@ class Session(asyncio.BufferedProtocol):
         self._asked: tuple[Kind, int] | None = None  # the outstanding question and when it left
         self._answer: asyncio.Future[bytes] | None = None
         self._not_before: int | None = None
-        self._second, self._messages = 0.0, 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the transport."""
@@ -70,11 +65,8 @@ class Session(asyncio.BufferedProtocol):
         self._fail(ConnectError(f"{self.where}: the controller closed the connection"))
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """The room behind what is not used yet; never empty, as no frame is as long as the buffer.
-
-        Little of it while the controller floods us with messages, so that other devices get their turn in between.
-        """
-        return self._view[self._filled :][: FLOODED if self._messages > HEARD_MESSAGES else None]
+        """The room behind what is not used yet; never empty, as no frame is as long as the buffer."""
+        return self._view[self._filled :]
 
     def buffer_updated(self, nbytes: int) -> None:
         """Take all whole frames, keep the rest."""
@@ -106,7 +98,8 @@ class Session(asyncio.BufferedProtocol):
 
     def _frame(self, frame: wire.Frame) -> None:
         if frame.kind == Kind.TEXT_MESSAGE:
-            self._text(frame.payload)
+            if self.intake is not None:
+                self.intake.message(wire.parse_text(frame.payload))
             return
         if self._asked is None or frame.kind != self._asked[0]:
             raise ProtocolError(f"answer {frame.kind.name} to a question that was not asked")
@@ -115,19 +108,6 @@ class Session(asyncio.BufferedProtocol):
         if self._answer is not None and not self._answer.done():
             self._answer.set_result(frame.payload)
         self._answer = None
-
-    def _text(self, payload: bytes) -> None:
-        """A message is told; of many within a second most are only counted, and at some number it is no controller."""
-        now = time.monotonic()
-        if now - self._second >= 1.0:
-            self._second, self._messages = now, 0
-        self._messages += 1
-        if self._messages > MOST_MESSAGES:
-            raise ProtocolError(f"more than {MOST_MESSAGES} messages in a second; no controller does that")
-        if self._messages > HEARD_MESSAGES:
-            self._account.count("messages left out")
-        elif self.intake is not None:
-            self.intake.message(wire.parse_text(payload))
 
     def put(self, question: bytes) -> bool:
         """Send a question whose answer only bounds the clock; not while another one is outstanding."""

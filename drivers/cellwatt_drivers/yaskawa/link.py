@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import random
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
@@ -178,8 +177,6 @@ class Link:
 
     def _next_number(self) -> int:
         now = self._loop.time()
-        # Where it begins is not to be guessed: who can is believed in the controller's place.
-        self._number = (self._number + random.randrange(_NUMBERS)) % _NUMBERS
         for _ in range(_NUMBERS):
             self._number = (self._number + 1) % _NUMBERS
             rests = self._unanswered.get(self._number)

@@ -21,7 +21,6 @@ def status(**source: Any) -> dict[str, Any]:
         "dropped": {},
         "streams": {},
         "clocks": {},
-        "counters": {},
     }
     return {"sources": {"arm": healthy | source}, "stages": {}, "sinks": {}, "recorder": {"state": "ok"}}
 
@@ -100,10 +99,10 @@ def test_a_source_as_declared_is_not_told_nor_one_that_has_just_come_up() -> Non
 
 
 def test_a_clock_that_is_not_followed_is_told() -> None:
-    alarms = looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 5_000_000_000, "resets": 0}}})
+    alarms = looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 5_000_000_000}}})
     assert [a.kind for a in alarms] == ["clock_unsure"]
     assert "off by up to 5 s" in alarms[0].statement
-    assert looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 900_000, "resets": 0}}}) == []
+    assert looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 900_000}}}) == []
 
 
 def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
@@ -114,24 +113,3 @@ def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
         stages = {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}
         alarms += watch.look(status() | {"stages": stages}, now)
     assert [(a.kind, a.active) for a in alarms] == [("stage_slow", True), ("stage_slow", False)]
-
-
-def test_a_clock_that_goes_back_again_and_again_is_one_alarm() -> None:
-    alarms = looked_at(Watch(), 30, lambda s: {"clocks": {"rtde": {"bound_ns": 900_000, "resets": 100 * s}}})
-    assert [(a.kind, a.source) for a in alarms] == [("clock_unsteady", "arm")]
-    once = looked_at(Watch(), 30, lambda s: {"clocks": {"rtde": {"bound_ns": 900_000, "resets": int(s > 5)}}})
-    assert once == []
-
-
-def test_traffic_that_the_device_alone_does_not_make_is_told_with_what_it_is() -> None:
-    def forged(s: int) -> dict[str, Any]:
-        return {"received": 50 * s, "counters": {"unasked answers": s, "duplicates": 300 * s, "retries": 1000 * s}}
-
-    (alarm,) = looked_at(Watch(), 20, forged)
-    assert (alarm.kind, alarm.severity, alarm.source) == ("strange_traffic", "warning", "arm")
-    assert "answers what nobody asked (unasked answers)" in alarm.statement
-    assert alarm.evidence.keys() == {"unasked answers", "duplicates"}
-
-
-def test_a_few_odd_packets_among_many_are_no_warning() -> None:
-    assert looked_at(Watch(), 20, lambda s: {"received": 500 * s, "counters": {"malformed": s // 2}}) == []
