@@ -14,7 +14,8 @@ class Account:
     The three sides are counted by three parties, so that the sum is a check and not a definition: the
     driver calls ``expect`` from the device's own numbering, time stamps or poll schedule, and ``miss``
     for what never came; the daemon calls ``receive`` and ``drop`` for what did. ``counters`` holds all
-    else (retries, duplicates, late answers, checksum errors, reconnects, merged ticks).
+    else (retries, duplicates, late answers, checksum errors, reconnects, merged ticks). Those of them that tell of a
+    disturbed or dishonest line are named in ``anomalies`` and ``forgeries``, too: health warns where they grow.
     """
 
     expected: int = 0
@@ -22,6 +23,10 @@ class Account:
     missed: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     counters: Counter[str] = field(default_factory=Counter)
+    anomalies: set[str] = field(default_factory=set)
+    """Counters of what also comes on a good line, but seldom: health warns of a share of the samples."""
+    forgeries: set[str] = field(default_factory=set)
+    """Counters of what never comes on a good line: health warns of the first."""
 
     def expect(self, n: int = 1) -> None:
         """The device made n more samples, or n polls fell due."""
@@ -39,7 +44,7 @@ class Account:
     def late(self, n: int, reason: str) -> None:
         """n samples that were missed for ``reason`` came after all, and are received now."""
         self.missed[reason] -= n
-        self.counters["late"] += n
+        self.anomaly("late", n)
 
     def drop(self, n: int, where: str) -> None:
         """n samples arrived and were given up at ``where`` (``checksum``, ``recorder queue`` …)."""
@@ -49,6 +54,17 @@ class Account:
     def count(self, what: str, n: int = 1) -> None:
         """Count anything else that must be visible."""
         self.counters[what] += n
+
+    def anomaly(self, what: str, n: int = 1) -> None:
+        """Count what a good line shows seldom (``duplicates``, ``malformed``, ``late answers`` …)."""
+        if n:
+            self.counters[what] += n
+            self.anomalies.add(what)
+
+    def forgery(self, what: str) -> None:
+        """Count what only somebody else than the device can have sent (``contradicting answers`` …)."""
+        self.counters[what] += 1
+        self.forgeries.add(what)
 
     @property
     def residue(self) -> int:
@@ -64,4 +80,6 @@ class Account:
             "dropped": dict(self.dropped),
             "residue": self.residue,
             "counters": dict(self.counters),
+            "anomalies": sorted(self.anomalies),
+            "forgeries": sorted(self.forgeries),
         }

@@ -71,7 +71,9 @@ class Collector:
         self._give(Event(self.clock.now(), None, kind, text, data or {}))
 
     def keep_time(self) -> None:
-        """Compare the clock with the host's; to be called once a second."""
+        """Compare the clock with the host's, and let sources say what they held back; to be called once a second."""
+        for source in self.sources.values():
+            source.settle()
         step = self.clock.discipline() * 1e-9
         if step:
             text = (

@@ -7,7 +7,7 @@ import logging
 import random
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from cellwatt.clock import ClockModel, middle
 from cellwatt.driver import Driver, Identity
 from cellwatt.errors import SourceError, WrongDeviceError
 from cellwatt.results import Event
+from cellwatt.runtime.allowance import MULTIPLE, ONCE, Allowance, Repeats, one_line
 from cellwatt.runtime.rate import RateMeter
 
 log = logging.getLogger(__name__)
@@ -38,6 +39,16 @@ def asked_to_end(error: BaseException) -> bool:
     """Whether an error is the end that was asked of this task, not one that a library cancelled by itself."""
     task = asyncio.current_task()
     return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0
+
+
+def _first(reading: Reading, n: int) -> Reading:
+    times, quality = reading.device_time, reading.quality
+    return replace(
+        reading,
+        values=reading.values[:n],
+        device_time=None if times is None else times[:n],
+        quality=None if quality is None else quality[:n],
+    )
 
 
 class Source:
@@ -74,6 +85,8 @@ class Source:
         self.sequence = dict.fromkeys(self.meters, 0) | dict(sequence or {})
         """Number of the next sample, by stream."""
         self._last_time = dict.fromkeys(self.meters, 0)
+        self._allowances = {s.name: Allowance(s.rate, now) for s in self.driver.streams}
+        self._repeats = Repeats()
 
     # Outlet ---------------------------------------------------------------------------------------
 
@@ -93,6 +106,12 @@ class Source:
         if n == 0:
             return
         stream = reading.stream
+        allowed = self._allowances[stream.name].take(n)
+        if allowed < n:
+            self._refuse(stream, n - allowed)
+            if not allowed:
+                return
+            reading, n = _first(reading, allowed), allowed
         if reading.device_time is not None:
             clock = self.clocks[stream.name]
             resets = clock.resets
@@ -136,8 +155,31 @@ class Source:
     def event(self, kind: str, text: str, **data: str | float) -> None:
         """See ``Outlet.event``."""
         self.account.count(f"event {kind}")
+        now = self.now()
+        if self._repeats.tell(kind, now):
+            self._say(now, kind, text, data)
+        elif kind not in ONCE:
+            self.account.anomaly("events held back")
+
+    def settle(self) -> None:
+        """Say how many events were held back in the minute that is over; to be called once a second."""
+        now = self.now()
+        for kind, n in self._repeats.over(now):
+            self._say(now, kind, f"{self.name}: {n} more events {kind!r} within a minute were counted, not told", {})
+
+    def _say(self, now: int, kind: str, text: str, data: Mapping[str, str | float]) -> None:
+        text = one_line(text)
         log.info("%s", text)
-        self._tell(Event(self.now(), self.name, kind, text, data))
+        self._tell(Event(now, self.name, kind, text, data))
+
+    def _refuse(self, stream: Stream, n: int) -> None:
+        """Drop what comes beyond what a stream of this rate may bring."""
+        self.account.drop(n, "beyond its rate")
+        self.event(
+            "beyond_rate",
+            f"{self.name}: {stream.name} brings more than {MULTIPLE:g} times the {stream.rate:g} Hz that it declares: "
+            "what is beyond is dropped; is the rate in the settings right?",
+        )
 
     # supervision ----------------------------------------------------------------------------------
 

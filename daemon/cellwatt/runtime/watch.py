@@ -17,6 +17,12 @@ FEWEST: Final = 10
 """Samples due, from which a stream's rate is judged."""
 LEAST: Final = 0.9
 """Share of the samples due that a stream must give."""
+STRANGE: Final = 0.01
+"""Share of the samples due that may be doubled, malformed, late …"""
+FEWEST_STRANGE: Final = 5
+"""… or so many, where that is more."""
+RESETS: Final = 3
+"""Resets of a device's clock within ``SPAN`` that are one clock which cannot be followed."""
 UNSURE: Final = 0.05
 """s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
 
@@ -26,6 +32,8 @@ KINDS: Final = frozenset(
         "source_down",
         "source_slow",
         "clock_unsure",
+        "clock_unsteady",
+        "source_strange",
         "accounting",
         "stage_broken",
         "stage_slow",
@@ -55,6 +63,9 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
         if source["state"] == "ok" and name in before["sources"]:
             found += _slow(name, source, before["sources"][name], seconds)
             found += _unsure(name, source)
+        if name in before["sources"]:
+            found += _strange(name, source, before["sources"][name], seconds)
+            found += _unsteady(name, source, before["sources"][name], seconds)
         if source["state"] == "retrying":
             text = f"Source {name} is down: {source['error']}"
             found.append(Trouble("source_down", "error", name, text, {"down_s": source["since_s"]}))
@@ -97,14 +108,41 @@ def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], secon
         text = f"Source {name} gives {given / seconds:.3g} of {figures['nominal_hz']:g} samples a second ({stream})"
     if not text:
         return []
-    reasons = {
-        why: lost
-        for part in ("missed", "dropped")
-        for why, n in source[part].items()
-        if (lost := n - before[part].get(why, 0)) > 0
-    }
+    reasons = _more(source["missed"], before["missed"]) | _more(source["dropped"], before["dropped"])
     told = ", ".join(f"{n} by {why}" for why, n in reasons.items()) or "it sends no more"
     return [Trouble("source_slow", "warning", name, f"{text}: {told}.", {**rates, "lost": reasons})]
+
+
+def _strange(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
+    """What came that is no sample, or none of this device's; its driver says what counts as that."""
+    counted, earlier = source["counters"], before["counters"]
+    odd = _more({what: counted[what] for what in source["anomalies"]}, earlier)
+    odd |= _more(source["dropped"], before["dropped"])
+    forged = _more({what: counted[what] for what in source["forgeries"]}, earlier)
+    due = source["expected"] - before["expected"]
+    if not forged and sum(odd.values()) <= max(FEWEST_STRANGE, STRANGE * due):
+        return []
+    told = ", ".join(f"{n} {what}" for what, n in (forged | odd).items())
+    who = (
+        "somebody else speaks in its name" if forged else "the line or the device is disturbed, or somebody disturbs it"
+    )
+    text = f"Source {name}, last {seconds:.0f} s: {told}: {who}."
+    return [Trouble("source_strange", "warning", name, text, forged | odd)]
+
+
+def _more(counted: Mapping[str, int], before: Mapping[str, int]) -> dict[str, int]:
+    """By how much each count grew, where it did."""
+    return {what: more for what, n in counted.items() if (more := n - before.get(what, 0)) > 0}
+
+
+def _unsteady(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
+    """A device's clock that is set again and again, or runs backwards."""
+    for stream, clock in source["clocks"].items():
+        resets = clock["resets"] - before["clocks"].get(stream, clock)["resets"]
+        if resets >= RESETS:
+            text = f"Source {name}: its clock cannot be followed, {resets} resets in the last {seconds:.0f} s"
+            return [Trouble("clock_unsteady", "warning", name, f"{text}: {clock['reason']}.", {"resets": resets})]
+    return []
 
 
 def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
@@ -156,7 +194,7 @@ class Watch:
 
     def _raise(self, key: tuple[str, str], trouble: Trouble, now: int) -> Alarm:
         kind, part = key
-        source = part if kind in {"source_down", "source_slow", "clock_unsure", "accounting"} else None
+        source = part if kind.startswith(("source_", "clock_", "accounting")) else None
         alarm = Alarm(
             f"{kind}:{part}",
             kind,

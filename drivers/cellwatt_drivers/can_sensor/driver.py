@@ -158,7 +158,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
                     self._errors += 1
                 elif (frame.arbitration_id, frame.is_extended_id) in self._intakes:
                     return self._identity()
-                else:
+                elif len(self._others) < _MOST_OTHERS:
                     self._others.add(frame.arbitration_id)
         raise self._verdict(listening.place)
 
@@ -186,11 +186,11 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     def _note_error(self, frame: Message) -> None:
         error = decode_error(frame.arbitration_id, bytes(frame.data))
         self._errors += 1
-        self.outlet.account.count("error frames")
+        self.outlet.account.anomaly("error frames")
         for what in error.names:
             self.outlet.account.count(f"error frames: {what}")
         if error.overflow:
-            self.outlet.account.count("controller overflows")
+            self.outlet.account.anomaly("controller overflows")
         if error.state is not None and error.state != self._state:
             kind = {"off": "bus_off", "passive": "bus_passive", "warning": "bus_warning", "active": "bus_active"}
             text = _STATES[error.state]
@@ -203,10 +203,10 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         for intake in self._intakes.values():
             intake.flush(arrival)
         if listening.dropped > self._dropped:
-            self.outlet.account.count("frames dropped", listening.dropped - self._dropped)
+            self.outlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
             self._dropped = listening.dropped
         if listening.malformed > self._malformed:
-            self.outlet.account.count("malformed", listening.malformed - self._malformed)
+            self.outlet.account.anomaly("malformed", listening.malformed - self._malformed)
             self._malformed = listening.malformed
 
     def _verdict(self, place: BusPlace) -> SourceError:

@@ -58,7 +58,7 @@ class Intake:
         try:
             signals = self._decoding.decode(bytes(frame.data))
         except ValueError as error:
-            self._outlet.account.count("malformed")
+            self._outlet.account.anomaly("malformed")
             if self._outlet.account.counters["malformed"] == 1:
                 self._outlet.event("malformed_frame", f"{self._name}: {error}")
             return
@@ -69,7 +69,7 @@ class Intake:
         count = int(signals[wanted.counter]) if wanted.counter else 0
         lost = self._cycle.lost(frame.timestamp, count, self._resumed)
         if lost == DUPLICATE:
-            self._outlet.account.count("duplicates")
+            self._outlet.account.anomaly("duplicates")
             return
         self._outlet.account.expect(lost)
         self._outlet.account.miss(lost, "disconnected" if self._resumed else "gap")

@@ -21,7 +21,8 @@ BLOCK = 0.005
 """s that frames wait for others, to be handed on together."""
 MOST_WAITING = 20_000
 """Frames that wait for the driver; the oldest are dropped beyond it."""
-_MOST_AT_ONCE = 512
+_MOST_AT_ONCE = 256
+"""Frames dealt with in one turn of the loop, so that other sources have theirs."""
 _PATIENCE = 0.1
 """s that a thread waits for a frame before it looks whether it shall end."""
 
@@ -67,11 +68,10 @@ class Listening:
             return []
         await asyncio.sleep(BLOCK)
         self._news.clear()
-        found = list(self._frames)
-        self._frames.clear()
+        found = [self._frames.popleft() for _ in range(min(len(self._frames), _MOST_AT_ONCE))]
         if not found and self._failure is not None:
             raise ConnectError(f"{self.place}: {self._failure}") from self._failure
-        if self._failure is not None:
+        if self._failure is not None or self._frames:
             self._news.set()
         return found
 

@@ -16,7 +16,7 @@ from cellwatt_drivers.franka import receive
 from cellwatt_drivers.franka.fields import Selection
 from cellwatt_drivers.franka.intake import Float
 
-_CHUNK = 1 << 18
+_CHUNK = 1 << 16
 _START_TIME = 10.0
 """s, at the least, that the process has from its start to the first state."""
 

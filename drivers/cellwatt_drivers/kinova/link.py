@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -91,6 +92,7 @@ async def open_link(host: str, port: int, unit: int, timeout: float, now: Callab
     """A connection. Raises ``ConnectError`` that says what to check."""
     from pymodbus.client import AsyncModbusTcpClient
 
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs what is raised here, and each strange frame
     client = AsyncModbusTcpClient(host, port=port, timeout=timeout, retries=0, reconnect_delay=0)
     place = f"{host}:{port}"
     try:

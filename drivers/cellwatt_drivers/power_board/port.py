@@ -13,7 +13,8 @@ import serial
 
 from cellwatt import ConnectError
 
-MOST_READ = 65536
+MOST_READ = 4096
+"""Bytes dealt with in one turn of the loop, so that other sources have theirs."""
 BY_ID = Path("/dev/serial/by-id")
 ADAPTERS = Path("/sys/bus/usb-serial/devices")
 

@@ -191,7 +191,6 @@ class Intake:
         self._last = None
         self._reason = "gap"
         self._outlet.clock_reset(self._stream, reason)
-        self._outlet.event("clock reset", reason)
 
     def _emit(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
         steps = steps[1:] if self._last is None else steps

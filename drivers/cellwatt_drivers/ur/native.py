@@ -20,6 +20,8 @@ from cellwatt_drivers.ur.wire import ControllerVersion, Kind
 
 BUFFER = 1 << 18
 """Bytes taken from the socket at most in one pass of the loop."""
+AT_ONCE = 128
+"""Packages and other frames dealt with at most in one turn of the loop, so that other sources have theirs."""
 SOCKET_BUFFER = 1 << 20
 """Asked of the kernel (which may give less, see net.core.rmem_max) for times when the loop is late."""
 BRACKET_EVERY = 1.0
@@ -31,8 +33,9 @@ TICK = 0.1
 class Session(asyncio.BufferedProtocol):
     """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
 
-    With ``decoder`` and ``intake`` set, data packages go to the intake as they arrive, those of one pass of
-    the loop together. ``closed`` is done once the connection is gone, with the error if there is one.
+    With ``decoder`` and ``intake`` set, data packages go to the intake as they arrive, those of one turn of
+    the loop together; while more than ``AT_ONCE`` wait, no more is read. ``closed`` is done once the connection is
+    gone, with the error if there is one.
     """
 
     def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
@@ -61,7 +64,7 @@ class Session(asyncio.BufferedProtocol):
     def eof_received(self) -> None:
         """The controller closed; what is left of an unfinished frame is lost."""
         if self._filled:
-            self._account.count("half frame")
+            self._account.anomaly("half frame")
         self._fail(ConnectError(f"{self.where}: the controller closed the connection"))
 
     def get_buffer(self, sizehint: int) -> memoryview:
@@ -69,26 +72,46 @@ class Session(asyncio.BufferedProtocol):
         return self._view[self._filled :]
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take all whole frames, keep the rest."""
+        """Take whole frames, keep the rest."""
         self._filled += nbytes
-        used = 0
+        if self._take() and self._transport is not None:
+            self._transport.pause_reading()
+            asyncio.get_running_loop().call_soon(self._go_on)
+
+    def _go_on(self) -> None:
+        """Take more of what was read before; then read on."""
+        if self.closed.done() or self._transport is None:
+            return
+        if self._take():
+            asyncio.get_running_loop().call_soon(self._go_on)
+        else:
+            self._transport.resume_reading()
+
+    def _take(self) -> bool:
+        """Take whole frames of what was read; true where ``AT_ONCE`` were taken and there may be more."""
+        used = taken = 0
         package = self.decoder.package if self.decoder else None
         try:
-            for item, end in wire.scan(self._view[: self._filled], wire.FROM_CONTROLLER, package):
+            for item, end in wire.scan(self._view[: self._filled], wire.FROM_CONTROLLER, package, AT_ONCE):
                 if isinstance(item, wire.Run):
                     self._packages(item)
+                    taken += item.count
                 else:
                     self._frame(item)
+                    taken += 1
                 used = end
+                if taken >= AT_ONCE:
+                    break
         except ProtocolError as error:
-            self._account.count("protocol error")
+            self._account.anomaly("protocol error")
             self._fail(ProtocolError(f"{self.where}: {error}"))
             self.abort()
-            return
+            return False
         rest = self._filled - used
         if rest and used:
             self._view[:rest] = self._view[used : self._filled]
         self._filled = rest
+        return taken >= AT_ONCE and not self.closed.done()
 
     def _packages(self, run: wire.Run) -> None:
         assert self.decoder is not None and self.intake is not None

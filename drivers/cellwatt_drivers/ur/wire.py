@@ -140,12 +140,14 @@ def width(kind: str) -> int:
     return np.dtype(code).itemsize * elements
 
 
-def scan(data: memoryview, limits: Limits, package: Package | None = None) -> Iterator[tuple[Frame | Run, int]]:
+def scan(
+    data: memoryview, limits: Limits, package: Package | None = None, most: int | None = None
+) -> Iterator[tuple[Frame | Run, int]]:
     """Cut the start of a byte stream into frames: each with the number of bytes used up to its end.
 
-    Data packages of the agreed ``package`` come as runs as long as possible. An unfinished frame at the end
-    is left over. Raises ``ProtocolError``, after all frames before it, as soon as a header shows a kind that
-    there is not, a size that its kind cannot have, or a data package that is not of the agreed recipe.
+    Data packages of the agreed ``package`` come as runs as long as possible, of ``most`` at most. An unfinished
+    frame at the end is left over. Raises ``ProtocolError``, after all frames before it, as soon as a header shows a
+    kind that there is not, a size that its kind cannot have, or a data package that is not of the agreed recipe.
     """
     start, end = 0, len(data)
     while end - start >= _HEADER.size:
@@ -156,7 +158,7 @@ def scan(data: memoryview, limits: Limits, package: Package | None = None) -> It
         if kind == Kind.DATA_PACKAGE and package is not None:
             if size != package.size:
                 raise ProtocolError(f"data package of {size} bytes, the recipe has {package.size}")
-            count = _neighbours(data[start:], package)
+            count = _neighbours(data[start:], package, most)
             if not count:
                 return
             size *= count
@@ -168,11 +170,13 @@ def scan(data: memoryview, limits: Limits, package: Package | None = None) -> It
         start += size
 
 
-def _neighbours(data: memoryview, package: Package) -> int:
+def _neighbours(data: memoryview, package: Package, most: int | None) -> int:
     """How many whole packages of the recipe stand one after the other at the start of data."""
     if len(data) >= 4 and data[3] != package.id:
         raise ProtocolError(f"data package of recipe {data[3]}, the agreed one is {package.id}")
     count = len(data) // package.size
+    if most is not None:
+        count = min(count, most)
     if count > 1:
         headers = np.ndarray((count,), ">u4", data, strides=(package.size,))
         strange = headers != package.header

@@ -21,6 +21,9 @@ def status(**source: Any) -> dict[str, Any]:
         "dropped": {},
         "streams": {},
         "clocks": {},
+        "counters": {},
+        "anomalies": [],
+        "forgeries": [],
     }
     return {"sources": {"arm": healthy | source}, "stages": {}, "sinks": {}, "recorder": {"state": "ok"}}
 
@@ -99,10 +102,48 @@ def test_a_source_as_declared_is_not_told_nor_one_that_has_just_come_up() -> Non
 
 
 def test_a_clock_that_is_not_followed_is_told() -> None:
-    alarms = looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 5_000_000_000}}})
+    alarms = looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 5_000_000_000, "resets": 0}}})
     assert [a.kind for a in alarms] == ["clock_unsure"]
     assert "off by up to 5 s" in alarms[0].statement
-    assert looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 900_000}}}) == []
+    assert looked_at(Watch(), 5, lambda _: {"clocks": {"rtde": {"bound_ns": 900_000, "resets": 0}}}) == []
+
+
+def strange(figures: Callable[[int], dict[str, int]], **names: list[str]) -> list[Alarm]:
+    """Looks at a source with 50 samples a second, and its counters at each second."""
+    return looked_at(Watch(), 40, lambda s: {"expected": 50 * s, "counters": figures(s), **names})
+
+
+def test_what_is_no_sample_is_told_with_its_reasons_where_there_is_much_of_it() -> None:
+    names = ["duplicates", "malformed"]
+    alarms = strange(lambda s: {"duplicates": 100 * s, "malformed": 3 * s, "retries": 99 * s}, anomalies=names)
+    assert [(a.kind, a.source, a.severity) for a in alarms] == [("source_strange", "arm", "warning")]
+    assert " duplicates, " in alarms[0].statement and "malformed: the line" in alarms[0].statement
+    assert alarms[0].evidence.keys() == set(names)
+
+
+def test_a_duplicate_now_and_then_is_not_told() -> None:
+    assert strange(lambda s: {"duplicates": s // 3}, anomalies=["duplicates"]) == []
+
+
+def test_one_forgery_is_told_and_over_when_no_more_come() -> None:
+    alarms = strange(lambda s: {"contradicting answers": min(s, 1)}, forgeries=["contradicting answers"])
+    assert [(a.kind, a.active) for a in alarms] == [("source_strange", True), ("source_strange", False)]
+    assert "1 contradicting answers: somebody else speaks in its name" in alarms[0].statement
+
+
+def test_counters_that_begin_anew_with_their_process_are_no_trouble() -> None:
+    counts = [{"malformed": 1000}] * 10 + [{"malformed": 0}] * 30
+    assert strange(lambda s: counts[s], anomalies=["malformed"]) == []
+
+
+def test_a_clock_that_is_reset_again_and_again_is_one_alarm() -> None:
+    def clock(second: int) -> dict[str, Any]:
+        figures = {"bound_ns": 8_000_000, "resets": 100 * second, "reason": "the device's time went back"}
+        return {"clocks": {"rtde": figures}}
+
+    alarms = looked_at(Watch(), 40, clock)
+    assert [(a.kind, a.source) for a in alarms] == [("clock_unsteady", "arm")]
+    assert alarms[0].statement.endswith("the device's time went back.")
 
 
 def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
