@@ -64,6 +64,6 @@ def _receive(opened: socket.socket, senders: set[str], account: Account, take: T
             datagrams.append(datagram)
             waited = age
         else:
-            account.count("strangers")
+            account.anomaly("strangers")
     if datagrams:
         take(datagrams, waited)

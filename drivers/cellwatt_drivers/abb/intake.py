@@ -36,6 +36,7 @@ class Intake:
         self._columns = columns
         self._period = round(1e9 / stream.rate)
         self._number: int | None = None
+        self._newest: Packet | None = None
         self._time = 0
         self._arrival = 0
         self._clocked = False
@@ -56,7 +57,7 @@ class Intake:
             try:
                 packet = decode(datagram)
             except ProtocolError:
-                self._outlet.account.count("malformed")
+                self._outlet.account.anomaly("malformed")
                 continue
             time = self._continue(packet, arrival, times, rows)
             if time is not None:
@@ -74,10 +75,10 @@ class Intake:
         if self._number is not None:
             ahead = packet.sequence - self._number
             if -_RECENT < ahead <= 0 and time <= self._time:
-                account.count("duplicates" if ahead == 0 else "late packets")
+                self._repeated(packet, ahead)
                 return None
             if ahead <= 0 or ahead > _LONGEST_GAP:
-                account.count("sessions")
+                account.anomaly("sessions")
             else:
                 missing = ahead - 1
             fault = self._broken(clocked, time, 1 + missing, arrival)
@@ -88,7 +89,15 @@ class Intake:
         account.miss(missing, self._reason)
         self._reason = "gap"
         self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
+        self._newest = packet
         return time
+
+    def _repeated(self, packet: Packet, ahead: int) -> None:
+        """Count a packet whose number has been taken, or passed by."""
+        if ahead == 0 and packet != self._newest:
+            self._outlet.account.forgery("contradicting packets")
+        else:
+            self._outlet.account.anomaly("duplicates" if ahead == 0 else "late packets")
 
     def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
         """Why the controller's time cannot be on the map of the packets before, or ``None``."""

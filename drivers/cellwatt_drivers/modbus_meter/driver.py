@@ -119,9 +119,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         self._map = _map(settings)
         self._names = _chosen(self._map, settings.read)
         values = [self._map.values[n] for n in self._names]
-        self._reader = Reader(
-            self._map, self._names, settings.unit, settings.retries, outlet.account.count, self._left_out
-        )
+        self._reader = Reader(self._map, self._names, settings.unit, settings.retries, self._count, self._left_out)
         self._factor = np.array([v.factor for v in values])
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
         self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
@@ -182,6 +180,10 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
         notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
         return Identity(meter.maker, meter.model, notes=notes)
+
+    def _count(self, what: str) -> None:
+        account = self.outlet.account
+        (account.anomaly if what == "malformed" else account.count)(what)
 
     def _left_out(self, name: str, error: RefusedError) -> None:
         self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)

@@ -50,7 +50,7 @@ class Board:
         self._heard = arrival
         place = self._clock.place(packet, arrival)
         if place.verdict == "stale":
-            self._outlet.account.count("late")
+            self._outlet.account.anomaly("late")
             return
         if place.verdict in {"jumped", "restarted"}:
             self.release(arrival, everything=True)
@@ -61,8 +61,10 @@ class Board:
             self._outlet.clock_reset(self.stream, text)
             self._outlet.event(f"board {place.verdict}", f"{self._label}: {text}", jump_s=place.jump / 1e6)
         outcome = self._order.put(Placed(packet, place.sequence, place.time, arrival))
-        if outcome:
+        if outcome == "reordered":
             self._outlet.account.count(outcome)
+        elif outcome:
+            self._outlet.account.anomaly(outcome)
 
     def watch(self, now: int, since: int, silence: int) -> None:
         """Report when nothing came for ``silence`` ns, at the earliest after ``since``, and when it comes back."""

@@ -28,6 +28,7 @@ from cellwatt_drivers.power_board.port import ListeningPort, listening_port
 EVIDENCE = 4096
 """Newest bytes kept, until a wanted packet is heard, to say what they look like."""
 
+_GARBLED = frozenset({"checksum", "garbage bytes", "foreign payloads"})
 BoardNumber = Annotated[StrictInt, Field(ge=0, le=255)]
 
 
@@ -187,7 +188,10 @@ class Listening:
         data = await self._port.read(max(0.0, min(seconds, end - loop.time())))
         packets = self._decoder.feed(data)
         for what, n in self._decoder.counts.items():
-            self._account.count(what, n)
+            if what in _GARBLED:
+                self._account.anomaly(what, n)
+            else:
+                self._account.count(what, n)
         self._decoder.counts.clear()
         wanted = [p for p in packets if self._wants(p)]
         if wanted:

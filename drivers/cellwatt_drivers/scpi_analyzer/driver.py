@@ -136,7 +136,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
                 await self._converse()
             except (ConnectError, ProtocolError) as error:
                 if isinstance(error, LateError | ProtocolError):
-                    self.outlet.account.count("timeouts" if isinstance(error, LateError) else "malformed")
+                    self.outlet.account.anomaly("timeouts" if isinstance(error, LateError) else "malformed")
                 if self._delivered == delivered:
                     raise
                 self.outlet.account.count("reconnects")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import random
 import socket
 import time
+from collections import deque
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -97,11 +99,13 @@ class Link:
         self._timeout = timeout
         self._outlet = outlet
         self._loop = asyncio.get_running_loop()
-        self._number = -1
+        self._number = 0
         self._service = 0
         self._waiting: asyncio.Future[tuple[wire.Answer, int]] | None = None
         self._unanswered: dict[int, _Unanswered] = {}
-        self._answered: set[int] = set()
+        self._answered: dict[int, wire.Answer] = {}
+        self._recent: deque[int] = deque(maxlen=_NUMBERS // 2)
+        self._constants: bytes | None = None
 
     async def ask(
         self, request: wire.Request, retries: int, until: int | None = None, late: TakeLate | None = None
@@ -140,7 +144,7 @@ class Link:
         finally:
             timer.cancel()
             self._waiting = None
-        self._answered.add(number)
+        self._answered[number] = answer
         if answer.status:
             self._outlet.account.count("busy answers" if answer.busy else "device errors")
             raise NoAnswerError("busy" if answer.busy else "device error", answer.text)
@@ -164,10 +168,16 @@ class Link:
         waiting = self._waiting
         if waiting is None or waiting.done() or answer.number != self._number:
             self._discard(answer, arrival)
-        elif answer.service != self._service:
+        elif answer.service != self._service or not self._as_ever(answer):
             self.count_malformed()
         else:
             waiting.set_result((answer, arrival))
+
+    def _as_ever(self, answer: wire.Answer) -> bool:
+        """Whether the fields that a controller never changes are those of its first answer."""
+        if self._constants is None:
+            self._constants = answer.constants
+        return answer.constants == self._constants
 
     def _send(self, datagram: bytes) -> None:
         try:
@@ -176,32 +186,45 @@ class Link:
             self._fail_socket(error)
 
     def _next_number(self) -> int:
+        """Any number, so that who does not hear the requests cannot know it, but none that an answer may still have."""
         now = self._loop.time()
-        for _ in range(_NUMBERS):
-            self._number = (self._number + 1) % _NUMBERS
+        start = random.randrange(_NUMBERS)
+        for step in range(_NUMBERS):
+            self._number = (start + step) % _NUMBERS
             rests = self._unanswered.get(self._number)
-            if rests is None or now - rests.since >= _QUARANTINE:
+            if self._number not in self._recent and (rests is None or now - rests.since >= _QUARANTINE):
                 break
+        self._recent.append(self._number)
         self._unanswered.pop(self._number, None)
-        self._answered.discard(self._number)
+        self._answered.pop(self._number, None)
         return self._number
 
     def _discard(self, answer: wire.Answer, arrival: int) -> None:
         given_up = self._unanswered.pop(answer.number, None)
         if given_up is not None:
-            self._answered.add(answer.number)
-            self._outlet.account.count("late answers")
+            self._answered[answer.number] = answer
+            self._outlet.account.anomaly("late answers")
             if given_up.take is not None and not answer.status and answer.service == given_up.service:
                 given_up.take(Exchange(answer, given_up.asked, max(given_up.asked, arrival)))
-        elif answer.number in self._answered or answer.number == self._number:
-            self._outlet.account.count("duplicates")
+        elif (before := self._accepted(answer.number)) is None:
+            self._outlet.account.anomaly("unasked answers")
+        elif before == answer:
+            self._outlet.account.anomaly("duplicates")
         else:
-            self._outlet.account.count("unasked answers")
+            # One of the two was somebody else's, and nobody can say which.
+            self._outlet.account.forgery("contradicting answers")
+
+    def _accepted(self, number: int) -> wire.Answer | None:
+        """The answer that was taken for the newest request of a number."""
+        waiting = self._waiting
+        if number == self._number and waiting is not None and waiting.done():
+            return None if waiting.cancelled() or waiting.exception() else waiting.result()[0]
+        return self._answered.get(number)
 
     def count_malformed(self) -> None:
         """Somebody sent what is not the protocol, or not the answer asked for."""
         self.malformed += 1
-        self._outlet.account.count("malformed")
+        self._outlet.account.anomaly("malformed")
 
     def _expire(self) -> None:
         self._outlet.account.count("timeouts")

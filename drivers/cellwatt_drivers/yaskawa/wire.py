@@ -71,6 +71,9 @@ _SINGLE_BLOCK = 0x80000000
 _REQUEST = struct.Struct("<4sHHBBBBI8sHHBBH")
 _ANSWER = struct.Struct("<4sHHBBBBI8sBBBBHH")
 
+CONSTANTS = bytes([_RESERVE_1]) + _SINGLE_BLOCK.to_bytes(4, "little") + _RESERVE_2
+"""As the manual has them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -84,13 +87,17 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer's header and its data; ``number`` is that of the request, ``status`` 0 where all went well."""
+    """An answer's header and its data; ``number`` is that of the request, ``status`` 0 where all went well.
+
+    ``constants`` are the fields that no answer changes: reserves and block number.
+    """
 
     number: int
     service: int
     status: int
     added: int
     data: bytes = b""
+    constants: bytes = CONSTANTS
 
     @property
     def busy(self) -> bool:
@@ -125,8 +132,13 @@ def decode_request(datagram: bytes) -> tuple[Request, int]:
 
 def encode_answer(answer: Answer) -> bytes:
     """The datagram of an answer."""
+    reserve, block, reserves = (
+        answer.constants[0],
+        int.from_bytes(answer.constants[1:5], "little"),
+        answer.constants[5:],
+    )
     header = _ANSWER.pack(
-        _IDENTIFIER, HEADER_SIZE, len(answer.data), _RESERVE_1, _ROBOT, 1, answer.number, _SINGLE_BLOCK, _RESERVE_2,
+        _IDENTIFIER, HEADER_SIZE, len(answer.data), reserve, _ROBOT, 1, answer.number, block, reserves,
         answer.service, answer.status, 2 if answer.added else 0, 0, answer.added, 0,
     )  # fmt: skip
     return header + answer.data
@@ -135,7 +147,7 @@ def encode_answer(answer: Answer) -> bytes:
 def decode_answer(datagram: bytes) -> Answer:
     """An answer of the robot division. Raises ``ProtocolError`` where it is none, is cut or has bytes too many.
 
-    Reserved fields are not looked at; the added status is read whatever its stated size, as all clients do.
+    The added status is read whatever its stated size, as all clients do.
     """
     if len(datagram) < HEADER_SIZE:
         raise ProtocolError(f"an answer of {len(datagram)} bytes; its header alone has {HEADER_SIZE}")
@@ -143,7 +155,8 @@ def decode_answer(datagram: bytes) -> Answer:
     _check_header(datagram, found, ack=1)
     if not found[9] & ANSWER:
         raise ProtocolError(f"service 0x{found[9]:02X} is not an answer's")
-    return Answer(found[6], found[9], found[10], found[13], datagram[HEADER_SIZE:])
+    constants = datagram[8:9] + datagram[12:24]
+    return Answer(found[6], found[9], found[10], found[13], datagram[HEADER_SIZE:], constants)
 
 
 def _check_header(datagram: bytes, found: tuple[int | bytes, ...], ack: int) -> None:

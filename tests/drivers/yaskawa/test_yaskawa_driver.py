@@ -147,7 +147,7 @@ async def test_a_slow_controller_loses_slots_not_deadlines():
     async with emulated(answer_ms="15") as (_, port), slow(port) as (_, outlet, _):
         await eventually(lambda: len(outlet.of("torque")) >= 20)
     assert outlet.account.missed["slow answers"] > 0
-    assert set(outlet.account.missed) <= {"slow answers", "merged tick", "host stalled"}
+    assert set(outlet.account.missed) <= {"slow answers", "merged tick", "host stalled"}  # of a busy test machine
     asked = [r.asked for r in outlet.of("position") if r.asked is not None]
     assert np.median(np.diff(asked)) > 25e6
 

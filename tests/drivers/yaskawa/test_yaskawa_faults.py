@@ -44,7 +44,7 @@ async def test_without_faults_nothing_is_counted():
         await eventually(lambda: len(outlet.of("torque")) > 50)
     assert counters(outlet) == {}
     assert emulator.counts["made"] - emulator.counts["sent"] <= 1  # the last may be on its way
-    assert set(outlet.account.missed) <= {"merged tick", "slow answers"}  # of a busy test machine
+    assert set(outlet.account.missed) <= {"merged tick", "slow answers", "host stalled"}  # of a busy test machine
 
 
 async def test_loss_costs_the_slots_that_the_wait_took():

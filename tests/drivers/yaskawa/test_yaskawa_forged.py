@@ -1,0 +1,182 @@
+"""Answers that are not the controller's: what is refused, and that health says what somebody tried."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from cellwatt.runtime.source import Source
+from cellwatt.runtime.watch import Watch
+from cellwatt_drivers.yaskawa import YaskawaDriver, wire
+from cellwatt_drivers.yaskawa.emulator import Address, YaskawaEmulator
+from cellwatt_drivers.yaskawa.link import Exchange, Link, open_link
+from tests.patience import eventually
+
+from .rig import STILL, Outlet, settings
+
+REQUEST = wire.Request(wire.TORQUE)
+GENUINE, FORGED = bytes(32), b"\x01" + bytes(31)
+
+Answers = Callable[[int], list[wire.Answer]]
+
+
+def answer(number: int, data: bytes = GENUINE) -> wire.Answer:
+    return wire.Answer(number, wire.GET_ALL | wire.ANSWER, 0, 0, data)
+
+
+class Controller(asyncio.DatagramProtocol):
+    """Answers each request with what ``answers`` says for its number, in that order."""
+
+    def __init__(self, answers: Answers) -> None:
+        self.answers = answers
+        self.numbers: list[int] = []
+
+    def connection_made(self, transport: asyncio.DatagramTransport) -> None:
+        self.transport = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        _, number = wire.decode_request(data)
+        self.client = addr
+        self.numbers.append(number)
+        for each in self.answers(number):
+            self.transport.sendto(wire.encode_answer(each), addr)
+
+
+@asynccontextmanager
+async def linked(answers: Answers, timeout: float = 5.0) -> AsyncIterator[tuple[Controller, Link, Outlet]]:
+    loop = asyncio.get_running_loop()
+    transport, controller = await loop.create_datagram_endpoint(
+        lambda: Controller(answers), local_addr=("127.0.0.1", 0)
+    )
+    outlet = Outlet()
+    try:
+        async with open_link("127.0.0.1", transport.get_extra_info("sockname")[1], timeout, outlet) as link:  # type: ignore[arg-type]
+            yield controller, link, outlet
+    finally:
+        transport.close()
+
+
+async def ask(link: Link) -> Exchange:
+    return await link.ask(REQUEST, 0)
+
+
+async def test_the_number_of_the_next_request_cannot_be_guessed() -> None:
+    async with linked(lambda number: [answer(number)]) as (controller, link, _):
+        for _ in range(600):
+            await ask(link)
+    numbers = controller.numbers
+    steps = {(b - a) % 256 for a, b in pairwise(numbers)}
+    assert len(steps) > 100
+    assert all(len(set(numbers[i : i + 128])) == 128 for i in range(len(numbers) - 128)), "an answer may still come"
+
+
+async def test_an_answer_that_contradicts_another_is_told_as_forged() -> None:
+    async with linked(lambda number: [answer(number, FORGED), answer(number)]) as (_, link, outlet):
+        for _ in range(20):
+            await ask(link)
+        await eventually(lambda: outlet.account.counters["contradicting answers"] == 20)
+    assert outlet.account.forgeries == {"contradicting answers"}
+    assert not outlet.account.counters["duplicates"]
+
+
+async def test_the_same_answer_again_is_a_duplicate() -> None:
+    async with linked(lambda number: [answer(number)] * 50) as (_, link, outlet):
+        for _ in range(20):
+            await ask(link)
+        await eventually(lambda: outlet.account.counters["duplicates"] == 20 * 49)
+    assert outlet.account.anomalies == {"duplicates"} and not outlet.account.forgeries
+
+
+@pytest.mark.parametrize("position", range(len(wire.CONSTANTS)))
+async def test_reserved_fields_that_change_are_not_the_controllers(position: int) -> None:
+    def answers(number: int) -> list[wire.Answer]:
+        if len(controller.numbers) == 1:
+            return [answer(number)]
+        strange = bytearray(wire.CONSTANTS)
+        strange[position] ^= 1
+        return [replace(answer(number, FORGED), constants=bytes(strange)), answer(number)]
+
+    async with linked(answers) as (controller, link, outlet):
+        for _ in range(5):
+            assert (await ask(link)).answer.data == GENUINE
+    assert outlet.account.counters["malformed"] == 4
+
+
+async def test_a_controller_with_reserves_of_its_own_is_read() -> None:
+    own = bytes(len(wire.CONSTANTS))
+    async with linked(lambda number: [replace(answer(number), constants=own)]) as (_, link, outlet):
+        for _ in range(5):
+            await ask(link)
+    assert not outlet.account.counters
+
+
+async def test_what_comes_from_another_port_is_never_seen() -> None:
+    async with linked(lambda _: []) as (controller, link, outlet):
+        asking = asyncio.ensure_future(ask(link))
+        await eventually(lambda: controller.numbers)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+            stranger.setblocking(False)
+            stranger.bind(("127.0.0.1", 0))
+            for number in range(256):
+                stranger.sendto(wire.encode_answer(answer(number, FORGED)), controller.client)
+        controller.transport.sendto(wire.encode_answer(answer(controller.numbers[0])), controller.client)
+        assert (await asking).answer.data == GENUINE
+    assert not outlet.account.counters
+
+
+class Attacked(YaskawaEmulator):
+    """A controller, and somebody on its wire who has its address and port."""
+
+    attack = ""
+
+    def _later(self, seconds: float, frames: list[bytes], peer: Address, whole: int) -> None:
+        real = wire.decode_answer(frames[0])
+        if self.attack == "duplicates":
+            frames = frames * 20
+        elif self.attack == "every number":
+            numbers = [n for n in range(256) if n != real.number]
+            frames = [wire.encode_answer(replace(real, number=n)) for n in numbers] + frames
+        elif self.attack == "faster than the controller":
+            forged = bytes([real.data[0] ^ 1]) + real.data[1:]
+            frames = [wire.encode_answer(replace(real, data=forged)), *frames]
+        super()._later(seconds, frames, peer, whole)
+
+
+@pytest.mark.parametrize(
+    ("attack", "reason"),
+    [
+        ("duplicates", "duplicates"),
+        ("every number", "unasked answers"),
+        ("faster than the controller", "contradicting answers"),
+    ],
+)
+async def test_health_says_what_somebody_sends_in_the_controllers_name(attack: str, reason: str) -> None:
+    emulator = Attacked(STILL, "127.0.0.1:0", options={"answer_ms": "0"})
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    serving = asyncio.create_task(emulator.serve(ready.set_result))
+    chosen = settings(int((await ready).rpartition(":")[2]), read=["torque"], timeout="500 ms")
+    source = Source("arm", lambda outlet: YaskawaDriver("arm", chosen, outlet), Outlet().now, id, id)
+    reading, watch = asyncio.create_task(source.run()), Watch()
+
+    def look(second: int) -> list[str]:
+        status = {"sources": {"arm": source.status()}, "stages": {}, "sinks": {}}
+        alarms = watch.look(status, second * 10**9)
+        return [a.statement for a in alarms if a.kind == "source_strange"]
+
+    try:
+        await eventually(lambda: source.account.received > 20)
+        assert look(0) == look(5) == look(6) == []
+        emulator.attack = attack
+        await eventually(lambda: source.account.counters[reason] > 20)
+        [statement] = look(7) + look(8) + look(9)
+    finally:
+        reading.cancel()
+        serving.cancel()
+        await asyncio.gather(reading, serving, return_exceptions=True)
+    assert f" {reason}" in statement
