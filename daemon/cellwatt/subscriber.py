@@ -13,6 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections import Counter
@@ -30,6 +31,7 @@ from cellwatt.publish.follow import Following, Positions, Question
 from cellwatt.publish.keys import ALARM, FRAME, HEALTH, KINDS, CellKeys, parse
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mailbox import Mailbox
+from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Gap, Part
 from cellwatt.publish.received import (
     Health,
@@ -53,6 +55,8 @@ EVERYTHING: Final = ("raw", "frame", "interval", "task", "energy", "prediction",
 """All topics of a cell."""
 _TICK: Final = 0.05  # s, between two looks at what is missing
 _TIMEOUT: Final = 5.0  # s, for the answer to one question
+_QUEUE_BYTES: Final = 256 * 1024 * 1024  # of messages that wait for the consumer
+_QUIET: Final = 10.0  # s, between two lines in the log about what others put on the bus
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +116,15 @@ class Subscriber:
         self._check = None if verify is None else Check(self._keys.root, verify)
         self._following = Following(self._want, resume or {}, patience)
         self._standing_asked = self._following.joined
-        self._mailbox: Mailbox[Message] = Mailbox(queue_size)
+        self._mailbox: Mailbox[Message] = Mailbox(queue_size, _QUEUE_BYTES)
         self._lock = threading.Lock()
         self._look = threading.Event()
         self._counts: Counter[str] = Counter()
         self._newest: dict[str, tuple[int, int]] = {}
+        self._cell: int | None = None  # session of the daemon, as it said itself
+        self._stranger: tuple[Mark, Health] | None = None  # health of a session that the cell has not told of
+        self._asked_about: tuple[Mark, Health] | None = None
+        self._warned_at = -math.inf
         self._reached: dict[str, tuple[int, int]] = {}
         self._stopped = threading.Event()
         self._session: zenoh.Session | None = None
@@ -146,8 +154,12 @@ class Subscriber:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and messages that were odd."""
-        return {**self._following.counts, **self._counts, "duplicates": self._following.duplicates}
+        """Samples and results ``live``, ``backfilled``, ``lost`` and ``duplicates``, and messages that were odd.
+
+        Of these, ``unreadable`` were no messages of a cell, ``refused`` ones claimed what the cell did not confirm,
+        and ``let go`` ones found no room; what was true of the last is asked for again.
+        """
+        return {**(self._following.counts + self._counts), "duplicates": self._following.duplicates}
 
     def _handed(self, message: Message) -> Message:
         if message.topic != HEALTH:
@@ -168,6 +180,7 @@ class Subscriber:
         self._thread = threading.Thread(target=self._work, name="cellwatt subscriber", daemon=False)
         for wanted in dict.fromkeys((*self._want, HEALTH)):
             self._session.declare_subscriber(self._keys.live(f"{wanted}/**"), self._on_sample)
+        self._look.set()
         self._thread.start()
 
     def close(self) -> None:
@@ -220,36 +233,69 @@ class Subscriber:
             if not self._genuine(address.topic, sample):
                 return
             if address.kind == HEALTH:
-                self._on_health(sample.payload.to_bytes(), HEALTH in self._want)
+                mark, health = read_health(sample)
+                if self._newer(HEALTH, (health.session, health.time)):
+                    self._on_health(mark, health)
                 return
             mark, content = read_message(sample, address.kind)
             if not self._newer(address.topic, (mark.session, 0)):
                 return
-            ready = self._following.message(address.topic, mark, content)
+            size = len(sample.payload)
+            ready = self._following.message(address.topic, mark, content, size)
             self._deliver(address.topic, ready)
             if not ready:
                 self._look.set()
 
-    def _on_status(self, replies: list[zenoh.Reply]) -> None:
-        for reply in replies:
-            if reply.ok is not None:
-                self._on_health(reply.ok.payload.to_bytes(), wanted=False)
-
-    def _on_health(self, payload: bytes, wanted: bool) -> None:
-        health = read_health(payload)
-        if not self._newer(HEALTH, (health.session, health.time)):
-            return
-        self._following.beat(health.session, health.positions)
-        if wanted:
-            self._mailbox.put(Message(HEALTH, health.session, health.time, False, health))
+    def _on_health(self, mark: Mark, health: Health) -> None:
+        self._following.hinted(health.positions)
+        if self._cell in (None, health.session):
+            self._deliver_health(mark, health)
+        else:
+            self._stranger = mark, health
+            self._following.doubt()
         self._look.set()
+
+    def _deliver_health(self, mark: Mark, health: Health) -> None:
+        if HEALTH in self._want:
+            self._mailbox.put(Message(HEALTH, mark.session, mark.sequence, False, health))
+
+    def _on_status(self, replies: list[zenoh.Reply]) -> None:
+        now = time.monotonic()
+        try:
+            told = [read_health(reply.ok)[1] for reply in replies if reply.ok is not None]
+            if told:
+                self._on_told(told[0], now)
+                return
+        except ProtocolError:
+            self._following.untold(now)
+            raise
+        self._following.untold(now)
+
+    def _on_told(self, health: Health, now: float) -> None:
+        """The cell itself says where it is."""
+        refused = self._following.counts["refused"]
+        self._cell = health.session
+        for topic, part in self._following.told(health.session, health.positions, now):
+            self._deliver(topic, [part])
+        if self._stranger is not None:
+            if self._stranger is not self._asked_about:
+                self._following.doubt()  # it came after we had asked
+            else:
+                if self._stranger[1].session == self._cell:
+                    self._deliver_health(*self._stranger)
+                else:
+                    self._following.counts["refused"] += 1
+                self._stranger = None
+        if (lies := self._following.counts["refused"] - refused) > 0:
+            self._warn(f"{lies} messages claim what the cell does not know of and are refused: who speaks in its name?")
 
     def _on_standing(self, replies: list[zenoh.Reply]) -> None:
         for reply in replies:
             if reply.ok is not None:
-                mark, alarm = read_message(reply.ok, ALARM)
-                assert isinstance(alarm, Alarm)
-                self._deliver(ALARM, self._following.standing(mark, alarm))
+                with self._counted():
+                    mark, alarm = read_message(reply.ok, ALARM)
+                    assert isinstance(alarm, Alarm)
+                    self._deliver(ALARM, self._following.standing(mark, alarm))
 
     def _on_recordings(self, replies: list[zenoh.Reply]) -> None:
         answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
@@ -257,25 +303,31 @@ class Subscriber:
 
     def _on_answer(self, question: Question, replies: list[zenoh.Reply]) -> None:
         now, topic = time.monotonic(), question.topic
-        try:
-            for reply in replies:
+        problem: ProtocolError | None = None
+        for reply in replies:
+            try:
                 if reply.ok is not None:
-                    self._deliver(topic, self._following.filled(question, read_answer(reply.ok, topic)))
+                    parts = read_answer(reply.ok, topic)
+                    question.check(parts)
+                    self._deliver(topic, self._following.filled(question, parts))
                     return
                 if reply.err is not None and (reason := read_refusal(reply.err)):
                     self._deliver(topic, self._following.nothing(question, reason, now))
                     return
-        except ProtocolError as error:
-            self._deliver(topic, self._following.nothing(question, str(error), now))
-            raise
-        self._following.unanswered(question, now)
+            except ProtocolError as error:
+                problem = error
+        if problem is None:
+            self._following.unanswered(question, now)
+            return
+        self._deliver(topic, self._following.nothing(question, str(problem), now))
+        raise problem
 
     def _genuine(self, topic: str, sample: zenoh.Sample) -> bool:
         """Whether the cell said this, where it signs what it says."""
         if self._check is None:
             return True
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-        return self._counted(self._check.message(topic, attachment, sample.payload.to_bytes()), "unsigned", topic)
+        return self._right(self._check.message(topic, attachment, sample.payload.to_bytes()), "unsigned", topic)
 
     def _genuine_reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
         if reply.ok is not None:
@@ -283,16 +335,16 @@ class Subscriber:
         if self._check is None or reply.err is None or read_refusal(reply.err) is None:
             return True
         parameters, payload = selector.partition("?")[2], reply.err.payload.to_bytes()
-        return self._counted(self._check.refusal(parameters, payload), "unsigned", topic)
+        return self._right(self._check.refusal(parameters, payload), "unsigned", topic)
 
     def _newer(self, topic: str, stamp: tuple[int, int]) -> bool:
         """Whether a message is no earlier than those before it, since what was signed once can be shown again."""
         if self._check is None:
             return True
         newest = self._newest[topic] = max(stamp, self._newest.get(topic, stamp))
-        return self._counted(stamp == newest, "replayed", topic)
+        return self._right(stamp == newest, "replayed", topic)
 
-    def _counted(self, right: bool, wrong: str, topic: str) -> bool:
+    def _right(self, right: bool, wrong: str, topic: str) -> bool:
         if not right:
             self._counts[wrong] += 1
             if self._counts[wrong] == 1:  # whoever forges could fill the log
@@ -301,19 +353,34 @@ class Subscriber:
 
     def _deliver(self, topic: str, parts: list[Part]) -> None:
         for part in parts:
-            self._mailbox.put(Message(topic, part.session, part.sequence, part.backfilled, part.content))
+            message = Message(topic, part.session, part.sequence, part.backfilled, part.content)
+            self._mailbox.put(message, part.size)
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
         """One thread at a time; Zenoh would swallow what is raised here, so it goes to the consumer."""
         with self._lock:
             try:
-                yield
-            except ProtocolError as error:
-                self._counts["unreadable"] += 1
-                log.warning("%s", error)
+                with self._counted():
+                    yield
             except Exception as error:
                 self._mailbox.end(error)
+
+    @contextlib.contextmanager
+    def _counted(self) -> Iterator[None]:
+        """What cannot be read is counted, and ends nothing."""
+        try:
+            yield
+        except ProtocolError as error:
+            self._counts["unreadable"] += 1
+            self._warn(str(error))
+
+    def _warn(self, text: str) -> None:
+        """Say in the log what others put on the bus, not each time: they may do so thousands of times a second."""
+        now = time.monotonic()
+        if now - self._warned_at > _QUIET:
+            self._warned_at = now
+            log.warning("%.500s", text)
 
     # our thread: asks -------------------------------------------------------------------------------
 
@@ -321,7 +388,6 @@ class Subscriber:
         import zenoh
 
         try:
-            self._ask(self._keys.question("status"), "@/status", self._on_status)
             while not self._stopped.is_set():
                 self._look.wait(_TICK)
                 self._look.clear()
@@ -335,10 +401,14 @@ class Subscriber:
 
     def _ask_what_is_missing(self) -> None:
         with self._lock:
+            if telling := self._following.asks_told(time.monotonic()):
+                self._asked_about = self._stranger
             questions = self._following.questions(time.monotonic())
             standing = self._following.joined and not self._standing_asked and self._following.wants(ALARM)
             self._standing_asked |= standing
             sessions = self._following.asks_sessions(time.monotonic())
+        if telling:
+            self._ask(self._keys.question("status"), "@/status", self._on_status)
         if sessions:
             self._ask(self._keys.question("recordings"), "@/recordings", self._on_recordings)
         if standing:

@@ -80,7 +80,7 @@ class Answers:
         keys: CellKeys,
         backlog: Backlog,
         count: Callable[[str], None],
-        health: Callable[[], bytes],
+        health: Callable[[], tuple[Mark, bytes]],
         seal: Seal | None = None,
     ) -> None:
         self._view = view
@@ -93,7 +93,7 @@ class Answers:
         self._busy_since: float | None = None
         self._told: set[str] = set()
         self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
-            "status": lambda _: Answer(health()),
+            "status": lambda _: self._status(*health()),
             "config": lambda _: Answer(encode_json(view.config())),
             "schema": lambda _: Answer(encode_json(view.schema())),
             "recordings": lambda _: Answer(encode_json(list(view.recordings()))),
@@ -139,6 +139,10 @@ class Answers:
     def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
         """The alarms active now, after the last ``cleared`` that are over."""
         return [*self._backlog.cleared(min(number_of(asked, "cleared", 0), MOST_RESULTS)), *self._backlog.active()]
+
+    @staticmethod
+    def _status(mark: Mark, payload: bytes) -> Answer:
+        return Answer(payload, mark=mark)
 
     def _history(self, asked: Mapping[str, str]) -> Answer:
         session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)

@@ -26,6 +26,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import LONGEST_REASON
+from cellwatt.publish.packed import refuse_packed
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -43,6 +44,8 @@ _KEY: Final = b"cellwatt"
 _END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 _KEPT: Final = 256
 """Fronts kept ready: one a stream and number of rows."""
+_LONGEST: Final = 512 * 1024
+"""Bytes of names and units; 1000 channels have some 60 kB. What is read of them is kept."""
 
 _Declared = Stream | Layout
 _ready: dict[tuple[int, str, int, bool], tuple[_Declared, bytes]] = {}
@@ -90,15 +93,19 @@ def decode(payload: bytes, mark: Mark) -> Batch | Frames:
     import pyarrow as pa
 
     try:
+        refuse_packed(payload)
         table = pa.ipc.open_stream(payload).read_next_batch()
         table.validate(full=True)
         if table.num_rows != mark.count:
             raise ValueError(f"{table.num_rows} rows, but {mark.count} are announced")
-        about = _about((table.schema.metadata or {}).get(_KEY, b"{}"))
+        metadata = (table.schema.metadata or {}).get(_KEY, b"{}")
+        if len(metadata) > _LONGEST:
+            raise ValueError(f"its channels take {len(metadata)} bytes to name")
+        about = _about(metadata)
         if isinstance(about, Layout):
             return _to_frames(table, about, mark)
         return _to_batch(table, *about, mark)
-    except (pa.ArrowException, ValueError, KeyError, TypeError, OSError, StopIteration) as error:
+    except (pa.ArrowException, ValueError, KeyError, TypeError, OSError, StopIteration, RecursionError) as error:
         reason = " ".join(str(error).split())[:LONGEST_REASON]
         raise ProtocolError(f"a message is not a cellwatt Arrow stream: {reason}") from error
 

@@ -2,6 +2,9 @@
 
 A consumer that begins takes each topic from where it is. From then on it is owed everything: a topic that
 appears later, or a new session of the daemon, is owed from its first number.
+
+What goes on from what is known is believed. A new topic, a new session or a leap is believed once the cell has said
+so when asked (``asks_told``, ``told``); what it then does not know is refused and counted.
 """
 
 from __future__ import annotations
@@ -13,7 +16,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from cellwatt.batch import Batch
+from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
+from cellwatt.publish.doubt import Doubts
 from cellwatt.publish.keys import ALARM
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Follower, Gap, Hole, Part
@@ -25,6 +30,10 @@ _AGAIN: Final = 0.2
 """Pause, s, before asking for what the cell does not have yet."""
 _LINK: Final = 0.5
 """Pause, s, before asking again when nobody answered."""
+_MOST_TOPICS: Final = 1000
+"""Topics that are followed; a cell has some ten."""
+_NEAR: Final = 10_000
+"""Numbers by which what came of a session that ended at once may lie beyond what is known of it."""
 
 Positions = Mapping[str, tuple[int, int]]
 """By topic, session and next number."""
@@ -36,6 +45,17 @@ class Question:
 
     topic: str
     hole: Hole
+
+    def check(self, parts: Sequence[tuple[Mark, Batch | Frames | Result | Event]]) -> None:
+        """Raises ``ProtocolError`` where an answer is about something else."""
+        hole = self.hole
+        end = math.inf if hole.count is None else hole.first + hole.count
+        for mark, _ in parts:
+            if mark.session != hole.session or mark.end <= hole.first or mark.sequence >= end:
+                raise ProtocolError(
+                    f"asked for {self.topic} from {hole.first} in session {hole.session}, the answer has"
+                    f" {mark.sequence} to {mark.end} in session {mark.session}"
+                )
 
 
 @dataclass(slots=True)
@@ -65,6 +85,8 @@ class Following:
     _checked: set[tuple[str, int]] = field(default_factory=set)
     _sessions_due: float = -math.inf
     _since: int | None = None  # session of the daemon in which this consumer joined
+    _unsure: bool = True  # whether there is reason to ask the cell though nothing waits for it
+    _doubts: Doubts = field(default_factory=Doubts)
 
     def __post_init__(self) -> None:
         self.joined = bool(self.resume)
@@ -87,20 +109,100 @@ class Following:
         """Samples and messages that came more than once and were delivered once."""
         return sum(t.follower.duplicates for t in list(self._topics.values()))
 
-    def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event) -> list[Part]:
-        """A live message came; gives what is in order now."""
-        state = self._topics.get(topic) or self._meet(topic, mark.session, mark.sequence)
-        return self._counted(state.follower.take(_part(mark, content, backfilled=False)))
+    def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event, size: int = 0) -> list[Part]:
+        """A live message of ``size`` bytes came; gives what is in order now.
 
-    def beat(self, session: int, positions: Positions) -> None:
-        """The cell said, in a session of the daemon, how far it has published."""
-        for topic, (numbering, end) in positions.items():
-            if not self.wants(topic):
-                continue
-            state = self._topics.get(topic) or self._meet(topic, numbering, end)
-            state.follower.announce(numbering, end)
+        Raises ``ProtocolError`` where somebody makes up more topics than a cell can have.
+        """
+        part = _part(mark, content, backfilled=False, size=size)
+        state = self._topics.get(topic)
+        if state is None and not self.joined:
+            state = self._begin(topic, mark.session, mark.sequence)
+        if state is not None and _goes_on(state, part):
+            return self._counted(state.follower.take(part))
+        if not self._doubts.add(topic, part):
+            self.counts["let go"] += 1
+        return []
+
+    def hinted(self, positions: Positions) -> None:
+        """A live health message says how far the cell has published: reason to ask it, no more."""
+        for topic, (session, end) in positions.items():
+            state = self._topics.get(topic)
+            reach = None if state is None else state.follower.reach(session)
+            if self.wants(topic) and (reach is None or end > reach) and len(self._doubts.claims) < _MOST_TOPICS:
+                self._doubts.claims[topic] = session, end
+
+    def doubt(self) -> None:
+        """Something else came that only the cell can confirm: reason to ask it."""
+        self._unsure = True
+
+    def asks_told(self, now: float) -> bool:
+        """Whether to ask the cell how far it is; then waits for ``told`` or ``untold``."""
+        self._doubts.claims = {t: claim for t, claim in self._doubts.claims.items() if not self._reached(t, *claim)}
+        return self._doubts.asks(now, anyhow=self._unsure)
+
+    def untold(self, now: float) -> None:
+        """Nobody answered how far the cell is."""
+        self._doubts.unanswered(now)
+
+    def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, Part]]:
+        """The cell said when asked, in a session of the daemon, how far it has published; gives what is in order."""
+        doubted, claims = self._doubts.answered()
+        wanted = {topic: place for topic, place in positions.items() if self.wants(topic)}
+        ready: list[tuple[str, Part]] = []
+        refused = 0
+        for topic in {**wanted, **doubted}:
+            numbering, end = wanted.get(topic, (session, None))
+            if end is not None:
+                refused += self._meet_told(topic, numbering, end, doubted.get(topic, ()))
+            state = self._topics.get(topic)
+            late = []
+            for part in doubted.get(topic, ()):
+                if state is not None and _ended(state, part, numbering):
+                    ready += self._take(topic, part)
+                else:
+                    late.append(part)
+            if state is not None and end is not None:
+                state.follower.announce(numbering, end)
+            for part in late:
+                if state is not None and _goes_on(state, part):
+                    ready += self._take(topic, part)
+                else:
+                    refused += 1
         if not self.joined:
             self.joined, self._since = True, session
+        self._unsure = False
+        refused += sum(not self._reached(topic, *claim) for topic, claim in claims.items())
+        for topic, parts in self._doubts.drain().items():  # came since the cell was asked
+            for part in parts:
+                state = self._topics.get(topic)
+                if state is not None and _goes_on(state, part):
+                    ready += self._take(topic, part)
+                else:
+                    self._doubts.add(topic, part)
+        if refused:
+            self.counts["refused"] += refused
+        self._doubts.judged(now, refused > 0)
+        return ready
+
+    def _meet_told(self, topic: str, numbering: int, end: int, doubted: Sequence[Part]) -> int:
+        """Begin with a topic that the cell has; 1 where it began with what the cell does not know, and begins anew."""
+        state = self._topics.get(topic)
+        if state is None:
+            self._meet(topic, numbering, end)
+        elif not self.joined and (state.follower.session != numbering or state.follower.following > end + _NEAR):
+            first = (part.sequence for part in doubted if part.session == numbering and part.end <= end)
+            self._begin(topic, numbering, min(first, default=end))
+            return 1
+        return 0
+
+    def _take(self, topic: str, part: Part) -> list[tuple[str, Part]]:
+        return [(topic, given) for given in self._counted(self._topics[topic].follower.take(part))]
+
+    def _reached(self, topic: str, session: int, end: int) -> bool:
+        state = self._topics.get(topic)
+        reach = None if state is None else state.follower.reach(session)
+        return reach is not None and end <= reach
 
     def standing(self, mark: Mark, alarm: Alarm) -> list[Part]:
         """An alarm that is active now came as an answer; given if it was raised before this consumer began."""
@@ -183,6 +285,8 @@ class Following:
         return self._begin(topic, self._since or session if topic.startswith("raw/") else session, 0)
 
     def _begin(self, topic: str, session: int, following: int) -> _Topic:
+        if topic not in self._topics and len(self._topics) >= _MOST_TOPICS:
+            raise ProtocolError(f"more than {_MOST_TOPICS} topics of one cell")
         state = self._topics[topic] = _Topic(Follower(session, following), (session, following))
         return state
 
@@ -202,5 +306,20 @@ def _key(hole: Hole) -> tuple[int, int, bool]:
     return hole.session, hole.first, hole.certain
 
 
-def _part(mark: Mark, content: Batch | Frames | Result | Event, backfilled: bool) -> Part:
-    return Part(mark.session, mark.sequence, mark.count, backfilled, content)
+def _goes_on(state: _Topic, part: Part) -> bool:
+    """Whether a part follows, or repeats, what is known to exist."""
+    reach = state.follower.reach(part.session)
+    return reach is not None and part.sequence <= reach
+
+
+def _ended(state: _Topic, part: Part, session: int) -> bool:
+    """Whether a part is of a session that may have been between the last one known and this one, or ended with it."""
+    follower = state.follower
+    reach = follower.reach(part.session)
+    between = reach is None and follower.newest < part.session < session
+    ended = reach is not None and part.session == follower.newest != session
+    return (between or ended) and part.sequence - (reach or 0) <= _NEAR
+
+
+def _part(mark: Mark, content: Batch | Frames | Result | Event, backfilled: bool, size: int = 0) -> Part:
+    return Part(mark.session, mark.sequence, mark.count, backfilled, content, size)

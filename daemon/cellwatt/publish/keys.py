@@ -28,6 +28,8 @@ KINDS: Final = ("raw", FRAME, "interval", "task", "energy", "prediction", ALARM,
 """First part of every topic."""
 QUESTIONS: Final = ("status", "config", "schema", "recordings", "history", "results")
 
+_LONGEST_TOPIC: Final = 1000
+
 _NAMES: Final = {"raw": 2, "prediction": 1}
 _UNSAFE = re.compile(r"[/*$?#%\s\x00-\x1f\x7f]|^@")
 
@@ -112,6 +114,14 @@ def parse(key: str) -> Address:
     if not known or "" in chunks or not _right_length(path):
         raise ProtocolError(f"{key!r} is not a key of a cellwatt cell")
     return Address(unquote(head[1]), unquote(head[2]), path[0], tuple(map(unquote, path[1:])), backfill)
+
+
+def is_topic(text: str) -> bool:
+    """Whether a text is a topic as it is in keys."""
+    try:
+        return len(text) < _LONGEST_TOPIC and parse(f"{PREFIX}/-/-/{text}").topic == text
+    except ProtocolError:
+        return False
 
 
 def _right_length(path: list[str]) -> bool:

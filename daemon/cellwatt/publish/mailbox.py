@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import queue
+import threading
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -19,25 +21,29 @@ class _End:
 class Mailbox(Generic[T]):
     """First in, first out; ``take`` waits while there is nothing.
 
-    ``put`` never waits: who puts looks at ``full`` first, which is true from ``limit`` items on. After ``end`` nothing
-    can be put; takers get what is left and then ``None``, or the error it was ended with.
+    ``put`` never waits: who puts looks at ``full`` first, which is true from ``limit`` items or ``limit_bytes`` on.
+    After ``end`` nothing can be put; takers get what is left and then ``None``, or the error it was ended with.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, limit_bytes: float = math.inf) -> None:
         self._limit = limit
-        self._items: queue.SimpleQueue[T | _End] = queue.SimpleQueue()
+        self._limit_bytes = limit_bytes
+        self._items: queue.SimpleQueue[tuple[T, int] | _End] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._bytes = 0
         self._waiters: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
         self._ended = False
 
     @property
     def full(self) -> bool:
-        """Whether takers have fallen behind by ``limit`` items."""
-        return self._items.qsize() >= self._limit
+        """Whether takers have fallen behind by all that may wait."""
+        return self._items.qsize() >= self._limit or self._bytes >= self._limit_bytes
 
-    def put(self, item: T) -> None:
-        """Add an item; lets it go when the mailbox was ended."""
+    def put(self, item: T, size: int = 0) -> None:
+        """Add an item of ``size`` bytes; lets it go when the mailbox was ended."""
         if not self._ended:
-            self._items.put(item)
+            self._weigh(size)
+            self._items.put((item, size))
             self._tell()
 
     def end(self, error: BaseException | None = None) -> None:
@@ -65,13 +71,19 @@ class Mailbox(Generic[T]):
             if self._items.empty():  # else it was put before the putter could see that we wait
                 await waiter
 
-    def _open(self, item: T | _End) -> T | None:
+    def _open(self, item: tuple[T, int] | _End) -> T | None:
         if not isinstance(item, _End):
-            return item
+            self._weigh(-item[1])
+            return item[0]
         self._items.put(item)  # for the next taker
         if item.error is not None:
             raise item.error
         return None
+
+    def _weigh(self, size: int) -> None:
+        if size:
+            with self._lock:
+                self._bytes += size
 
     def _tell(self) -> None:
         while self._waiters:

@@ -47,7 +47,7 @@ def topic_of(item: Result | Event) -> str:
 def encode_item(item: Result | Event, mark: Mark) -> bytes:
     """A result or event as JSON."""
     body = {f.name: getattr(item, f.name) for f in fields(item)}
-    return encode_json({"mark": {"session": mark.session, "sequence": mark.sequence}, **body})
+    return encode_json({"mark": _told(mark), **body})
 
 
 def encode_json(value: Any) -> bytes:
@@ -79,9 +79,14 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
         raise ProtocolError(f"a message of {kind} is not what its schema says: {reason}") from error
 
 
-def health(session: int, time: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
-    """The health message."""
-    return encode_json({"session": session, "time": time, "positions": positions, "status": status})
+def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
+    """The health message of a session of the daemon, said at the mark's time."""
+    body = {"session": session, "time": mark.arrival, "positions": positions, "status": status}
+    return encode_json({"mark": _told(mark), **body})
+
+
+def _told(mark: Mark) -> dict[str, int]:
+    return {"session": mark.session, "sequence": mark.sequence}
 
 
 @cache

@@ -13,8 +13,11 @@ from cellwatt.blocks import cut
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
 
+HELD_BYTES: Final = 128 * 1024 * 1024
+"""Most bytes of parts that are held back, whatever their number."""
 _PAST: Final = 16
 """Finished sessions remembered, to know a straggler from a new session."""
+_NO_END: Final = 2**63
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +30,14 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Samples ``sequence`` … ``end`` of a topic in a session, or one result."""
+    """Samples ``sequence`` … ``end`` of a topic in a session, or one result; ``size`` bytes as it came."""
 
     session: int
     sequence: int
     count: int
     backfilled: bool
     content: Batch | Frames | Result | Event | Gap
+    size: int = 0
 
     @property
     def end(self) -> int:
@@ -92,9 +96,20 @@ class Follower:
         held = self._held.setdefault(part.session, [])
         if part.session == self.session and part.sequence <= self.following:
             held.insert(0, part)
-        elif sum(map(len, self._held.values())) < self._hold:
+        elif self._room(part.size):
             insort(held, part, key=lambda p: p.sequence)
         return self._ready()
+
+    def reach(self, session: int) -> int | None:
+        """The end up to which numbers of ``session`` are known to exist; ``None`` of a session never heard of.
+
+        A finished session has no end: whatever comes of it is a duplicate.
+        """
+        if session in self._past:
+            return _NO_END
+        if session == self.session:
+            return max(self.following, self._ends.get(session, 0))
+        return self._ends.get(session, 0) if session in self._later else None
 
     def announce(self, session: int, end: int) -> None:
         """The cell says that numbers below ``end`` exist in ``session``."""
@@ -103,6 +118,10 @@ class Follower:
         if session != self.session and session not in self._later:
             self._later.append(session)
         self._ends[session] = max(end, self._ends.get(session, 0))
+
+    def _room(self, size: int) -> bool:
+        parts = [part for held in self._held.values() for part in held]
+        return len(parts) < self._hold and sum(part.size for part in parts) + size <= HELD_BYTES
 
     @property
     def newest(self) -> int:

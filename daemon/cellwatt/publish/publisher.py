@@ -16,6 +16,7 @@ from cellwatt.publish.answers import STUCK, Answers
 from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
 from cellwatt.publish.keys import HEALTH, CellKeys
 from cellwatt.publish.link import LARGEST_MESSAGE, LinkSettings, open_session, why_unconnected
+from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import encode_item
 from cellwatt.publish.outbox import Outbox, Outgoing
 from cellwatt.publish.questions import LARGEST
@@ -49,7 +50,7 @@ class Publisher(threading.Thread):
         keys: CellKeys,
         outbox: Outbox,
         answers: Answers,
-        health: Callable[[], bytes],
+        health: Callable[[], tuple[Mark, bytes]],
         seal: Seal,
     ) -> None:
         # No daemon thread: the threads in which Zenoh calls back would inherit that, and one of them inside
@@ -177,8 +178,8 @@ class Publisher(threading.Thread):
         import zenoh
 
         try:
-            payload = self._health()
-            attachment = self._seal.message(HEALTH, b"", payload) or None
+            mark, payload = self._health()
+            attachment = self._seal.message(HEALTH, mark.encode(payload), payload)
         except Exception:  # as of an item: some part's figures, or what a device calls itself, cannot be said
             self._outbox.count("health not encodable")
             log.exception("zenoh: the health message cannot be encoded")

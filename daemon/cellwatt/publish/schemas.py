@@ -19,6 +19,7 @@ _MARK: Final = {
     "required": ["session", "sequence"],
 }
 _HEALTH: Final = {
+    "mark": _MARK,
     "session": {"type": "integer", "description": "Start of the daemon, UTC ns; the numbering of raw streams."},
     "time": {"type": "integer", "description": "When this was said, UTC ns."},
     "positions": {

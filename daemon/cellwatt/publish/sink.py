@@ -6,6 +6,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -96,6 +97,8 @@ class ZenohSink(Sink[ZenohSettings]):
         )
         self._seal = Seal(self._keys.root, settings.sign)
         self._answers = Answers(view, self._keys, self._backlog, self._outbox.count, self._health, self._seal)
+        self._beats = Mark(time.time_ns(), -1, 1, 0)
+        """Of the last health message; their numbering is this sink's own."""
         self._topics: dict[tuple[str, str], str] = {}
         self._status: Mapping[str, Any] = {}
         self._publisher: Publisher | None = None
@@ -147,7 +150,7 @@ class ZenohSink(Sink[ZenohSettings]):
         """Open, publish until cancelled, drain, close. Raises ``SinkError`` when there is no session to be had."""
         await asyncio.to_thread(self._seal.open)
         publisher = self._publisher = Publisher(
-            self.settings, self._keys, self._outbox, self._answers, self._health, self._seal
+            self.settings, self._keys, self._outbox, self._answers, self._beat, self._seal
         )
         done = asyncio.wrap_future(publisher.done)
         publisher.start()
@@ -163,8 +166,18 @@ class ZenohSink(Sink[ZenohSettings]):
         finally:
             self._publisher = None
 
-    def _health(self) -> bytes:
-        return health(self.view.session, time.time_ns(), self._outbox.positions(), self._status or self.view.status())
+    def _beat(self) -> tuple[Mark, bytes]:
+        """The next health message."""
+        self._beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
+        return self._beats, self._said(self._beats)
+
+    def _health(self) -> tuple[Mark, bytes]:
+        """The same for one who asks: numbered as the next one, which is still to come."""
+        mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
+        return mark, self._said(mark)
+
+    def _said(self, mark: Mark) -> bytes:
+        return health(mark, self.view.session, self._outbox.positions(), self._status or self.view.status())
 
     def _raw_topic(self, batch: Batch) -> str:
         key = batch.source, batch.stream.name

@@ -14,6 +14,7 @@ from cellwatt.publish.mark import Mark
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 
 NUMBERING = EPOCH + 5
+HEALTH = Mark(EPOCH, 3, 1, EPOCH, backfill=True)
 
 
 @pytest.fixture
@@ -28,7 +29,7 @@ def backlog() -> Backlog:
 
 @pytest.fixture
 def answers(view: FakeView, backlog: Backlog) -> Answers:
-    return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: b'{"status": {}}')
+    return Answers(view, CellKeys(SITE, CELL), backlog, lambda what: None, lambda: (HEALTH, b'{"status": {}}'))
 
 
 def column(payload: bytes) -> list[float]:
@@ -43,7 +44,8 @@ def test_what_the_cell_says_of_itself(answers: Answers, view: FakeView, name: st
 
 
 def test_status_is_the_health_message(answers: Answers) -> None:
-    assert answers.about("status", {}).payload == b'{"status": {}}'
+    answer = answers.about("status", {})
+    assert (answer.payload, answer.mark) == (b'{"status": {}}', HEALTH)
 
 
 def test_history_is_one_message_tagged_backfill(answers: Answers, view: FakeView) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hypothesis import given, settings
@@ -26,18 +27,25 @@ def raw(following: Following, first: int, count: int = 1, session: int = 1) -> l
     return following.message(RAW, mark(session, first, count), batch(first, count))
 
 
+def confirm(following: Following, positions: Mapping[str, tuple[int, int]], now: float = 0.0) -> list[Part]:
+    """The cell is asked how far it is, and answers."""
+    assert following.asks_told(now + 10), "it saw no reason to ask"
+    return [part for _, part in following.told(1, positions, now)]
+
+
 def test_begins_where_the_cell_is() -> None:
     following = Following(WANTED)
     assert numbers(raw(following, 40, 2)) == [(1, 40), (1, 41)]
-    following.beat(1, {RAW: (1, 42), "alarm": (1, 7), "frame": (1, 9)})
+    following.told(1, {RAW: (1, 42), "alarm": (1, 7), "frame": (1, 9)}, 0.0)
     assert following.begun == {RAW: (1, 40), "alarm": (1, 7)}
     assert following.questions(0.0) == []
 
 
 def test_once_joined_a_new_topic_is_owed_from_its_first_number() -> None:
     following = Following(WANTED)
-    following.beat(1, {})
+    following.told(1, {}, 0.0)
     assert raw(following, 3) == []
+    confirm(following, {RAW: (1, 4)})
     (question,) = following.questions(0.0)
     assert (question.hole.first, question.hole.count) == (0, 3)
     given_out = following.filled(question, [(mark(1, 0, 3), batch(0, 3))])
@@ -56,20 +64,21 @@ def test_only_what_is_wanted_is_followed() -> None:
 def test_what_is_only_announced_gets_time_to_arrive() -> None:
     following = Following(WANTED)
     raw(following, 0)
-    following.beat(1, {RAW: (1, 5)})
+    following.told(1, {RAW: (1, 5)}, 0.0)
     assert following.questions(10.0) == []
     assert following.questions(10.0 + 0.9 * GRACE) == []
     raw(following, 1, 4)
     assert following.questions(11.0) == []
-    following.beat(1, {RAW: (1, 9)})
+    following.told(1, {RAW: (1, 9)}, 0.0)
     assert following.questions(12.0) == []
     assert [q.topic for q in following.questions(12.0 + GRACE)] == [RAW]
     assert following.questions(13.0) == [], "asked twice"
 
 
 def hole_in(following: Following, now: float) -> Question:
-    following.beat(1, {})
+    following.told(1, {}, 0.0)
     raw(following, 5)
+    confirm(following, {RAW: (1, 6)})
     (question,) = following.questions(now)
     return question
 
@@ -99,8 +108,8 @@ def test_what_the_cell_does_not_have_yet_is_waited_for_then_called_a_gap() -> No
 
 def test_the_next_piece_is_asked_for_at_once() -> None:
     following = Following(WANTED)
-    following.beat(1, {RAW: (1, 0)})
-    following.beat(1, {RAW: (1, 10)})
+    following.told(1, {RAW: (1, 0)}, 0.0)
+    following.told(1, {RAW: (1, 10)}, 0.0)
     following.questions(0.0)
     (question,) = following.questions(1.0)
     following.filled(question, [(mark(1, 0, 4), batch(0, 4))])
@@ -110,7 +119,7 @@ def test_the_next_piece_is_asked_for_at_once() -> None:
 
 def test_standing_alarms_are_given_once() -> None:
     following = Following(WANTED)
-    following.beat(1, {"alarm": (1, 3)})
+    following.told(1, {"alarm": (1, 3)}, 0.0)
     assert len(following.standing(mark(1, 1), alarm(1))) == 1
     assert following.standing(mark(1, 3), alarm(3)) == [], "this one comes live"
     assert following.standing(mark(2, 0), alarm(3)) == [], "this one is of a session that is owed whole"
@@ -120,9 +129,11 @@ def test_standing_alarms_are_given_once() -> None:
 def test_resume_goes_on_from_there() -> None:
     following = Following(WANTED, resume={RAW: (1, 7)})
     assert raw(following, 9) == []
-    (question,) = following.questions(0.0)
-    assert (question.hole.first, question.hole.count) == (7, 2)
     assert following.message("alarm", mark(1, 1), alarm(1)) == []
+    assert confirm(following, {RAW: (1, 10), "alarm": (1, 2)}) == []
+    (question, _) = following.questions(0.0)
+    assert (question.hole.first, question.hole.count) == (7, 2)
+    following.unanswered(_, -10.0)
     assert [q.topic for q in following.questions(0.0)] == ["alarm"]
 
 
@@ -146,14 +157,25 @@ class World:
                 content = batch(n, c) if topic == RAW else alarm(n)
                 self.given_out[topic] += self.following.message(topic, mark(self.session, n, c), content)
 
+    @property
+    def positions(self) -> dict[str, tuple[int, int]]:
+        return {t: (self.session, s[self.session]) for t, s in self.made.items() if self.session in s}
+
     def beat(self) -> None:
         if self.up:
-            self.following.beat(
-                1, {t: (self.session, s[self.session]) for t, s in self.made.items() if self.session in s}
-            )
+            self.following.hinted(self.positions)
+
+    def tell(self) -> None:
+        if not self.up:
+            self.following.untold(self.now)
+            return
+        for topic, part in self.following.told(self.session, self.positions, self.now):
+            self.given_out[topic].append(part)
 
     def answer(self) -> None:
         self.now += 0.1
+        if self.following.asks_told(self.now):
+            self.tell()
         if self.following.asks_sessions(self.now):
             self.following.sessions(sorted(self.made[RAW]) if self.up else None, self.now)
         for question in self.following.questions(self.now):
@@ -182,12 +204,12 @@ STEPS = st.one_of(
 @settings(deadline=None)
 def test_cuts_losses_and_restarts_lose_and_double_nothing(steps: list[tuple]) -> None:
     world = World()
-    world.beat()
+    world.tell()
     for name, *arguments in steps:
         if name == "make":
             world.make(*arguments)
         elif name == "restart":
-            world.beat()
+            world.answer()
             world.session += 1
         elif name in ("cut", "restore"):
             world.up = name == "restore"

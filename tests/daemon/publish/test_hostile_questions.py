@@ -23,6 +23,7 @@ from cellwatt.publish.answers import Answers
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.keys import CellKeys
 from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.publish.mark import Mark
 from cellwatt.publish.questions import LARGEST, QuestionError, number_of, parameters
 from cellwatt.runtime.delivery import Delivery
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
@@ -61,7 +62,7 @@ def filled() -> Answers:
     for number in range(5):
         backlog.add(alarm(number))
         backlog.add(alarm(number, active=False))
-    return Answers(view, CellKeys(SITE, CELL), backlog, lambda _: None, lambda: b"{}")
+    return Answers(view, CellKeys(SITE, CELL), backlog, lambda _: None, lambda: (Mark(EPOCH, 3, 1, EPOCH), b"{}"))
 
 
 VALUES = st.one_of(

@@ -177,7 +177,7 @@ def test_messages_fit_their_schema(item: Any) -> None:
 
 
 def test_health_fits_its_schema() -> None:
-    body = json.loads(health(EPOCH, EPOCH + 1, {"frame": (EPOCH, 5)}, {"state": "green", "load": math.nan}))
+    body = json.loads(health(MARK, EPOCH + 1, {"frame": (EPOCH, 5)}, {"state": "green", "load": math.nan}))
     assert fits(body, schemas()["health"])
     assert body["positions"] == {"frame": [EPOCH, 5]}
 
