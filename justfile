@@ -24,6 +24,10 @@ docs:
 bench *arguments:
     {{ python }} bench/daemon.py --json {{ arguments }}
 
+# The bill of materials of this environment (CycloneDX).
+sbom:
+    {{ python }} -m cellwatt.sbom > cellwatt.cdx.json
+
 # Which lines and branches of the three packages the tests run.
 coverage *arguments:
     {{ python }} -m pytest -n auto --cov --cov-report=term:skip-covered {{ arguments }}
