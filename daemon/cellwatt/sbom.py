@@ -52,16 +52,20 @@ def requirements(distribution: Distribution) -> list[str]:
 
 def licence(distribution: Distribution) -> dict[str, Any]:
     """An entry of CycloneDX's ``licenses``: the expression (SPDX) where the distribution gives one, else its words."""
-    plain = distribution.metadata
-    if expression := plain.get("License-Expression"):
+    if expression := _stated(distribution, "License-Expression"):
         return {"expression": expression}
-    classifiers = [c for c in plain.get_all("Classifier") or () if c.startswith("License ::")]
-    words = [c.rpartition(" :: ")[2] for c in classifiers] or (plain.get("License") or "").strip().splitlines()[:1]
+    classifiers = [c for c in distribution.metadata.get_all("Classifier") or () if c.startswith("License ::")]
+    words = [c.rpartition(" :: ")[2] for c in classifiers] or _stated(distribution, "License").strip().splitlines()[:1]
     return {"license": {"name": " / ".join(words) or "not stated"}}
 
 
+def _stated(distribution: Distribution, field: str) -> str:
+    found = distribution.metadata.get_all(field) or [""]
+    return str(found[0])
+
+
 def _component(distribution: Distribution) -> dict[str, Any]:
-    about = distribution.metadata.get("Summary")
+    about = _stated(distribution, "Summary")
     return {
         "type": "library",
         "bom-ref": purl(distribution),

@@ -58,7 +58,7 @@ def _check(text: str) -> None:
             case yaml.AliasEvent():
                 if event.anchor in names:
                     raise yaml.YAMLError(f"{_place(event)}: an anchor that contains itself")
-                size, depth = anchors.get(event.anchor or "", (1, 0))
+                size, depth = anchors.get(str(event.anchor), (1, 0))
             case yaml.CollectionStartEvent():
                 names.append(event.anchor)
                 sizes.append(1)
@@ -90,5 +90,4 @@ def _name(anchors: dict[str, tuple[int, int]], name: str | None, size: int, dept
 
 def _place(event: yaml.Event) -> str:
     mark = event.start_mark
-    assert mark is not None, "the text is whole"
-    return f"line {mark.line + 1} column {mark.column + 1}"
+    return f"line {mark.line + 1} column {mark.column + 1}" if mark is not None else "somewhere"

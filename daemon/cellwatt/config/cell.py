@@ -93,12 +93,13 @@ class SinkConfig:
 class CellConfig:
     """A whole settings file.
 
-    ``text`` is the file as written, ``${ENV}`` not filled in. ``environment`` holds, by key path, the text
-    to show in place of a value that came from the environment, and ``secrets`` the values behind them.
+    ``text`` is the file as written, ``${ENV}`` not filled in and secrets hidden. ``environment`` holds, by key path,
+    the text to show in place of a secret or of a value that came from the environment, and ``secrets`` the values
+    behind them.
     """
 
     path: Path
-    text: str
+    text: str = field(repr=False)
     site: str
     cell: str
     robot: str | None

@@ -10,7 +10,7 @@ import math
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,14 @@ from cellwatt.config.nodes import (
     too_much,
 )
 from cellwatt.config.places import KeyPath, Mark, Place
+from cellwatt.config.secret import HIDDEN
 from cellwatt.errors import ConfigError, Problem
 
+_REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
+_PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
+"""Anchor and tag in front of a value."""
+_CERTAIN_SECRET = 8
+"""Characters from which on a secret is looked for in the whole file, comments for instance."""
 _SHORTEST_SECRET = 4
 """Characters from which on a value from the environment is blanked in messages."""
 
@@ -51,9 +57,10 @@ class Document:
     text: str
     value: Any
     places: Mapping[KeyPath, Place]
-    environment: Mapping[KeyPath, str]
-    secrets: Mapping[str, str]
+    environment: dict[KeyPath, str]
+    secrets: dict[str, str]
     mistakes: Mapping[KeyPath, tuple[Problem, ...]]
+    hidden: set[KeyPath] = field(default_factory=set)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
         """A mistake at a value, or at its key; for settings and for a key that is not there, at the nearest key.
@@ -63,12 +70,43 @@ class Document:
         there = path
         while there and there not in self.places:
             there, at_key = there[:-1], True
-        message = shortened(message, 20 * LONGEST)
-        for value, shown in self.secrets.items():
-            message = message.replace(value, shown) if len(value) >= _SHORTEST_SECRET else message
+        message = self.blanked(message)
         at_key = at_key or isinstance(self.at(there), dict)
         found = self.places[there]
         return problem(self.file, found.key if at_key else found.value, message, path)
+
+    def blanked(self, message: str) -> str:
+        """A message without secrets and what came from the environment."""
+        message = shortened(message, 20 * LONGEST)
+        # The longer may hold the shorter.
+        for value in sorted(self.secrets, key=len, reverse=True):
+            message = message.replace(value, self.secrets[value]) if len(value) >= _SHORTEST_SECRET else message
+        return message
+
+    def hide(self, path: KeyPath) -> None:
+        """The value at a path is a secret: from now on it shows nowhere, unless it is just ``${NAME}``."""
+        place = self.places.get(path)
+        if place is None or not place.written:
+            return
+        if not _REFERENCE.fullmatch(place.written):
+            self.hidden.add(path)
+            self.environment[path] = HIDDEN
+            value = self.at(path)
+            self.secrets.update({str(text): HIDDEN for text in (place.written, value) if text is not None})
+
+    @property
+    def public_text(self) -> str:
+        """The file as it may be shown; it stays YAML that says the same but for secrets."""
+        text = self.text
+        for start, end in sorted({self.places[path].span for path in self.hidden}, reverse=True):
+            written = text[start:end]
+            value = _PROPERTIES.sub("", written, count=1).rstrip()
+            before, after = written[: written.index(value)], written[len(written.rstrip()) :]
+            text = f'{text[:start]}{before}"{HIDDEN}"{after}{text[end:]}'
+        for path in self.hidden:
+            if len(written := self.places[path].written) >= _CERTAIN_SECRET:
+                text = text.replace(written, HIDDEN)
+        return text
 
     def place(self, path: KeyPath) -> str:
         """``file:line:column`` of a key."""
@@ -92,8 +130,7 @@ def read(file: Path, environ: Mapping[str, str] = os.environ) -> Document:
     builder = _Builder(file, environ)
     value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
-    secrets = dict(sorted(builder.secrets.items(), key=lambda item: -len(item[0])))  # the longer holds the shorter
-    return Document(file, text, value, builder.places, builder.environment, secrets, mistakes)
+    return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes)
 
 
 class _Builder:
@@ -111,7 +148,7 @@ class _Builder:
 
     def build(self, node: yaml.Node, path: KeyPath, key: Mark) -> Any:
         written = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
-        self.places[path] = Place(key, mark_of(node), written)
+        self.places[path] = Place(key, mark_of(node), written, (node.start_mark.index, node.end_mark.index))
         self._limit(len(self.places), node, path)
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, path)

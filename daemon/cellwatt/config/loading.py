@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from cellwatt.config.document import Document, read
 from cellwatt.config.fields import anchored, fields_of
 from cellwatt.config.nodes import quoted
 from cellwatt.config.places import MOST, KeyPath, first
+from cellwatt.config.secret import secrets_in
 from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.record.settings import RecordSettings
@@ -45,7 +46,8 @@ def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
     reading = _Reading(document, path.absolute().parent)
     config = _cell(reading, path)
     if config is None or reading.problems:
-        raise ConfigError(first(reading.problems, reading.more))
+        problems = [replace(problem, message=document.blanked(problem.message)) for problem in reading.problems]
+        raise ConfigError(first(problems, reading.more))
     return config
 
 
@@ -87,7 +89,9 @@ class _Reading:
         return None
 
     def settings(self, model: type[M], path: KeyPath, values: Mapping[Any, Any]) -> M | None:
-        """Values checked by their settings class; ``None`` after complaints."""
+        """Values checked by their settings class, whose secrets are hidden; ``None`` after complaints."""
+        for secret in secrets_in(model, values, path):
+            self.document.hide(secret)
         try:
             made = model.model_validate(anchored(model, dict(values), self.folder))
         except ValidationError as error:
@@ -139,7 +143,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         return None
     return CellConfig(
         path=path,
-        text=document.text,
+        text=document.public_text,
         site=name.site,
         cell=name.cell,
         robot=name.robot,

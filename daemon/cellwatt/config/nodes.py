@@ -40,7 +40,7 @@ class _Loader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self._nodes += 1
         if self._nodes > LARGEST_TREE or self._depth > DEEPEST:
-            event = self.peek_event()  # type: ignore[no-untyped-call]
+            event: Any = self.peek_event()  # type: ignore[no-untyped-call]
             raise _TooMuchError(None, None, too_much(self._nodes), event.start_mark)
         self._depth += 1
         node = super().compose_node(parent, index)

@@ -28,11 +28,15 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value and its key stand; ``written`` is the text of a scalar as it stands in the file, else ``""``."""
+    """Where a value and its key stand; ``written`` is the text of a scalar as it stands in the file, else ``""``.
+
+    ``span`` holds the characters of the value, with anchor and tag.
+    """
 
     key: Mark
     value: Mark
     written: str
+    span: tuple[int, int] = (0, 0)
 
 
 class Position(NamedTuple):

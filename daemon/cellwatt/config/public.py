@@ -1,4 +1,4 @@
-"""Settings as they may be published: what came from the environment shows as ``${NAME}``."""
+"""Settings as they may be published: secrets are hidden, what came from the environment shows as ``${NAME}``."""
 
 from __future__ import annotations
 
@@ -61,7 +61,8 @@ def _child(tree: Any, part: str | int) -> Any:
 
 def _long(secrets: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Secrets that no ordinary text holds by chance."""
-    return ((value, shown) for value, shown in secrets.items() if len(value) >= _SHORTEST_SECRET)
+    longest_first = sorted(secrets.items(), key=lambda item: -len(item[0]))
+    return ((value, shown) for value, shown in longest_first if len(value) >= _SHORTEST_SECRET)
 
 
 def _hide(tree: Any, secrets: Mapping[str, str]) -> Any:

@@ -98,9 +98,10 @@ def missing_key(key: str, description: str | None) -> str:
 
 
 def found(document: Document, path: KeyPath) -> str:
-    """The value at a path as a message repeats it; never what came from the environment."""
+    """The value at a path as a message repeats it; never a secret or what came from the environment."""
     if path in document.environment:
-        return f"the value of {document.environment[path]}"
+        shown = document.environment[path]
+        return shown if path in document.hidden else f"the value of {shown}"
     value = document.at(path)
     if value is None:
         return "nothing"

@@ -12,10 +12,11 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SecretStr, field_validator, model_validator
 
+from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import SinkError
 from cellwatt.files import WRITTEN, check_file
 from cellwatt.host import check_host
@@ -50,6 +51,10 @@ _QUEUES: Final = (
     # A receiver that takes no results for this long, µs, is cut off and has to ask for what it missed.
     (f"{_QUEUE}/congestion_control/block/wait_before_close", 1_000_000),
 )
+
+
+_SECRET: Final = SecretKeys(("password", "private_key", "secret"))
+"""Which of Zenoh's own options are secrets."""
 
 
 class TlsSettings(BaseModel):
@@ -103,7 +108,7 @@ class LinkSettings(SinkSettings):
     """File of lines ``user:password`` that may connect to us."""
     namespace: str | None = None
     """Put before every key of this session, both ways."""
-    options: Mapping[str, Any] = Field(default_factory=dict)
+    options: Annotated[Mapping[str, Any], _SECRET] = Field(default_factory=dict, repr=False)
     """Any other Zenoh configuration by path, like ``access_control: {…}`` or ``transport/link/tx/lease: 5000``."""
 
     @field_validator("listen", "connect")
@@ -115,6 +120,8 @@ class LinkSettings(SinkSettings):
                 raise ValueError(
                     f"{endpoint!r} is not an endpoint; expected protocol/host:port, like tcp/192.0.2.1:7447"
                 )
+            if _SECRET.name(endpoint.partition("#")[2]):
+                raise ValueError("a secret in an endpoint is shown with it: use tls: {key: FILE, …}, user and password")
             if found is not None:
                 check_host(found[2].strip("[]"))
         return endpoints
@@ -227,7 +234,7 @@ def _where(path: str) -> str:
 
 
 def _shown(path: str, value: object) -> str:
-    return "…" if "password" in path else json.dumps(value)
+    return "…" if _SECRET.name(path) else json.dumps(value)
 
 
 def _plain(error: Exception) -> str:

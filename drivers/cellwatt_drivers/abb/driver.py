@@ -7,7 +7,7 @@ import time
 from importlib import import_module
 from typing import ClassVar
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
@@ -55,8 +55,8 @@ class AbbSettings(SourceSettings):
     """Polls of the pages; more often than the controller makes a new energy figure."""
     user: str = "Default User"
     """User of Robot Web Services; one that may only read is best."""
-    password: str = Field("robotics", repr=False)
-    """Its password, best as ``${ABB_PASSWORD}``."""
+    password: SecretStr = SecretStr("robotics")
+    """Its password, best as ``${ABB_PASSWORD}``; ``robotics`` where none is given."""
     tls: bool | None = None
     """HTTPS; without it yes on RobotWare 7, no on RobotWare 6."""
     certificate: str | None = None
@@ -237,7 +237,7 @@ class AbbDriver(Driver[AbbSettings]):
         s = self.settings
         tls = s.tls if s.tls is not None else s.robotware == 7
         port = s.port or {6: 80, 7: 443}[s.robotware]
-        return Access(s.host, port, s.robotware, s.user, s.password, tls, s.certificate, s.timeout)
+        return Access(s.host, port, s.robotware, s.user, s.password.get_secret_value(), tls, s.certificate, s.timeout)
 
 
 def _listened() -> Identity:

@@ -8,9 +8,11 @@ from base64 import b64encode
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, WrongDeviceError
+from cellwatt.files import WRITTEN, check_file
 from cellwatt_drivers.abb.rws import LARGEST, LOGOUT, RobotWare
 
 if TYPE_CHECKING:
@@ -113,9 +115,14 @@ async def _tls(access: Access) -> ssl.SSLContext | bool:
     if not access.tls or access.certificate is None:
         return False
     try:
-        return await asyncio.to_thread(ssl.create_default_context, cafile=access.certificate)
+        return await asyncio.to_thread(_trusting, Path(access.certificate))
     except (OSError, ssl.SSLError) as error:
         raise ConnectError(f"certificate {access.certificate} cannot be read: {error}") from error
+
+
+def _trusting(certificate: Path) -> ssl.SSLContext:
+    check_file(certificate, WRITTEN)
+    return ssl.create_default_context(cafile=certificate)
 
 
 def _reason(error: BaseException) -> str:

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, SecretStr, field_validator
 
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
@@ -38,8 +38,8 @@ class KinovaSettings(SourceSettings):
     """Modbus unit to ask."""
     user: str = "admin"
     """User of the Kortex session."""
-    password: str = Field("admin", repr=False)
-    """Its password, best as ``${KINOVA_PASSWORD}``."""
+    password: SecretStr = SecretStr("admin")
+    """Its password, best as ``${KINOVA_PASSWORD}``; ``admin`` where none is given."""
     axes: int = Field(7, ge=6, le=7)
     """Joints of the arm."""
     read: tuple[Block, ...] = ("arm", "joints")
@@ -113,7 +113,9 @@ class KinovaDriver(Driver[KinovaSettings]):
     def _open(self) -> AbstractAsyncContextManager[Link | KortexLink]:
         s = self.settings
         if s.protocol == "kortex":
-            return open_kortex(s.host, s.port or kortex.PORT, s.user, s.password, s.timeout, self.outlet.now)
+            return open_kortex(
+                s.host, s.port or kortex.PORT, s.user, s.password.get_secret_value(), s.timeout, self.outlet.now
+            )
         return open_link(s.host, s.port or registers.PORT, s.unit, s.timeout, self.outlet.now)
 
     async def _greet(self, link: Link | KortexLink) -> Identity:

@@ -1,0 +1,171 @@
+"""A secret that is written into the file is told nowhere; ``tests/system/test_secrets.py`` looks at a whole daemon."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from pydantic import BaseModel, SecretStr
+
+from cellwatt import registry
+from cellwatt.commands.check import command
+from cellwatt.config import load, public_config
+from cellwatt.config.installed import installed
+from cellwatt.config.secret import SecretKeys, secrets_in
+from cellwatt.errors import ConfigError
+from cellwatt.record import Header
+
+SECRET = "hunter2-Zürich"
+HEAD = "site: a\ncell: b\n"
+ABB = "sources:\n  arm:\n    driver: abb\n    host: 192.0.2.1\n    "
+
+
+@pytest.fixture(autouse=True)
+def _real_parts(_fake_parts: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drivers and sinks that there are, not the fakes of the other tests."""
+    monkeypatch.undo()
+    registry.available.cache_clear()
+
+
+FORMS = {
+    "plain": f"{HEAD}{ABB}password: {SECRET}\n",
+    "quoted": f'{HEAD}{ABB}password: "{SECRET}"  # of the night shift\n    user: x\n',
+    "escaped": f'{HEAD}{ABB}password: "hunter2\\x2dZ\\u00fcrich"\n',
+    "block": f"{HEAD}{ABB}password: >-\n      {SECRET}\n    user: x\n",
+    "flow": f"{HEAD}sources: {{arm: {{driver: abb, host: h, password: {SECRET}, user: x}}}}\n",
+    "anchor": f"{HEAD}{ABB}password: &pw {SECRET}\n  two: {{driver: kinova, password: *pw}}\n",
+    "merged": f"{HEAD}sources:\n  arm: &x {{driver: abb, host: h, password: {SECRET}}}\n  two: {{<<: *x, host: i}}\n",
+    "tag": f"{HEAD}{ABB}password: !!str {SECRET}\n",
+    "default": f"{HEAD}{ABB}password: ${{ABB_PASSWORD:-{SECRET}}}\n",
+    "beside a variable": f"{HEAD}{ABB}password: {SECRET}${{ABB_PASSWORD:-}}\n",
+    "comment": f"# the password is {SECRET}\n{HEAD}{ABB}password: {SECRET}\n",
+    "Zenoh": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh: {{user: u, password: {SECRET}}}\n",
+    "Zenoh's option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh:\n  options:\n"
+    f"    transport/auth/usrpwd/user: u\n    transport/auth/usrpwd/password: {SECRET}\n",
+    "Zenoh's nested option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh:\n  options:\n"
+    f"    transport/auth: {{usrpwd: {{user: u, password: {SECRET}}}}}\n",
+}
+
+
+@pytest.mark.parametrize("text", FORMS.values(), ids=FORMS)
+def test_a_secret_in_the_file_is_not_in_what_is_kept_or_published(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "cell.yaml"
+    file.write_text(text, encoding="utf-8")
+    config = load(file, {})
+    header = Header(config.site, config.cell, 0, settings=config.text).to_json()
+    for told in (config.text, header, json.dumps(public_config(config), ensure_ascii=False), repr(config)):
+        assert SECRET not in told
+        assert "hunter2" not in told
+    assert '"***"' in config.text
+    # What else the file says is kept: replay reads it again.
+    before, after = yaml.safe_load(text), yaml.safe_load(config.text)
+    assert [p for p in paths(after) if at(after, p) != at(before, p)] == [p for p in paths(before) if is_secret(p)]
+    assert load_again(tmp_path, config.text)
+
+
+def paths(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    if not isinstance(tree, dict):
+        return [path]
+    return [p for key, value in tree.items() for p in paths(value, (*path, key))]
+
+
+def at(tree: Any, path: tuple[Any, ...]) -> Any:
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+def is_secret(path: tuple[Any, ...]) -> bool:
+    return "password" in str(path[-1])
+
+
+def load_again(folder: Path, text: str) -> bool:
+    file = folder / "again.yaml"
+    file.write_text(text, encoding="utf-8")
+    return load(file, {}).cell == "b"
+
+
+def test_the_device_still_gets_it(tmp_path: Path) -> None:
+    file = tmp_path / "cell.yaml"
+    file.write_text(FORMS["plain"], encoding="utf-8")
+    settings: Any = load(file, {}).sources["arm"].settings
+    assert settings.password.get_secret_value() == SECRET
+
+
+def test_the_name_of_a_variable_is_no_secret(tmp_path: Path) -> None:
+    file = tmp_path / "cell.yaml"
+    file.write_text(f"{HEAD}{ABB}password: ${{ABB_PASSWORD}}\n")
+    config = load(file, {"ABB_PASSWORD": SECRET})
+    assert "${ABB_PASSWORD}" in config.text
+    assert public_config(config)["sources"]["arm"]["password"] == "${ABB_PASSWORD}"
+
+
+MISTAKES = {
+    "a number": f"{HEAD}{ABB}password: 73517351\n",
+    "a list": f"{HEAD}{ABB}password: [73517351]\n",
+    "wrong tag": f"{HEAD}{ABB}password: !!int x73517351\n",
+    "without user": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\nzenoh: {{password: p73517351}}\n",
+    "an option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
+    "zenoh: {options: {transport/auth/usrpwd/password: [p73517351]}}\n",
+    "a nested option": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
+    "zenoh: {options: {transport/auth/usrpwd: {password: [p73517351]}}}\n",
+    "an endpoint": f"{HEAD}sources: {{arm: {{driver: ur, host: h}}}}\n"
+    "zenoh: {connect: ['tls/h:7447#connect_private_key_base64=p73517351'], tls: {root_ca: x}}\n",
+}
+
+
+@pytest.mark.parametrize("text", MISTAKES.values(), ids=MISTAKES)
+def test_a_wrong_secret_is_not_repeated(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "cell.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load(file, {})
+    assert "73517351" not in str(caught.value)
+    for arguments in ([str(file)], ["--json", str(file)]):
+        done = CliRunner().invoke(command, arguments)
+        assert done.exit_code == 2
+        assert "73517351" not in done.output
+
+
+def test_every_setting_that_sounds_like_a_secret_is_declared_as_one() -> None:
+    for part in installed():
+        for name, field in part.settings.model_fields.items() if part.settings is not None else ():
+            if any(word in name for word in ("password", "secret", "token", "passphrase")):
+                assert list(secrets_in(part.settings, {name: "x"}, ())) == [(name,)], f"{part.name}.{name}: {field}"
+
+
+class _Inner(BaseModel):
+    key: SecretStr
+    user: str = ""
+
+
+class _Outer(BaseModel):
+    one: _Inner | None = None
+    many: list[_Inner] = []
+    named: dict[str, _Inner] = {}
+    codes: list[SecretStr] = []
+    free: Annotated[dict[str, Any], SecretKeys(("pin",))] = {}
+
+
+def test_where_secrets_may_stand() -> None:
+    values = {
+        "one": {"key": "a", "user": "b"},
+        "many": [{"key": "a"}, {"user": "b"}],
+        "named": {"x": {"key": "a"}},
+        "codes": ["a", "b"],
+        "free": {"a": {"PIN": [1, 2], "b": 3}},
+        "unknown": {"key": "a"},
+    }
+    assert list(secrets_in(_Outer, values, ("top",))) == [
+        ("top", "one", "key"),
+        ("top", "many", 0, "key"),
+        ("top", "named", "x", "key"),
+        ("top", "codes", 0),
+        ("top", "codes", 1),
+        ("top", "free", "a", "PIN", 0),
+        ("top", "free", "a", "PIN", 1),
+    ]
