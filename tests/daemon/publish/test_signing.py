@@ -225,7 +225,7 @@ async def test_what_the_cell_has_not_signed_is_left_out_and_counted(
     mark = Mark(EPOCH, 0, 1, EPOCH).encode(forged)
     attachments = [None, b"", mark, mark + bytes(64), seal(keys, "other").message("alarm", mark, forged)]
     attachments.append(seal(keys).message("event", mark, forged))
-    lie = health(EPOCH, EPOCH, {"alarm": (EPOCH, 10**12)}, {"state": "green"})
+    lie = health(Mark(EPOCH, 0, 1, EPOCH), EPOCH, {"alarm": (EPOCH, 10**12)}, {"state": "green"})
     async with (
         signing_cell(bus, keys) as sink,
         subscriber(bus, keys, "alarm") as cell,
@@ -252,7 +252,7 @@ async def test_answers_and_refusals_of_others_are_left_out(
 
     def lie_of_status(query: zenoh.Query) -> None:
         with query:
-            query.reply(f"{ROOT}/@/status", health(EPOCH, EPOCH, {RAW: (EPOCH, 10**12)}, {}))
+            query.reply(f"{ROOT}/@/status", health(Mark(EPOCH, 0, 1, EPOCH), EPOCH, {RAW: (EPOCH, 10**12)}, {}))
 
     async with signing_cell(bus, keys) as sink:
         view: Any = sink.view
