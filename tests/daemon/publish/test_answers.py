@@ -127,7 +127,7 @@ def test_questions_that_cannot_be_answered_say_why(
 
 @pytest.mark.parametrize("number", ["9" * 5000, "9" * 20, "-5", "1e3", "٣"])
 def test_numbers_beyond_all_sense_are_refused(answers: Answers, number: str) -> None:
-    with pytest.raises(QuestionError, match="not a whole number"):
+    with pytest.raises(QuestionError, match=r"not a whole number|too large"):
         answers.about("history", {"source": "arm", "stream": "samples", "first": number})
-    with pytest.raises(QuestionError, match="not a whole number"):
+    with pytest.raises(QuestionError, match=r"not a whole number|too large"):
         answers.alarms({"cleared": number})

@@ -49,9 +49,10 @@ def test_numbers_of_an_answer_that_are_none(number):
     with pytest.raises(ProtocolError):
         read_answer(sample(answer), "event")
     with pytest.raises(ProtocolError):
-        read_health(json.dumps({"session": 1, "time": number, "positions": {}, "status": {}}).encode())
+        read_health(sample(json.dumps({"session": 1, "time": number, "positions": {}, "status": {}}).encode()))
     with pytest.raises(ProtocolError):
-        read_health(json.dumps({"session": 1, "time": 1, "positions": {"frame": [1, number]}, "status": {}}).encode())
+        told = {"session": 1, "time": 1, "positions": {"frame": [1, number]}, "status": {}}
+        read_health(sample(json.dumps(told).encode()))
     assert read_sessions(json.dumps([{"session": number}]).encode()) == []
 
 
@@ -64,7 +65,7 @@ def test_nested_beyond_all_sense():
     with pytest.raises(ProtocolError):
         read_answer(sample(DEEP), "event")
     with pytest.raises(ProtocolError):
-        read_health(DEEP)
+        read_health(sample(DEEP))
     assert read_sessions(DEEP) == []
     assert read_refusal(SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: DEEP))) is None
 

@@ -301,7 +301,7 @@ async def test_what_was_signed_once_cannot_be_shown_again(
             attacker.put(key, payload, attachment=attachment)
         await eventually(lambda: cell.counts.get("replayed") == len(old), "all that was shown again")
         assert {m.content.joint for m in found if isinstance(m.content, Alarm)} == {500}
-        assert {m.session for m in found if isinstance(m.content, Health)} == {EPOCH + 10**12}
+        assert {m.content.session for m in found if isinstance(m.content, Health)} == {EPOCH + 10**12}
 
 
 async def test_a_cell_whose_key_is_gone_publishes_nothing(bus: LinkSettings, keys: Path) -> None:
