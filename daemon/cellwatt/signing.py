@@ -65,7 +65,7 @@ def new_key() -> tuple[bytes, bytes]:
 
 def _joined(parts: tuple[bytes | str, ...]) -> bytes:
     """The parts with their lengths, so that no two lists of parts look the same."""
-    plain = [part.encode() if isinstance(part, str) else part for part in parts]
+    plain = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     return b"".join(len(part).to_bytes(8, "little") + part for part in plain)
 
 

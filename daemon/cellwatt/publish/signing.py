@@ -7,11 +7,11 @@ known. It is the last 64 bytes of the attachment, behind the mark.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Final
 
 from cellwatt.errors import ConfigError, SinkError
+from cellwatt.publish.messages import parse_json
 from cellwatt.signing import SIGNATURE, Signer, Verifier
 
 MESSAGE: Final = "cellwatt: message of a cell, version 1"
@@ -67,7 +67,7 @@ class Check:
     def refusal(self, parameters: str, payload: bytes) -> bool:
         """Whether it refused a question with these parameters."""
         try:
-            body = json.loads(payload)
+            body = parse_json(payload)
             signature = bytes.fromhex(body["signature"])
             return self._verifier.holds(signature, REFUSAL, self._root, _asked(parameters), str(body["error"]))
         except (ValueError, KeyError, TypeError):

@@ -124,7 +124,7 @@ def _read(recording: Path) -> Seal | None:
             plain = json.loads(file.read(_LARGEST))
         state: State = "repaired" if plain["state"] == "repaired" else "closed"
         return Seal(str(plain["file"]), int(plain["bytes"]), str(plain["sha256"]), state, str(plain["signature"]))
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, ValueError, OverflowError, KeyError, TypeError, RecursionError):
         return None
 
 

@@ -319,6 +319,9 @@ async def test_a_cell_that_listens_itself(tmp_path: Path, monkeypatch: pytest.Mo
     lines = ["init secure --site plant-1", "cell weld-3 --host localhost", "viewer anna", "viewer andon --live-only"]
     site = make(tmp_path, monkeypatch, lines)
     assert "access_control" in site.settings("weld-3")["options"]
+    written = yaml.safe_load((site.folder / "weld-3" / "zenoh.yaml").read_text())["zenoh"]
+    assert written["listen"] == ["tls/0.0.0.0:7447"]
+    assert ZenohSettings(**written).open is False  # the network is let in with TLS and rules alone
     got: list[bytes] = []
     async with site.cell() as sink, site.subscriber("anna", want=("alarm",)) as cell:
         with site.session("andon") as listener, site.session("anna") as attacker:

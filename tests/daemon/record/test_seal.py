@@ -114,9 +114,26 @@ def spoil(file: Path) -> None:
     file.with_name(file.name + ".sig").write_bytes(b'{"signature": "zz"' + bytes(range(256)))
 
 
+def rename_badly(file: Path) -> None:
+    """A text that no encoding has."""
+    seal = file.with_name(file.name + ".sig")
+    seal.write_text(json.dumps(json.loads(seal.read_text()) | {"file": "\ud800"}))
+
+
+def enlarge(file: Path) -> None:
+    file.with_name(file.name + ".sig").write_text('{"file": "a", "bytes": Infinity}')
+
+
+def nest(file: Path) -> None:
+    file.with_name(file.name + ".sig").write_text("[" * 1_000_000)
+
+
 @pytest.mark.parametrize(
     ("attack", "problem"),
     [
+        (rename_badly, "is signed by somebody else, or its signature was changed"),
+        (enlarge, "is not signed"),
+        (nest, "is not signed"),
         (flip, "is not what its cell signed: it was changed"),
         (cut, "is not what its cell signed: it was changed"),
         (exchange, "was signed under another name: "),
