@@ -27,6 +27,8 @@ FIRST = [
     "tests/plugins/models/static/test_training.py",
     "tests/plugins/energy",
     "tests/plugins/mismatch/test_explain.py",
+    "tests/daemon/config/test_hostile.py",
+    "tests/daemon/record/test_bombs.py",
     "tests/daemon/publish/test_link_cut.py",
     "tests/daemon/publish/test_processes.py",
     "tests/daemon/publish/test_secure.py",

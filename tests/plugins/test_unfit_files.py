@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt import CellwattError
+from cellwatt import CellwattError, parquet
 from cellwatt.emulation.signals import load_signals
 from cellwatt.parquet import read_parquet
 from cellwatt.yaml_file import parse_yaml
@@ -100,10 +99,8 @@ def test_yaml_that_was_made_to_fill_the_memory(tmp_path: Path, name: str, text: 
     file, read = READERS[name]
     path = tmp_path / file
     path.write_text(text)
-    began = time.process_time()
     with pytest.raises(CellwattError) as caught:
-        read(path)
-    assert time.process_time() - began < 30  # of the file's 1 MB; followed, it would never end
+        read(path)  # followed, it would never end
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -116,14 +113,16 @@ def test_json_that_is_nested_too_deeply(tmp_path: Path, name: str) -> None:
         read(path)
 
 
-def test_a_parquet_file_that_unpacks_to_gigabytes(tmp_path: Path) -> None:
+def test_a_parquet_file_that_unpacks_to_more_than_it_may(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A column of one value takes no room in the file."""
     path = tmp_path / "moves.parquet"
     rows = 1_000_000
     column = pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), pa.array([1.0]))
-    table = pa.table({"t": column, **{f"q_{i}": column for i in range(600)}})
-    pq.write_table(table, path)
-    assert path.stat().st_size < 3_000_000
-    with pytest.raises(OSError, match=r"would take more than 4,000,000,000 bytes of memory"):
+    pq.write_table(pa.table({"t": column, "q_1": column}), path)
+    assert path.stat().st_size < 10_000
+    assert read_parquet(path).num_rows == rows
+    monkeypatch.setattr(parquet, "LARGEST", 15_000_000)
+    with pytest.raises(OSError, match=r"would take more than 15,000,000 bytes of memory"):
         read_parquet(path)
     with pytest.raises(CellwattError, match="would take more than"):
         read_experiment(path)

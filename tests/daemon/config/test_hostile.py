@@ -63,7 +63,7 @@ def test_one_line_at_the_cost_of_a_large_honest_file(cell_file: Path, text: str)
     _, usual = refused(cell_file)
     assert len(said.splitlines()) == 1
     assert len(said) < 2500
-    assert needed < 5 * usual + 0.5
+    assert needed < 6 * usual
 
 
 def refused(file: Path) -> tuple[str, float]:
