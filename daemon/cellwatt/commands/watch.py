@@ -38,6 +38,7 @@ PEM = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--ca", type=PEM, help="Authority that signed the cell's certificate: for tls/ endpoints.")
 @click.option("--certificate", type=PEM, help="Your own certificate, where the cell asks for one (with --ca, --key).")
 @click.option("--key", type=PEM, help="Its private key.")
+@click.option("--verify", type=PEM, help="The cell's public key: leave out what it has not signed.")
 @click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
 @click.option(
     "--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count, time and power."
@@ -52,6 +53,7 @@ def command(
     ca: Path | None,
     certificate: Path | None,
     key: Path | None,
+    verify: Path | None,
     topics: tuple[str, ...],
     as_json: bool,
     power: str | None,
@@ -62,7 +64,7 @@ def command(
     want = topics or (QUIET if as_json else SHOWN)
     printing = _printing() if as_json else _showing(LiveCell(power=LivePower(power)))
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_watch(Subscriber(site, cell, link, want=want), seconds, printing))
+        asyncio.run(_watch(Subscriber(site, cell, link, want=want, verify=verify), seconds, printing))
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:

@@ -7,8 +7,8 @@ viewer may subscribe and ask, and put nothing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from cellwatt.publish.keys import PREFIX, CellKeys
@@ -29,48 +29,58 @@ class Viewer:
     asks: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class _Grant:
+    """Rules that hold for links with these names in their certificates."""
+
+    names: tuple[str, ...]
+    rules: tuple[dict[str, Any], ...]
+
+
 def for_router(site: str, cells: Sequence[str], viewers: Sequence[Viewer]) -> dict[str, Any]:
     """Rules of a router between cells and viewers."""
-    rules, policies = [], []
-    for cell in cells:
-        keys = _keys(site, (cell,))
-        rules += [
-            _rule(f"{cell} publishes", "ingress", _TELLS, keys),
-            _rule(f"{cell} is asked", "egress", (*_SEES, *_ASKS), keys),
-        ]
-        policies.append(_policy(cell, f"{cell} publishes", f"{cell} is asked"))
-    return _control(rules, policies, [*cells, *(v.name for v in viewers)], site, viewers)
+    publishing = [_publishing(site, cell) for cell in cells]
+    return _control([*publishing, *_seeing(site, [*map(_itself, cells), *viewers])])
 
 
 def for_cell(site: str, cell: str, viewers: Sequence[Viewer]) -> dict[str, Any]:
     """Rules of a cell that viewers connect to themselves."""
-    seeing = [v for v in viewers if not v.cells or cell in v.cells]
-    return _control([], [], [v.name for v in seeing], site, [Viewer(v.name, (cell,), v.asks) for v in seeing])
+    mine = [replace(v, cells=(cell,)) for v in viewers if not v.cells or cell in v.cells]
+    return _control(_seeing(site, [_itself(cell), *mine]))
 
 
-def _control(
-    rules: list[dict[str, Any]],
-    policies: list[dict[str, Any]],
-    names: Sequence[str],
-    site: str,
-    viewers: Sequence[Viewer],
-) -> dict[str, Any]:
-    for kind in dict.fromkeys((v.cells, v.asks) for v in viewers):
-        cells, asks = kind
-        whom = ", ".join(cells) or site
-        messages = (*_SEES, *(_ASKS if asks else ()))
-        sees, told = f"{'see and ask' if asks else 'see'} {whom}", f"are told by {whom}{'' if asks else ', live'}"
-        keys = _keys(site, cells)
-        rules = [*rules, _rule(sees, "ingress", messages, keys), _rule(told, "egress", _TELLS, keys)]
-        mine = [v.name for v in viewers if (v.cells, v.asks) == kind]
-        policies = [*policies, {"rules": [sees, told], "subjects": mine}]
+def _itself(cell: str) -> Viewer:
+    """On its own PC, ``cellwatt watch`` shows a cell with the cell's certificate."""
+    return Viewer(cell, (cell,))
+
+
+def _publishing(site: str, cell: str) -> _Grant:
+    keys = _keys(site, (cell,))
+    tells = _rule(f"{cell} publishes", "ingress", _TELLS, keys)
+    return _Grant((cell,), (tells, _rule(f"{cell} is asked", "egress", (*_SEES, *_ASKS), keys)))
+
+
+def _seeing(site: str, viewers: Sequence[Viewer]) -> Iterator[_Grant]:
+    """One grant for all viewers with the same rights."""
+    for cells, asks in dict.fromkeys((v.cells, v.asks) for v in viewers):
+        keys, whom = _keys(site, cells), ", ".join(cells) or "all cells"
+        what = f"{'see and ask' if asks else 'see'} {whom}"
+        says = _rule(what, "ingress", (*_SEES, *(_ASKS if asks else ())), keys)
+        names = tuple(v.name for v in viewers if (v.cells, v.asks) == (cells, asks))
+        yield _Grant(names, (says, _rule(f"{what}: what they are told", "egress", _TELLS, keys)))
+
+
+def _control(grants: Iterable[_Grant]) -> dict[str, Any]:
+    found = list(grants)
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
+        "rules": [rule for grant in found for rule in grant.rules],
         # Each name of a certificate is a subject of its own.
-        "subjects": [{"id": name, "cert_common_names": [name]} for name in names],
-        "policies": policies,
+        "subjects": [
+            {"id": name, "cert_common_names": [name]} for name in dict.fromkeys(n for g in found for n in g.names)
+        ],
+        "policies": [{"rules": [rule["id"] for rule in g.rules], "subjects": list(g.names)} for g in found],
     }
 
 
@@ -84,7 +94,3 @@ def _keys(site: str, cells: Sequence[str]) -> list[str]:
 
 def _rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
     return {"id": name, "permission": "allow", "flows": [flow], "messages": list(messages), "key_exprs": list(keys)}
-
-
-def _policy(subject: str, *rules: str) -> dict[str, Any]:
-    return {"rules": list(rules), "subjects": [subject]}

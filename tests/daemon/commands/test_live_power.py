@@ -128,8 +128,9 @@ def test_watch_takes_frames_for_its_view_and_shows_both(monkeypatch, words):
     class Cell:
         """Stands for the bus: three messages, then the cell is gone."""
 
-        def __init__(self, *_, want):
+        def __init__(self, *_, want, verify):
             wanted.append(want)
+            assert verify is None
 
         async def __aenter__(self):
             return self

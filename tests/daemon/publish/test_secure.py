@@ -7,7 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from tests.patience import PATIENCE, eventually
 PAGE = (ROOT / "docs" / "zenoh.md").read_text()
 SECTION = PAGE[PAGE.index("## On a network that you do not trust") : PAGE.index("## Signatures")]
 EXAMPLE = re.findall(r"^ {4}cellwatt secure (.*)$", SECTION, re.MULTILINE)
+(WATCH,) = re.findall(r"^ {4}cellwatt (watch .*)$", SECTION, re.MULTILINE)
 PROGRAM = next(p for p in programs("zenoh.md") if "anna/zenoh.yaml" in p)
 ALARMS = f"cellwatt/{SITE}/{CELL}/alarm/**"
 FORGED = f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault"
@@ -160,13 +161,19 @@ def test_the_page_prints_the_settings_that_are_written(site: Site) -> None:
     assert written in re.sub(r"^ {4}", "", SECTION, flags=re.MULTILINE)
 
 
-async def test_program_of_the_page_hears_the_cell(router: Site) -> None:
+@pytest.mark.parametrize("what", ["program", "watch"])
+async def test_programs_of_the_page_hear_the_cell(router: Site, what: str) -> None:
     (router.folder / "anna" / "zenoh.yaml").write_text(router.text("anna/zenoh.yaml"))
     program = router.folder / "program.py"
     program.write_text(PROGRAM)
+    watch = shlex.split(WATCH.replace("plant-router:7447", f"localhost:{router.port}"))
+    command, expected = {
+        "program": ([str(program)], rb"alarm \d+ Alarm\(id='alarm-\d+'"),
+        "watch": (["-m", "cellwatt.commands", *watch, "--json", "--topic", "alarm"], rb'{"kind": "alarm", '),
+    }[what]
     async with router.cell() as sink:
         run = await asyncio.create_subprocess_exec(
-            sys.executable, "-u", str(program), cwd=router.folder, stdout=asyncio.subprocess.PIPE
+            sys.executable, "-u", *command, cwd=router.folder, stdout=asyncio.subprocess.PIPE
         )
         assert run.stdout is not None
         line = asyncio.create_task(run.stdout.readline())
@@ -180,7 +187,7 @@ async def test_program_of_the_page_hears_the_cell(router: Site) -> None:
 
         try:
             await eventually(raise_one, "a line of the program")
-            assert re.match(rb"alarm \d+ Alarm\(id='alarm-\d+'", line.result())
+            assert re.match(expected, line.result())
         finally:
             run.kill()
             await run.communicate()
@@ -241,7 +248,9 @@ async def test_what_each_may_see_and_ask(router: Site) -> None:
             for root in roots.values():
                 session.declare_subscriber(f"{root}/health", lambda s, n=name: seen[n].add(str(s.key_expr)))
         async with router.cell("weld-3"), router.cell("weld-4"):
-            await eventually(lambda: len(seen["andon"]) == 2 and seen["anna"], "health of both cells")
+            await eventually(
+                lambda: len(seen["andon"]) == 2 and seen["anna"] and seen["weld-3"], "health of both cells"
+            )
             await eventually(lambda: answers(members["anna"], f"{roots['weld-3']}/@/status"), "an answer")
             for name, session in members.items():
                 answered[name] = [cell for cell, root in roots.items() if answers(session, f"{root}/@/status")]
@@ -251,10 +260,10 @@ async def test_what_each_may_see_and_ask(router: Site) -> None:
     assert {name: {key.split("/")[2] for key in keys} for name, keys in seen.items()} == {
         "anna": {"weld-3"},
         "andon": {"weld-3", "weld-4"},
-        "weld-3": set(),
+        "weld-3": {"weld-3"},
         "dora": set(),
     }
-    assert answered == {"anna": ["weld-3"], "andon": [], "weld-3": [], "dora": []}
+    assert answered == {"anna": ["weld-3"], "andon": [], "weld-3": ["weld-3"], "dora": []}
 
 
 def stranger(site: Site, what: str) -> TlsSettings:
@@ -335,6 +344,22 @@ async def test_a_cell_that_listens_itself(tmp_path: Path, monkeypatch: pytest.Mo
             with pytest.raises(SinkError, match="refuses the session"):
                 await asyncio.to_thread(open_session, link, patience=PATIENCE)
     assert b"forged" not in got
+
+
+async def test_a_cell_is_watched_on_its_own_pc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """``cellwatt watch FILE`` has no certificate but the cell's."""
+    for lines in (EXAMPLE, ["init secure --site plant-1", "cell weld-3 --host localhost"]):
+        folder = tmp_path / str(len(lines))
+        folder.mkdir()
+        site = make(folder, monkeypatch, lines)
+        link = site.link("weld-3")
+        client = LinkSettings(mode="client", connect=link.connect or link.listen, tls=link.tls)
+        if link.listen:  # reached at an address that the certificate does not name
+            assert link.tls is not None
+            client = client.model_copy(update={"tls": link.tls.model_copy(update={"verify_name": False})})
+        with site.router() if site.settings("weld-3").get("connect") else nullcontext():
+            async with site.cell() as sink, Subscriber(SITE, CELL, client, want=("alarm",)) as cell:
+                assert await numbers(sink, cell)
 
 
 async def test_who_is_removed_hears_nothing(site: Site) -> None:
