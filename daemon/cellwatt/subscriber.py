@@ -14,6 +14,7 @@ import asyncio
 import contextlib
 import logging
 import math
+import secrets
 import threading
 import time
 from collections import Counter
@@ -89,7 +90,7 @@ class Subscriber:
     up where an earlier run's ``positions`` were. ``patience``: time, s, to wait for what the cell should have before
     it is called a gap. ``queue_size``: messages that may wait for the consumer; beyond that they are let go, and asked
     for again. ``verify``: public key of a cell that signs, or a certificate with it (PEM); what the cell has not
-    signed is then left out and counted as ``unsigned``, what is of an earlier session or time as ``replayed``. Raises
+    signed is then left out and counted as ``unsigned``, health that is shown again as ``replayed``. Raises
     ``ConfigError`` for topics that no cell has. Use it with ``with`` or ``async with``; opening raises ``SinkError``
     when the link cannot be made.
 
@@ -120,7 +121,7 @@ class Subscriber:
         self._lock = threading.Lock()
         self._look = threading.Event()
         self._counts: Counter[str] = Counter()
-        self._newest: dict[str, tuple[int, int]] = {}
+        self._health_reached = (0, 0)
         self._cell: int | None = None  # session of the daemon, as it said itself
         self._stranger: tuple[Mark, Health] | None = None  # health of a session that the cell has not told of
         self._asked_about: tuple[Mark, Health] | None = None
@@ -234,12 +235,10 @@ class Subscriber:
                 return
             if address.kind == HEALTH:
                 mark, health = read_health(sample)
-                if self._newer(HEALTH, (health.session, health.time)):
+                if self._newer(mark):
                     self._on_health(mark, health)
                 return
             mark, content = read_message(sample, address.kind)
-            if not self._newer(address.topic, (mark.session, 0)):
-                return
             size = len(sample.payload)
             ready = self._following.message(address.topic, mark, content, size)
             self._deliver(address.topic, ready)
@@ -256,6 +255,7 @@ class Subscriber:
         self._look.set()
 
     def _deliver_health(self, mark: Mark, health: Health) -> None:
+        self._health_reached = mark.session, mark.sequence
         if HEALTH in self._want:
             self._mailbox.put(Message(HEALTH, mark.session, mark.sequence, False, health))
 
@@ -326,23 +326,23 @@ class Subscriber:
         """Whether the cell said this, where it signs what it says."""
         if self._check is None:
             return True
-        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-        return self._right(self._check.message(topic, attachment, sample.payload.to_bytes()), "unsigned", topic)
+        return self._right(self._check.message(topic, *_told(sample)), "unsigned", topic)
 
     def _genuine_reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
+        """Whether the cell answered this, and to this very question."""
+        parameters = selector.partition("?")[2]
+        if self._check is None or (reply.ok is None and (reply.err is None or read_refusal(reply.err) is None)):
+            return True
         if reply.ok is not None:
-            return self._genuine(topic, reply.ok)
-        if self._check is None or reply.err is None or read_refusal(reply.err) is None:
-            return True
-        parameters, payload = selector.partition("?")[2], reply.err.payload.to_bytes()
-        return self._right(self._check.refusal(parameters, payload), "unsigned", topic)
+            return self._right(self._check.answer(topic, parameters, *_told(reply.ok)), "unsigned", topic)
+        assert reply.err is not None
+        return self._right(self._check.refusal(parameters, reply.err.payload.to_bytes()), "unsigned", topic)
 
-    def _newer(self, topic: str, stamp: tuple[int, int]) -> bool:
-        """Whether a message is no earlier than those before it, since what was signed once can be shown again."""
-        if self._check is None:
-            return True
-        newest = self._newest[topic] = max(stamp, self._newest.get(topic, stamp))
-        return self._right(stamp == newest, "replayed", topic)
+    def _newer(self, mark: Mark) -> bool:
+        """Whether a health message is no earlier than those before it: what was signed once can be shown again."""
+        session, sequence = self._health_reached
+        again = self._check is not None and mark.session == session and mark.sequence <= sequence
+        return self._right(not again, "replayed", HEALTH)
 
     def _right(self, right: bool, wrong: str, topic: str) -> bool:
         if not right:
@@ -422,6 +422,8 @@ class Subscriber:
 
         assert self._session is not None
         replies: list[zenoh.Reply] = []
+        if self._check is not None:  # so that no answer of another time can stand for this one
+            selector += f"{';' if '?' in selector else '?'}nonce={secrets.token_hex(8)}"
 
         def done() -> None:
             with self._guarded():
@@ -450,3 +452,8 @@ class Subscriber:
         name = "history" if address.kind in ("raw", FRAME) else "results"
         parameters = ";".join(f"{k}={quote(str(v), safe='')}" for k, v in asked.items())
         return f"{self._keys.question(name)}?{parameters}"
+
+
+def _told(sample: zenoh.Sample) -> tuple[bytes, bytes]:
+    """Attachment and payload."""
+    return b"" if sample.attachment is None else sample.attachment.to_bytes(), sample.payload.to_bytes()

@@ -250,7 +250,8 @@ class Answers:
             if answer.path is not None and query.accepts_replies() == zenoh.ReplyKeyExpr.ANY:
                 key = self._keys.backfill(answer.path)
             mark = b"" if answer.mark is None else answer.mark.encode(answer.payload)
-            attachment = self._seal.message(answer.path or f"@/{name}", mark, answer.payload) or None
+            topic, asked = answer.path or f"@/{name}", str(query.parameters)
+            attachment = self._seal.answer(topic, asked, mark, answer.payload) or None
             query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
 
     def _refuse(self, query: zenoh.Query, error: str) -> None:
@@ -258,9 +259,10 @@ class Answers:
 
     def _reply_alarms(self, query: zenoh.Query) -> None:
         with query, self._refusing(query):
-            for mark, alarm in self.alarms(parameters(str(query.parameters))):
+            asked = str(query.parameters)
+            for mark, alarm in self.alarms(parameters(asked)):
                 payload = encode_item(alarm, mark)
-                attachment = self._seal.message(ALARM, replace(mark, backfill=True).encode(payload), payload)
+                attachment = self._seal.answer(ALARM, asked, replace(mark, backfill=True).encode(payload), payload)
                 # Zenoh by default keeps one reply a key: with its id each alarm has a key of its own.
                 for key in (alarm_path(alarm.severity, alarm.kind, alarm.id), alarm_path(alarm.severity, alarm.kind)):
                     if query.key_expr.intersects(self._keys.live(key)):

@@ -2,7 +2,8 @@
 
 A signature covers what a message says and where it belongs: cell, topic, mark (session, number, time) and payload. So
 a signed message cannot be changed, nor shown as one of another topic or cell; where it is shown again, its number is
-known. It is the last 64 bytes of the attachment, behind the mark.
+known. It is the last 64 bytes of the attachment, behind the mark. An answer is signed together with the parameters of
+its question; who puts a number drawn by lot into each question knows that the answer is of now.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from cellwatt.publish.messages import parse_json
 from cellwatt.signing import SIGNATURE, Signer, Verifier
 
 MESSAGE: Final = "cellwatt: message of a cell, version 1"
+ANSWER: Final = "cellwatt: answer of a cell, version 1"
 REFUSAL: Final = "cellwatt: refusal of a question, version 1"
 
 
@@ -35,10 +37,16 @@ class Seal:
                 raise SinkError(f"sign: {error}") from None
 
     def message(self, topic: str, attachment: bytes, payload: bytes) -> bytes:
-        """The attachment of a message, or of an answer to ``@/NAME``, with its signature behind it."""
+        """The attachment of a message with its signature behind it."""
         if self._path is None:
             return attachment
         return attachment + self._opened().sign(MESSAGE, self._root, topic, attachment, payload)
+
+    def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bytes:
+        """The same of an answer to a question about a topic, or to ``@/NAME``, with these parameters."""
+        if self._path is None:
+            return attachment
+        return attachment + self._opened().sign(ANSWER, self._root, topic, _asked(parameters), attachment, payload)
 
     def refusal(self, parameters: str, error: str) -> dict[str, str]:
         """The body of a refusal of a question with these parameters."""
@@ -60,9 +68,14 @@ class Check:
         self._verifier = Verifier(key)
 
     def message(self, topic: str, attachment: bytes, payload: bytes) -> bool:
-        """Whether it said this under a topic, or answered it to the question ``@/NAME``."""
+        """Whether it said this under a topic."""
         mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
         return self._verifier.holds(signature, MESSAGE, self._root, topic, mark, payload)
+
+    def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bool:
+        """Whether it answered this to just this question about a topic, or to ``@/NAME``."""
+        mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
+        return self._verifier.holds(signature, ANSWER, self._root, topic, _asked(parameters), mark, payload)
 
     def refusal(self, parameters: str, payload: bytes) -> bool:
         """Whether it refused a question with these parameters."""

@@ -32,6 +32,7 @@ from tests.patience import eventually
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
 RAW = "raw/arm/samples"
+STANDS = Mark(EPOCH, 1, 1, EPOCH)
 
 
 @pytest.fixture
@@ -213,7 +214,7 @@ async def test_all_that_a_cell_says_passes_the_check(bus: LinkSettings, keys: Pa
             counts, counts_plain = cell.counts, plain.counts
     raw = [(m.sequence, m.count, isinstance(m.content, Gap)) for m in found if m.topic == RAW]
     assert raw == [(0, 10, False), (10, 10, False), (20, 10, False), (30, 10, True), (40, 10, False)]
-    assert not {"unsigned", "replayed", "unreadable"} & counts.keys(), counts
+    assert not {"unsigned", "replayed", "unreadable", "refused"} & {k for k, n in counts.items() if n}, counts
     assert "unsigned" not in counts_plain
 
 
@@ -225,7 +226,7 @@ async def test_what_the_cell_has_not_signed_is_left_out_and_counted(
     mark = Mark(EPOCH, 0, 1, EPOCH).encode(forged)
     attachments = [None, b"", mark, mark + bytes(64), seal(keys, "other").message("alarm", mark, forged)]
     attachments.append(seal(keys).message("event", mark, forged))
-    lie = health(Mark(EPOCH, 0, 1, EPOCH), EPOCH, {"alarm": (EPOCH, 10**12)}, {"state": "green"})
+    lie = health(STANDS, EPOCH, {"alarm": (EPOCH, 10**12)}, {"state": "green"})
     async with (
         signing_cell(bus, keys) as sink,
         subscriber(bus, keys, "alarm") as cell,
@@ -233,7 +234,7 @@ async def test_what_the_cell_has_not_signed_is_left_out_and_counted(
     ):
         for attachment in attachments:
             attacker.put(key, forged, attachment=attachment)
-        attacker.put(f"{ROOT}/health", lie)
+        attacker.put(f"{ROOT}/health", lie, attachment=STANDS.encode(lie))
         await eventually(lambda: cell.counts.get("unsigned") == len(attachments) + 1, "all forged messages")
         sink.offer(alarm(0))
         await eventually(lambda: found, "the cell's own alarm")
@@ -252,7 +253,8 @@ async def test_answers_and_refusals_of_others_are_left_out(
 
     def lie_of_status(query: zenoh.Query) -> None:
         with query:
-            query.reply(f"{ROOT}/@/status", health(Mark(EPOCH, 0, 1, EPOCH), EPOCH, {RAW: (EPOCH, 10**12)}, {}))
+            payload = health(STANDS, EPOCH, {RAW: (EPOCH, 10**12)}, {})
+            query.reply(f"{ROOT}/@/status", payload, attachment=STANDS.encode(payload))
 
     async with signing_cell(bus, keys) as sink:
         view: Any = sink.view
@@ -267,17 +269,28 @@ async def test_answers_and_refusals_of_others_are_left_out(
             assert not [m for m in found if isinstance(m.content, Gap)]
 
 
-async def test_what_was_signed_once_cannot_be_shown_again(
-    bus: LinkSettings, keys: Path, attacker: zenoh.Session
-) -> None:
-    """An alarm and a health message of an earlier session of the daemon, kept by who carried them."""
-    kept: list[tuple[str, bytes, bytes | None]] = []
+Kept = list[tuple[str, bytes, bytes | None]]
+
+
+def keep_all(attacker: zenoh.Session) -> Kept:
+    """What the attacker hears from now on."""
+    kept: Kept = []
 
     def keep(sample: zenoh.Sample) -> None:
         attachment = None if sample.attachment is None else sample.attachment.to_bytes()
         kept.append((str(sample.key_expr), sample.payload.to_bytes(), attachment))
 
     attacker.declare_subscriber(f"{ROOT}/**", keep)
+    return kept
+
+
+def kinds(kept: Kept) -> set[str]:
+    return {key.split("/")[3] for key, _, _ in list(kept)}
+
+
+async def test_an_earlier_session_cannot_be_shown_again(bus: LinkSettings, keys: Path, attacker: zenoh.Session) -> None:
+    """Alarms and health that the cell signed before its daemon began anew, kept by who carried them."""
+    kept = keep_all(attacker)
     async with signing_cell(bus, keys) as sink:
         count = 0
 
@@ -285,7 +298,7 @@ async def test_what_was_signed_once_cannot_be_shown_again(
             nonlocal count
             sink.offer(alarm(count))
             count += 1
-            return {"alarm", "health"} <= {key.split("/")[3] for key, _, _ in kept}
+            return kinds(kept) >= {"alarm", "health"}
 
         await eventually(seen, "an alarm and a health message to keep")
     old = list(kept)
@@ -299,9 +312,60 @@ async def test_what_was_signed_once_cannot_be_shown_again(
         await eventually(lambda: any(isinstance(m.content, Health) for m in found), "the cell's own health")
         for key, payload, attachment in old:
             attacker.put(key, payload, attachment=attachment)
-        await eventually(lambda: cell.counts.get("replayed") == len(old), "all that was shown again")
-        assert {m.content.joint for m in found if isinstance(m.content, Alarm)} == {500}
+        await eventually(lambda: cell.counts.get("refused"), "the cell's word against what was shown again")
+        sink.offer(alarm(501))
+        await eventually(lambda: 501 in joints(found), "the next alarm")
+        assert set(joints(found)) == {500, 501}
         assert {m.content.session for m in found if isinstance(m.content, Health)} == {EPOCH + 10**12}
+
+
+def joints(found: list[Message]) -> list[int | None]:
+    return [m.content.joint for m in list(found) if isinstance(m.content, Alarm)]
+
+
+async def test_health_of_before_cannot_be_shown_again(bus: LinkSettings, keys: Path, attacker: zenoh.Session) -> None:
+    """'All is well', said by the cell itself some time ago."""
+    kept = keep_all(attacker)
+    async with (
+        signing_cell(bus, keys),
+        subscriber(bus, keys, "health") as cell,
+        reading(cell) as found,
+    ):
+        await eventually(lambda: kept and len(found) >= 3, "some health messages")
+        old = kept[0]
+        for _ in range(5):
+            attacker.put(old[0], old[1], attachment=old[2])
+        await eventually(lambda: cell.counts.get("replayed") == 5, "all that was shown again")
+        times = [m.content.time for m in found if isinstance(m.content, Health)]
+        assert times == sorted(set(times))
+
+
+async def test_an_answer_of_before_cannot_be_given_again(
+    bus: LinkSettings, keys: Path, attacker: zenoh.Session
+) -> None:
+    """The cell's own status of an earlier session, given to a subscriber that begins: its question is another."""
+    async with signing_cell(bus, keys):
+        question = f"{ROOT}/@/status"
+        replies: list[zenoh.Reply] = []
+
+        def answered() -> bool:
+            replies.extend(r for r in attacker.get(question, timeout=1.0) if r.ok is not None)
+            return bool(replies)
+
+        await eventually(answered, "an answer to keep")
+    old = replies[0].ok
+    assert old is not None
+    assert old.attachment is not None
+    payload, attachment = old.payload.to_bytes(), old.attachment.to_bytes()
+
+    def again(query: zenoh.Query) -> None:
+        with query:
+            query.reply(question, payload, attachment=attachment)
+
+    attacker.declare_queryable(question, again)
+    async with subscriber(bus, keys, "alarm") as cell:
+        await eventually(lambda: cell.counts.get("unsigned", 0) > 0, "the answer of before")
+        assert not cell._following.joined
 
 
 async def test_a_cell_whose_key_is_gone_publishes_nothing(bus: LinkSettings, keys: Path) -> None:
