@@ -51,6 +51,7 @@ FIRST = [
     "tests/drivers/scpi_analyzer/test_scpi_faults.py",
     "tests/daemon/testing/test_new_driver.py",
     "tests/plugins/mismatch/fit/test_search.py",
+    "tests/daemon/publish/test_hostile_bus.py",
 ]
 """What takes longer than 20 s beside other tests, longest first: whoever is done with it takes the small rest."""
 

@@ -9,6 +9,7 @@ import asyncio
 import io
 import json
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +19,7 @@ import pytest
 import zenoh
 
 from cellwatt import ProtocolError
+from cellwatt.publish import ZenohSettings, ZenohSink
 from cellwatt.publish.encode import decode, encode_batch
 from cellwatt.publish.link import open_session
 from cellwatt.publish.mark import Mark
@@ -356,3 +358,60 @@ async def test_health_that_was_damaged_on_its_way_is_not_taken(cell: Cell, stran
         messages = await read(subscriber, 3)
     assert all(m.content.status == {"state": "green"} for m in messages)  # type: ignore[union-attr]
     assert [m.sequence for m in messages] == list(range(messages[0].sequence, messages[0].sequence + 3))
+
+
+# access rules ----------------------------------------------------------------------------------------------
+
+
+def ruled(*allowed: tuple[str, str]) -> dict[str, Any]:
+    """Access rules of a cell that let everybody do what is named, by message and direction, and nothing else."""
+    keys = [f"{ROOT}/**", f"{ROOT}/@/**"]
+    rules = [
+        {"id": f"{message} {flow}", "messages": [message], "flows": [flow], "permission": "allow", "key_exprs": keys}
+        for message, flow in allowed
+    ]
+    names = [rule["id"] for rule in rules]
+    policies = [{"rules": names, "subjects": ["all"]}]
+    return {
+        "access_control": {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": rules,
+            "subjects": [{"id": "all"}],
+            "policies": policies,
+        }
+    }
+
+
+SEE = (("declare_subscriber", "ingress"), ("put", "egress"))
+
+
+async def test_rules_keep_a_stranger_from_speaking_and_a_viewer_who_may_only_see_sees() -> None:
+    """Through the settings of the sink; whoever may not ask gets what comes live, from where it is."""
+    cell = Cell()
+    cell.sink = ZenohSink("zenoh", ZenohSettings(listen=cell.link.connect, options=ruled(*SEE)), cell.view)
+    serving = asyncio.create_task(cell.sink.run())
+    try:
+        async with cell.subscriber(want=("raw", "health")) as viewer:
+            session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
+            try:
+                green = {"state": "green"}
+                await eventually(lambda: cell.sink.health(green) or viewer._mailbox._items.qsize(), "health")
+                Stranger(session).raw(EPOCH, 0)
+                Stranger(session).health(FUTURE, {RAW: (FUTURE, 9)})
+                assert await asyncio.to_thread(lambda: list(session.get(f"{ROOT}/@/config", timeout=0.5))) == []
+                cell.give(0, 5)
+                heard = await read(viewer, 1, RAW)
+                cell.give(5, 5)
+                heard += await read(viewer, 1, RAW)
+            finally:
+                session.close()
+        assert [(m.session, m.sequence) for m in heard] == [(EPOCH, 0), (EPOCH, 5)]
+        np.testing.assert_array_equal(heard[1].content.values, batch(5, 5).values)  # type: ignore[union-attr]
+        assert set(viewer.counts) == {"live", "duplicates"}
+        assert viewer.counts["duplicates"] == 0
+        assert cell.sink.account.counters == {}
+    finally:
+        serving.cancel()
+        with suppress(asyncio.CancelledError):
+            await serving
