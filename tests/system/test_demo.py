@@ -53,7 +53,7 @@ async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
     assert set(result["sources"]) | set(result["left_out"]) == set(available("cellwatt.drivers"))
     for name, source in result["sources"].items():
         assert source["residue"] == 0
-        assert source["expected"] == source["received"] + source["lost"]
+        assert source["expected"] == source["received"] + source["lost"] + source["host_stalled"]
         assert source["received"] == sum(stream["samples"] for stream in source["streams"].values()) > 0, name
     # Streams lose nothing however busy the machine is. Polls that fall due while it stands still are missed, and so
     # are states that wait for pylibfranka, which keeps but the newest, and frames that find the CAN adapter's port

@@ -16,8 +16,8 @@ from cellwatt.testing.running import running
 
 _SPAN = 1_000_000_000
 """ns over which the device's clock is held against the cell's."""
-_UNIT = 1.5
-"""Factor by which they may differ: far below a mistake of the unit, far above any drift or jitter."""
+_UNIT = 10.0
+"""Factor by which they may differ: far below a mistake of the unit, far above what a busy machine makes late."""
 
 
 async def stamps_are_right(rig: Rig, folder: Path) -> None:
