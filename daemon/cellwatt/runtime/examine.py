@@ -181,7 +181,7 @@ def _tell_events(result: Examination, events: list[Event]) -> None:
         if event.kind not in ("connected", "reconnected"):
             told.setdefault(event.kind, []).append(event)
     for kind, same in list(told.items())[:MOST_EVENTS]:
-        text = _printable(same[0].text.removeprefix(f"{result.name}: "))
+        text = same[0].text.removeprefix(f"{result.name}: ")
         more = f" (and {len(same) - 1} more of {kind})" if len(same) > 1 else ""
         if kind in HARMLESS or kind.endswith("_state"):
             result.findings.append(text + more)
@@ -189,8 +189,3 @@ def _tell_events(result: Examination, events: list[Event]) -> None:
             _warn(result, text + more)
     if len(told) > MOST_EVENTS:
         _warn(result, f"and events of {len(told) - MOST_EVENTS} more kinds")
-
-
-def _printable(text: str) -> str:
-    """What a device says, without what would steer a terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[:300])

@@ -148,7 +148,7 @@ def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
     assert (code, found["verdict"]) == (0, "warning")
     assert found["findings"] == [
         "program: stopped → running",
-        "bus.power is left out: �[2Jit has no such register (and 1 more of value_refused)",
+        "bus.power is left out:  [2Jit has no such register (and 1 more of value_refused)",
     ]
 
 
