@@ -21,8 +21,6 @@ LATEST = 9e9
 """A controller time beyond this many seconds is garbage (and would not fit 64 bits of ns)."""
 QUIET = 0.25
 """Seconds without a package, at the least, after which a stream is said to have stopped."""
-AGAIN = 60.0
-"""A time base that moves twice within so many s without going back has not moved: answers do not keep their order."""
 
 _STATES = {
     "robot.mode": ("robot mode", ROBOT_MODES),
@@ -48,8 +46,6 @@ class Intake:
         self._base = TimeBase()
         self._last: int | None = None  # controller time of the last package taken, ns
         self._reason = "gap"
-        self._ordered = True
-        self._contradicted = -AGAIN
         self._identity: Identity | None = None
         self._heard = 0.0  # monotonic, s
         self._quiet = False
@@ -134,31 +130,11 @@ class Intake:
         self._heard = now
 
     def _bracket(self, device: int, not_before: int) -> None:
-        """What follows an answer was made after the question: true where a controller answers in its turn.
-
-        No document promises that. Where it makes two contradictions, brackets are used no more.
-        """
-        if not self._ordered:
-            return
-        if self._last is not None and device < self._last:
+        restarted = self._last is not None and device < self._last
+        if restarted or not self._base.made_after(device, not_before):
             self._reset(device)
-            self._base.made_after(device, not_before)
-        elif not self._base.made_after(device, not_before):
-            self._contradict()
-            self._reset(device)
-            if not self._ordered:
-                return
             self._base.made_after(device, not_before)
         self._outlet.bracket(self._stream, device, not_before)
-
-    def _contradict(self) -> None:
-        """Questions and arrivals cannot both be true of one time base, and the controller's time did not go back."""
-        now = clock.monotonic()
-        if now - self._contradicted < AGAIN and self._ordered:
-            self._ordered = False
-            text = "answers do not come in the order of the packages: the clock is told from arrivals alone"
-            self._outlet.event("unordered answers", text)
-        self._contradicted = now
 
     def _untangle(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
         """Take a block in which time stands still, goes back, or jumps ahead of what has arrived."""
@@ -174,7 +150,6 @@ class Intake:
             if self._base.arrived(int(device[-1]), arrival):
                 self._emit(device, values, steps, arrival)
                 return
-            self._contradict()
             cuts[int(steps.argmax())] = True
         edges = sorted({0, *np.flatnonzero(cuts).tolist(), len(device)})
         for start, end in pairwise(edges):

@@ -145,25 +145,6 @@ def test_a_bracket_is_passed_on_a_cycle_earlier():
     assert cell.brackets == [(60_020_000_000, cell.time - 400_000 - 2_000_000)]
 
 
-def test_a_server_that_answers_before_what_it_made_earlier_is_not_believed():
-    """Packages wait in the server for 0 to 385 ms, answers do not; no document promises their order."""
-    cell = Cell()
-    step = 2_000_000
-    made, sent = 0, 0
-    for k in range(60 * 500):
-        made = START + k * step
-        sent = max(sent + 1, made + round(385e6 * abs(np.sin(k / 700))))
-        asked = sent - 1_000_000 if k % 500 == 499 else None
-        cell.time = sent
-        cell.feed([60.0 + k * 0.002], not_before=asked)
-    assert len(cell.resets) <= 3
-    assert cell.kinds().count("unordered answers") == 1
-    assert cell.account.residue == 0 and not cell.account.missed
-    early = len(cell.brackets)
-    cell.feed([60.0 + 60.0], not_before=cell.time)
-    assert len(cell.brackets) == early, "such answers say nothing any more"
-
-
 def test_changes_of_state_are_events():
     cell = Cell()
     cell.feed([1.0, 1.002], states=(7, 1, 2))
