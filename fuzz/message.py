@@ -48,7 +48,7 @@ def run(data: bytes) -> None:
                 for part, content in received.read_answer(found, kind):
                     _one(kind, part, content)
     with suppress(ProtocolError):
-        health = received.read_health(payload)
+        _, health = received.read_health(found)
         assert all(type(number) is int for position in health.positions.values() for number in position)
     assert all(type(session) is int for session in received.read_sessions(payload))
     said: Any = SimpleNamespace(payload=found.payload)
@@ -73,7 +73,7 @@ def seeds() -> Iterable[bytes]:
             yield keys.live(topic).encode() + b"\n" + mark.encode(body)[:MARK] + body
     answer = b"[" + messages.encode_item(MESSAGES[1], mark) + b"]"  # type: ignore[arg-type]
     yield keys.backfill("event").encode() + b"\n" + mark.encode(answer)[:MARK] + answer
-    health = messages.health(SESSION, SESSION + 9, {raw_topic("arm", "rtde"): (SESSION, 90)}, {"state": "ok"})
+    health = messages.health(mark, SESSION, {raw_topic("arm", "rtde"): (SESSION, 90)}, {"state": "ok"})
     yield keys.live("health").encode() + b"\n" + mark.encode(health)[:MARK] + health
     yield keys.live(alarm_path("error", "joint fault", "a1")).encode() + b"\n" + bytes(MARK) + b'[{"session":5}]'
     yield keys.live(prediction_topic("p#1")).encode() + b"\n" + bytes(MARK) + b'{"error":"no"}'

@@ -12,6 +12,7 @@ from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import ARROW, decode
 from cellwatt.publish.keys import QUESTIONS, CellKeys
+from cellwatt.publish.mark import Mark
 from cellwatt.publish.questions import parameters
 from cellwatt.results import Alarm
 from cellwatt.sink import CellView
@@ -52,7 +53,7 @@ def _answers() -> Answers:
     backlog.add(Alarm("a1", "joint_fault", "error", False, 1, 2, "over"))
     backlog.add_frames(frames(0, 4))
     backlog.add_frames(frames(4, 2))
-    return Answers(view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: b"{}")
+    return Answers(view, CellKeys("plant", "weld"), backlog, lambda _: None, lambda: (Mark(SESSION, 0, 1, 5), b"{}"))
 
 
 ANSWERS = _answers()

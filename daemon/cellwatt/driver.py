@@ -54,8 +54,9 @@ class Outlet(Protocol):
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
         """A sample with ``device_time`` (ns) was made no earlier than the cell's time ``not_before`` (ns).
 
-        Lets the clock model state a two-sided bound; a driver knows it from a question sent at
-        ``not_before`` whose answer came ahead of that sample.
+        Lets the clock model state a two-sided bound; a driver knows it where the device cannot have made the sample
+        before a question that left at ``not_before``. That an answer came ahead of it is no proof: devices may answer
+        ahead of older samples.
         """
         ...
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import AbstractAsyncContextManager
 from importlib.util import find_spec
-from typing import Literal
+from typing import Literal, NoReturn
 
 from pydantic import Field, field_validator, model_validator
 
@@ -15,6 +16,7 @@ from cellwatt.errors import ConfigError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.ur import library, native, wire
+from cellwatt_drivers.ur.comparison import compare
 from cellwatt_drivers.ur.continuity import Policy
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
 from cellwatt_drivers.ur.intake import Intake
@@ -94,8 +96,8 @@ class UrDriver(Driver[UrSettings]):
     emulator = "cellwatt_drivers.ur.emulator:UrEmulator"
     writes = (
         "V: asks to speak protocol version 2",
-        "v: asks for the controller's version, at the start and once a second",
-        "O: asks for output fields at a rate",
+        "v: asks for the controller's version",
+        "O: asks for output fields at a rate; about six times a minute, on a short connection, for the timestamp alone",
         "S: asks to start sending",
         "P: asks to stop sending, when leaving",
     )
@@ -122,9 +124,19 @@ class UrDriver(Driver[UrSettings]):
         async with self._connect(self.outlet.account) as (session, version):
             rate = self._open(version)
             if s.client == "native":
-                await native.stream(session, version, self._selection, rate, self._intake, s.timeout)
-                return
+                await self._read(session, version, rate)
         await library.stream(s.host, rate, self._selection, self._intake, s.timeout)
+
+    async def _read(self, session: native.Session, version: ControllerVersion, rate: float) -> NoReturn:
+        s, outlet, fastest = self.settings, self.outlet, cycle_rate(version)
+        comparing = asyncio.create_task(
+            compare(s.host, s.port, fastest, s.timeout, outlet.now, outlet.account, self._intake)
+        )
+        try:
+            await native.stream(session, version, self._selection, rate, self._intake, s.timeout)
+        finally:
+            comparing.cancel()
+            await asyncio.wait({comparing})
 
     async def identify(self) -> Identity:
         """See ``Driver.identify``."""

@@ -53,6 +53,8 @@ class Intake:
         self._watched = watched
         self._columns = np.array([i for i, _, _ in watched], dtype=np.intp)
         self._states: Float | None = None
+        self.resets = 0
+        """How often the controller's time had a new base."""
 
     def opened(self, identity: Identity, loop: float, rate: float) -> None:
         """A connection to a controller that runs at ``loop`` Hz and was asked for ``rate`` Hz stands.
@@ -70,8 +72,8 @@ class Intake:
     def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
         """The next packages: controller time (n,) s and values (n, channels).
 
-        ``not_before``: the first of them was made after a question sent then (cell's time, ns), give or take
-        a cycle of the controller. Raises ``ProtocolError`` where a time cannot be one.
+        ``not_before``: the first of them was asked for then (cell's time, ns), so it was made after that, give or
+        take a cycle of the controller. Raises ``ProtocolError`` where a time cannot be one.
         """
         arrival = self._outlet.now()
         if len(time) == 1 and not_before is None and self._next(time.item(), values, arrival):
@@ -81,6 +83,8 @@ class Intake:
         device = np.rint(time * 1e9).astype(np.int64)
         self._speak()
         if not_before is not None:
+            if self._last is not None and device[0] < self._last:
+                self._reset(int(device[0]))
             self._bracket(int(device[0]), not_before - self._cycle)
         # The first package of a time base has no step; 1 stands for any time before it.
         steps = np.empty_like(device)
@@ -102,6 +106,11 @@ class Intake:
         self._outlet.account.expect()
         self._deliver(np.array([device]), values, arrival)
         return True
+
+    def compared(self, device: int, not_before: int) -> None:
+        """Another connection was shown the controller time ``device`` (ns), made as ``take`` says of the first."""
+        if self._last is not None:
+            self._bracket(device, not_before - self._cycle)
 
     def message(self, message: TextMessage) -> None:
         """The controller says something."""
@@ -130,8 +139,7 @@ class Intake:
         self._heard = now
 
     def _bracket(self, device: int, not_before: int) -> None:
-        restarted = self._last is not None and device < self._last
-        if restarted or not self._base.made_after(device, not_before):
+        if not self._base.made_after(device, not_before):
             self._reset(device)
             self._base.made_after(device, not_before)
         self._outlet.bracket(self._stream, device, not_before)
@@ -162,6 +170,7 @@ class Intake:
         """The controller's time has a new base: what was lost between the two nobody can know."""
         before = "" if self._last is None else f" from {self._last / 1e9:.3f} s"
         reason = f"controller time jumped{before} to {device / 1e9:.3f} s: it restarted or its clock was set"
+        self.resets += 1
         self._base.forget()
         self._last = None
         self._reason = "gap"

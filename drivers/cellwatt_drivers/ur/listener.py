@@ -25,7 +25,8 @@ MOST_INPUT_RECIPES = 255
 class Place:
     """A listener's place in what the controller makes; it outlives the connection, so that losses are counted.
 
-    ``next`` is the number of the next package, every ``stride``-th is this listener's.
+    ``next`` is the number of the next package, every ``stride``-th is this listener's. A client that asks for nothing
+    but the timestamp compares clocks: its place is not ``counted``.
     """
 
     next: int
@@ -33,6 +34,7 @@ class Place:
     client: Listener | None
     first: int = 0
     made: bytes = b""
+    counted: bool = True
 
     @property
     def lost(self) -> bool:
@@ -59,6 +61,7 @@ class Listener(asyncio.Protocol):
         self.encoder = Encoder(OUTPUTS, ())
         self.place: Place | None = None
         self.listening = True
+        self.compares = False
         self.inputs: frozenset[str] = frozenset()
         self._input_sizes: list[int] = []
 
@@ -95,8 +98,6 @@ class Listener(asyncio.Protocol):
                 self._spoken = wire.PROTOCOL if accepted else self._spoken
                 self.put(wire.accept_reply(kind, accepted))
             case Kind.CONTROLLER_VERSION:
-                # What was made before the question leaves before the answer, as on the real one.
-                self._emulator.advance()
                 self.put(wire.controller_reply(self._emulator.version))
             case Kind.SETUP_OUTPUTS:
                 self._set_up_outputs(payload)
@@ -124,6 +125,7 @@ class Listener(asyncio.Protocol):
         known = [n in FIELDS and FIELDS[n].served_by(version) for n in names]
         types = [FIELDS[n].type if k else wire.NOT_FOUND for n, k in zip(names, known, strict=True)]
         self.encoder = Encoder(OUTPUTS, names if all(known) else ())
+        self.compares = tuple(names) == ("timestamp",)
         self.put(wire.recipe_reply(Kind.SETUP_OUTPUTS, OUTPUTS if all(known) else 0, types))
 
     def _set_up_inputs(self, payload: bytes) -> None:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import random
 import socket
-import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 from cellwatt.account import Account
 from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError, why
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
-from cellwatt_drivers.ur.recipe import Decoder, Selection
-from cellwatt_drivers.ur.wire import ControllerVersion, Kind
+from cellwatt_drivers.ur.recipe import Decoder, Float, Selection
+from cellwatt_drivers.ur.wire import ControllerVersion, Kind, TextMessage
 
 BUFFER = 1 << 18
 """Bytes taken from the socket at most in one pass of the loop."""
@@ -24,10 +22,20 @@ AT_ONCE = 128
 """Packages and other frames dealt with at most in one turn of the loop, so that other sources have theirs."""
 SOCKET_BUFFER = 1 << 20
 """Asked of the kernel (which may give less, see net.core.rmem_max) for times when the loop is late."""
-BRACKET_EVERY = 1.0
-"""Seconds between questions for the version, which bound the clock from below."""
 TICK = 0.1
 """Seconds between looks at a stream's silence."""
+
+
+class Takes(Protocol):
+    """What a connection feeds; see ``Intake``."""
+
+    def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
+        """The next packages."""
+        ...
+
+    def message(self, message: TextMessage) -> None:
+        """The controller says something."""
+        ...
 
 
 class Session(asyncio.BufferedProtocol):
@@ -41,14 +49,14 @@ class Session(asyncio.BufferedProtocol):
     def __init__(self, where: str, now: Callable[[], int], account: Account) -> None:
         self.where = where
         self.decoder: Decoder | None = None
-        self.intake: Intake | None = None
+        self.intake: Takes | None = None
         self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._now = now
         self._account = account
         self._view = memoryview(bytearray(BUFFER))
         self._filled = 0
         self._transport: asyncio.Transport | None = None
-        self._asked: tuple[Kind, int] | None = None  # the outstanding question and when it left
+        self._asked: Kind | None = None  # the outstanding question
         self._answer: asyncio.Future[bytes] | None = None
         self._not_before: int | None = None
 
@@ -124,30 +132,24 @@ class Session(asyncio.BufferedProtocol):
             if self.intake is not None:
                 self.intake.message(wire.parse_text(frame.payload))
             return
-        if self._asked is None or frame.kind != self._asked[0]:
+        if self._asked is None or frame.kind != self._asked:
             raise ProtocolError(f"answer {frame.kind.name} to a question that was not asked")
-        self._not_before = self._asked[1]
         self._asked = None
         if self._answer is not None and not self._answer.done():
             self._answer.set_result(frame.payload)
         self._answer = None
 
-    def put(self, question: bytes) -> bool:
-        """Send a question whose answer only bounds the clock; not while another one is outstanding."""
-        if self._asked is not None or self._transport is None or self.closed.done():
-            return False
-        self._asked = Kind(question[2]), self._now()
-        self._transport.write(question)
-        return True
-
     async def ask(self, question: bytes) -> bytes:
-        """Send a question and wait for its answer's payload. Raises ``SourceError``."""
+        """Send a question and wait for its answer's payload; one at a time. Raises ``SourceError``."""
         if self.closed.done():
             self.closed.result()
-        answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
-        if not self.put(question):
+        if self._asked is not None or self._transport is None:
             raise ConnectError(f"{self.where}: not connected")
-        self._answer = answer
+        answer: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        self._asked, self._answer = Kind(question[2]), answer
+        if question == wire.START:
+            self._not_before = self._now()  # nothing is made for a connection before it asks for it
+        self._transport.write(question)
         return await answer
 
     def _fail(self, error: SourceError) -> None:
@@ -253,6 +255,14 @@ async def stream(
     session: Session, version: ControllerVersion, selection: Selection, rate: float, intake: Intake, timeout: float
 ) -> NoReturn:
     """Set the recipe up, start it, and feed the intake until the connection is gone (``SourceError``)."""
+    await begin(session, version, selection, rate, intake, timeout)
+    await _attend(session, intake, timeout)
+
+
+async def begin(
+    session: Session, version: ControllerVersion, selection: Selection, rate: float, intake: Takes, timeout: float
+) -> None:
+    """Set the recipe up and start it. Raises ``SourceError``."""
     question = wire.ask_outputs(rate, selection.names)
     recipe, types = wire.parse_recipe(await within(session, question, timeout))
     unknown = [n for n, t in zip(selection.names, types, strict=False) if t == wire.NOT_FOUND]
@@ -266,18 +276,13 @@ async def stream(
     session.intake = intake
     if not wire.parse_accept(await within(session, wire.START, timeout)):
         raise DeviceError(f"{session.where}: the controller refuses to start sending")
-    await _attend(session, intake, timeout)
 
 
 async def _attend(session: Session, intake: Intake, timeout: float) -> NoReturn:
-    """Bracket the clock every second and watch for silence."""
-    due = time.monotonic()
+    """Watch for silence."""
     while True:
         await asyncio.wait({session.closed}, timeout=TICK)
         if session.closed.done():
             session.closed.result()
         if intake.watch(timeout):
             raise ConnectError(f"{session.where}: connected, but no data for {timeout:g} s")
-        if time.monotonic() >= due and session.put(wire.ASK_CONTROLLER):
-            # At uneven times: asked in step with the controller's cycle, every bracket would be as loose as the last.
-            due = time.monotonic() + BRACKET_EVERY * random.uniform(0.7, 1.3)
