@@ -51,6 +51,16 @@ def test_gaps_duplicates_and_late_ones():
     assert rig.outlet.resets == []
 
 
+def test_two_packets_of_one_number_that_differ_are_told_as_forged():
+    rig = Rig()
+    rig.take(1, 2)
+    rig.take(2, at=1.5)
+    rig.take(2)
+    assert rig.count == (2, 2, {}, {"contradicting packets": 1, "duplicates": 1})
+    assert rig.outlet.account.forgeries == {"contradicting packets"}
+    assert rig.outlet.account.anomalies == {"duplicates"}
+
+
 def test_a_gap_over_a_lost_connection_is_an_outage():
     rig = Rig()
     rig.take(1, 2)
