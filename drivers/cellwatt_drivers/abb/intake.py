@@ -16,6 +16,8 @@ _RECENT = 1000
 """A packet at most this far behind the newest came late or twice; further behind, numbering has begun anew."""
 _LONGEST_GAP = 1_000_000
 """More missing numbers than this are no loss but another numbering."""
+_FASTEST = 4_000_000
+"""ns between two packets at least: numbers that run ahead of the controller's own time are no loss either."""
 _STEP = 200_000_000
 """ns by which the controller's time must leave both the numbering and this PC's time to count as set anew."""
 _WRAP = 1 << 32
@@ -77,7 +79,7 @@ class Intake:
             if -_RECENT < ahead <= 0 and time <= self._time:
                 self._repeated(packet, ahead)
                 return None
-            if ahead <= 0 or ahead > _LONGEST_GAP:
+            if ahead <= 0 or ahead > _LONGEST_GAP or ahead * _FASTEST > time - self._time + _STEP:
                 account.anomaly("sessions")
             else:
                 missing = ahead - 1

@@ -61,6 +61,15 @@ def test_two_packets_of_one_number_that_differ_are_told_as_forged():
     assert rig.outlet.account.anomalies == {"duplicates"}
 
 
+def test_a_number_that_the_time_cannot_have_brought_invents_no_loss():
+    rig = Rig()
+    rig.take(1, 2)
+    rig.take(900_000, at=3)
+    rig.take(4, 5)
+    assert rig.count == (5, 5, {}, {"sessions": 2})
+    assert rig.outlet.account.anomalies == {"sessions"}
+
+
 def test_a_gap_over_a_lost_connection_is_an_outage():
     rig = Rig()
     rig.take(1, 2)
