@@ -73,6 +73,8 @@ CASES = {
 }
 
 
+LONG, WAITED = 20.0, 72.0
+"""s of a recording within which clocks are compared, and that the arm may have kept us waiting before a shorter one."""
 USUAL = ("made", "ur10e-excitation", "ur3e-L0L1")
 """One of each arm, the shorter of the UR10e; the others are among the slow tests."""
 
@@ -145,7 +147,8 @@ def assert_times_hold(got: list[Batch], truth: np.ndarray) -> None:
     bound = np.concatenate([b.bound for b in got]) * 1e-9
     inside = np.abs(stamped - truth) <= bound + 2e-6
     assert inside.mean() >= 0.999, f"{(~inside).sum()} of {len(inside)}, worst {np.abs(stamped - truth).max()} s"
-    assert bound[-1] < 0.1
+    # The arm keeps its first package back until it begins; comparisons of the clocks, some 10 s apart, make up for it.
+    assert bound[-1] < (0.1 if truth[-1] - truth[0] > LONG else WAITED)
 
 
 def assert_intervals_fit(audience: Audience, seconds: np.ndarray, columns: dict[str, np.ndarray]) -> None:
