@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, SecretStr, field
 
 from cellwatt.config.secret import SecretKeys
 from cellwatt.errors import SinkError
-from cellwatt.files import WRITTEN, check_file
+from cellwatt.files import WRITTEN, open_file
 from cellwatt.host import check_host
 from cellwatt.sink import SinkSettings
 
@@ -271,8 +271,7 @@ def unreadable(settings: LinkSettings) -> list[str]:
         if path is None:
             continue
         try:
-            check_file(path, WRITTEN)
-            path.open("rb").close()
+            open_file(path, WRITTEN).close()
         except OSError as error:
             found.append(f"{option}: {path} cannot be read: {error.strerror}")
     return found

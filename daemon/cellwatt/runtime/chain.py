@@ -67,10 +67,10 @@ def still_active(results: Iterable[Result], before: Mapping[str, Alarm] | None =
     """By their ids, the alarms that some results, after those of ``before``, leave active."""
     active = dict(before or {})
     for result in results:
-        if isinstance(result, Alarm):
+        if isinstance(result, Alarm) and result.active:
+            active[result.id] = result
+        elif isinstance(result, Alarm):
             active.pop(result.id, None)
-            if result.active:
-                active[result.id] = result
     return active
 
 

@@ -15,6 +15,7 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
+from cellwatt.runtime.chain import still_active
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
@@ -47,9 +48,8 @@ class Teller:
         self._layout = Layout((), config.frames.rate)
         self._results = 0
         self.journal = journal
-        past = [item for _, item in journal.past() if isinstance(item, Alarm)] if journal is not None else []
-        self._active = {alarm.id: alarm for alarm in past}
-        self._active = {name: alarm for name, alarm in self._active.items() if alarm.active}
+        past = (item for _, item in journal.past() if not isinstance(item, Event)) if journal is not None else ()
+        self._active = still_active(past)
         self._watch = Watch(self._active.values())
         self._status: dict[str, Any] = {}
         self._warnings = config.warnings
@@ -131,10 +131,7 @@ class Teller:
     def _note_alarm(self, alarm: Alarm) -> None:
         if not alarm.active or alarm.id not in self._active:
             log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
-        if alarm.active:
-            self._active[alarm.id] = alarm
-        else:
-            self._active.pop(alarm.id, None)
+        self._active = still_active((alarm,), self._active)
 
     # health ---------------------------------------------------------------------------------------
 

@@ -25,6 +25,7 @@ from cellwatt.secure.certificates import Pair, issue, new_authority
 from cellwatt.subscriber import Subscriber
 from tests.daemon.publish.fake_cell import CELL, SITE, FakeView, alarm, batch
 from tests.daemon.publish.processes import ROOT, free_port
+from tests.daemon.publish.serving import serving
 from tests.daemon.publish.test_docs import programs
 from tests.patience import PATIENCE, eventually
 
@@ -83,21 +84,8 @@ class Site:
         view.cell = name
         view.record(batch(0, 100))
         sink = ZenohSink("zenoh", ZenohSettings(**self.settings(name)), view)
-        serving = asyncio.create_task(sink.run())
-
-        async def beat() -> None:
-            while True:
-                sink.health({"state": "green"})
-                await asyncio.sleep(0.1)
-
-        beating = asyncio.create_task(beat())
-        try:
+        async with serving(sink):
             yield sink
-        finally:
-            for task in (beating, serving):
-                task.cancel()
-                with suppress(asyncio.CancelledError):
-                    await task
 
 
 def make(folder: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str] = EXAMPLE) -> Site:

@@ -24,25 +24,16 @@ from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import encode_item, health
 from cellwatt.publish.signing import Check, Seal
-from cellwatt.signing import Signer, Verifier, new_key
+from cellwatt.signing import Signer, Verifier
 from cellwatt.subscriber import Gap, Health, Message, Subscriber
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch
 from tests.daemon.publish.processes import free_port
+from tests.daemon.publish.serving import serving
 from tests.patience import eventually
 
 ROOT = f"cellwatt/{SITE}/{CELL}"
 RAW = "raw/arm/samples"
 STANDS = Mark(EPOCH, 1, 1, EPOCH)
-
-
-@pytest.fixture
-def keys(tmp_path: Path) -> Path:
-    """A folder with two cells' keys."""
-    for name in ("cell", "other"):
-        private, public = new_key()
-        (tmp_path / f"{name}.key").write_bytes(private)
-        (tmp_path / f"{name}.pub").write_bytes(public)
-    return tmp_path
 
 
 def seal(keys: Path, name: str = "cell", root: str = ROOT) -> Seal:
@@ -152,21 +143,8 @@ def attacker(bus: LinkSettings) -> Iterator[zenoh.Session]:
 @asynccontextmanager
 async def signing_cell(bus: LinkSettings, keys: Path, session: int = EPOCH) -> AsyncIterator[ZenohSink]:
     sink = ZenohSink("zenoh", ZenohSettings(**bus.model_dump(), sign=keys / "cell.key"), FakeView(session))
-    serving = asyncio.create_task(sink.run())
-
-    async def beat() -> None:
-        while True:
-            sink.health({"state": "green"})
-            await asyncio.sleep(0.1)
-
-    beating = asyncio.create_task(beat())
-    try:
+    async with serving(sink):
         yield sink
-    finally:
-        for task in (beating, serving):
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
 
 
 def subscriber(bus: LinkSettings, keys: Path, *want: str, **more: Any) -> Subscriber:

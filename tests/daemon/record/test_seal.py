@@ -18,19 +18,9 @@ from cellwatt.commands.export import command as export
 from cellwatt.commands.secure import command as secure
 from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.seal import verify
-from cellwatt.signing import new_key
 from tests.patience import PATIENCE
 
 from .making import HEADER, batch_of, write_chunks
-
-
-@pytest.fixture
-def keys(tmp_path: Path) -> Path:
-    for name in ("cell", "other"):
-        private, public = new_key()
-        (tmp_path / f"{name}.key").write_bytes(private)
-        (tmp_path / f"{name}.pub").write_bytes(public)
-    return tmp_path
 
 
 async def record(settings: RecordSettings, blocks: int) -> None:
