@@ -33,7 +33,8 @@ def run(data: bytes) -> None:
         block = rows[start : start + 7]
         values = np.zeros((len(block), len(SELECTION.channels)))
         values[:, 0] = np.where(block["mode"] == 255, np.nan, block["mode"])
-        intake.take(block["time"].astype(np.int64), values)
+        held = (block["mode"] % 16).astype(float)
+        intake.take(block["time"].astype(np.int64), held, values)
         if start % 2:
             intake.opened()
 

@@ -6,7 +6,8 @@ import struct
 from collections import Counter
 from collections.abc import Iterable
 
-from cellwatt.publish.follow import Following, Question
+from cellwatt.publish.asking import Question
+from cellwatt.publish.follow import Following
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Gap, Part
 from cellwatt.results import Event

@@ -53,6 +53,16 @@ class Verifier:
         return False
 
 
+def unusable(path: Path | None) -> tuple[str, ...]:
+    """Why nothing can be signed with the key in this file, a line; nothing where it can, or where none is set."""
+    try:
+        if path is not None:
+            Signer(path)
+    except ConfigError as error:
+        return (f"sign: {error}",)
+    return ()
+
+
 def new_key() -> tuple[bytes, bytes]:
     """A private key and its public key, PEM."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import time
 from typing import Final
 
+from cellwatt.kept import Kept
 from cellwatt.ticker import Beat
 
 HOST: Final = "host stalled"
@@ -15,8 +15,8 @@ HOST: Final = "host stalled"
 class Slots:
     """Follows the beats of one device at ``rate`` Hz over all its connections: ``begin`` and ``end`` once a slot.
 
-    What held a slot up is measured. While an answer was awaited, the kernel counts how long this thread was ready to
-    run and did not. While the next beat was awaited, a loop that came late though it did not compute was not let.
+    What held a slot up is measured: see ``Kept``. A loop that came late though it computed for less than half of the
+    time was kept from running, too.
     """
 
     def __init__(self, rate: float) -> None:
@@ -24,49 +24,44 @@ class Slots:
         self.deadline = 0
         """Of the slot begun last, ns of CLOCK_MONOTONIC; 0 before the first."""
         self._resumed = False
-        self._idle = self._computed = self._began_ready = self._held_up = 0
+        self._idle = self._computed = self._held_up = self._begun_late = 0
+        self._slow = (0, 0)
+        """Slots that went by while an answer was awaited, and what is known yet of what held this PC up, ns."""
+        self._kept = Kept()
 
     def connected(self) -> None:
         """A connection begins: what went by since the last one was not served for want of it."""
         self._resumed = self.deadline != 0
 
     def begin(self, beat: Beat) -> list[tuple[int, str]]:
-        """A slot begins; gives how many before it nobody served, by reason."""
+        """A slot begins; gives how many before it nobody served, by reason: slow answers a slot late."""
         before, self.deadline = self.deadline, beat.deadline
-        self._began_ready = _ready_ns()
+        kept = self._kept.look()
+        self._begun_late = min(kept, max(time.monotonic_ns() - beat.deadline, 0))
+        # The kernel may count what the hypervisor took only a tick after it gave it back: asked again a slot later.
+        slow, held_up = self._slow
+        self._slow = (0, 0)
+        held_up += self._held_up + kept
+        told = [(slow, HOST if 2 * held_up >= slow * self._period else "slow answers")]
         if self._resumed:
             self._resumed = False
-            return _some((round((beat.deadline - before) / self._period) - 1, "disconnected"))
+            return _some(*told, (round((beat.deadline - before) / self._period) - 1, "disconnected"))
         slow = (self._idle - before) // self._period - 1 if before else 0
         slow = min(max(slow, 0), beat.merged)
-        late = beat.merged - slow
+        if 2 * self._held_up >= slow * self._period:
+            told.append((slow, HOST))
+        else:
+            self._slow = (slow, self._held_up)
         ours = time.thread_time_ns() - self._computed
-        return _some(
-            (slow, HOST if 2 * self._held_up >= slow * self._period else "slow answers"),
-            (late, "merged tick" if 2 * ours >= late * self._period or not self._idle else HOST),
-        )
+        # What was held up is dealt with in one go afterwards: that is not this program's doing.
+        computed = bool(self._idle) and ours >= max((beat.deadline - self._idle) / 2, kept + self._held_up)
+        return _some(*told, (beat.merged - slow, "merged tick" if computed or not self._idle else HOST))
 
     def end(self) -> None:
         """All of the slot's answers are there, or given up."""
         self._idle, self._computed = time.monotonic_ns(), time.thread_time_ns()
-        self._held_up = _ready_ns() - self._began_ready
+        self._held_up = self._begun_late + self._kept.look()
 
 
 def _some(*counts: tuple[int, str]) -> list[tuple[int, str]]:
     return [(n, reason) for n, reason in counts if n > 0]
-
-
-_schedstat: dict[int, int] = {}
-"""Open files by process: one that was opened before a fork tells of the parent."""
-
-
-def _ready_ns() -> int:
-    """How long this process's first thread was ready to run and did not, ns; 0 where the kernel does not count it."""
-    pid = os.getpid()
-    if pid not in _schedstat:
-        try:
-            _schedstat[pid] = os.open(f"/proc/{pid}/schedstat", os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
-            _schedstat[pid] = -1
-    descriptor = _schedstat[pid]
-    return int(os.pread(descriptor, 128, 0).split()[1]) if descriptor >= 0 else 0

@@ -23,13 +23,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import quote
 
 from cellwatt.batch import Batch
 from cellwatt.errors import ConfigError, ProtocolError, SinkError
 from cellwatt.frames import Frames
-from cellwatt.publish.follow import Following, Positions, Question
-from cellwatt.publish.keys import ALARM, FRAME, HEALTH, KINDS, CellKeys, parse
+from cellwatt.publish.asking import Question
+from cellwatt.publish.follow import Following, Positions
+from cellwatt.publish.keys import ALARM, HEALTH, KINDS, CellKeys, parse
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mailbox import Mailbox
 from cellwatt.publish.mark import Mark
@@ -42,7 +42,7 @@ from cellwatt.publish.received import (
     read_refusal,
     read_sessions,
 )
-from cellwatt.publish.signing import Check
+from cellwatt.publish.witness import Witness
 from cellwatt.results import Alarm, Event, Result
 
 if TYPE_CHECKING:
@@ -114,13 +114,13 @@ class Subscriber:
         self._want = tuple(want)
         if unknown := [w for w in want if w.split("/", 1)[0] not in KINDS]:
             raise ConfigError(f"no cell publishes {', '.join(unknown)}; topics begin with {', '.join(KINDS)}")
-        self._check = None if verify is None else Check(self._keys.root, verify)
         self._following = Following(self._want, resume or {}, patience)
         self._standing_asked = self._following.joined
         self._mailbox: Mailbox[Message] = Mailbox(queue_size, _QUEUE_BYTES)
         self._lock = threading.Lock()
         self._look = threading.Event()
         self._counts: Counter[str] = Counter()
+        self._witness = Witness(self._keys.root, verify, self._counts)
         self._health_reached = (0, 0)
         self._cell: int | None = None  # session of the daemon, as it said itself
         self._stranger: tuple[Mark, Health] | None = None  # health of a session that the cell has not told of
@@ -231,11 +231,11 @@ class Subscriber:
                 self._counts["let go"] += 1
                 return
             address = parse(str(sample.key_expr))
-            if not self._genuine(address.topic, sample):
+            if not self._witness.message(address.topic, sample):
                 return
             if address.kind == HEALTH:
                 mark, health = read_health(sample)
-                if self._newer(mark):
+                if self._witness.newer(mark, self._health_reached):
                     self._on_health(mark, health)
                 return
             mark, content = read_message(sample, address.kind)
@@ -322,35 +322,6 @@ class Subscriber:
         self._deliver(topic, self._following.nothing(question, str(problem), now))
         raise problem
 
-    def _genuine(self, topic: str, sample: zenoh.Sample) -> bool:
-        """Whether the cell said this, where it signs what it says."""
-        if self._check is None:
-            return True
-        return self._right(self._check.message(topic, *_told(sample)), "unsigned", topic)
-
-    def _genuine_reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
-        """Whether the cell answered this, and to this very question."""
-        parameters = selector.partition("?")[2]
-        if self._check is None or (reply.ok is None and (reply.err is None or read_refusal(reply.err) is None)):
-            return True
-        if reply.ok is not None:
-            return self._right(self._check.answer(topic, parameters, *_told(reply.ok)), "unsigned", topic)
-        assert reply.err is not None
-        return self._right(self._check.refusal(parameters, reply.err.payload.to_bytes()), "unsigned", topic)
-
-    def _newer(self, mark: Mark) -> bool:
-        """Whether a health message is no earlier than those before it: what was signed once can be shown again."""
-        session, sequence = self._health_reached
-        again = self._check is not None and mark.session == session and mark.sequence <= sequence
-        return self._right(not again, "replayed", HEALTH)
-
-    def _right(self, right: bool, wrong: str, topic: str) -> bool:
-        if not right:
-            self._counts[wrong] += 1
-            if self._counts[wrong] == 1:  # whoever forges could fill the log
-                log.warning("%s/%s: a message that is %s came; such are left out", self._keys.root, topic, wrong)
-        return right
-
     def _deliver(self, topic: str, parts: list[Part]) -> None:
         for part in parts:
             message = Message(topic, part.session, part.sequence, part.backfilled, part.content)
@@ -414,7 +385,7 @@ class Subscriber:
         if standing:
             self._ask(self._keys.live(f"{ALARM}/**"), ALARM, self._on_standing)
         for question in questions:
-            self._ask(self._selector(question), question.topic, partial(self._on_answer, question))
+            self._ask(question.selector(self._keys), question.topic, partial(self._on_answer, question))
 
     def _ask(self, selector: str, topic: str, then: Callable[[list[zenoh.Reply]], None]) -> None:
         """Ask about a topic; ``then`` gets the replies once all are there."""
@@ -422,12 +393,12 @@ class Subscriber:
 
         assert self._session is not None
         replies: list[zenoh.Reply] = []
-        if self._check is not None:  # so that no answer of another time can stand for this one
+        if self._witness.asks_for_proof:  # so that no answer of another time can stand for this one
             selector += f"{';' if '?' in selector else '?'}nonce={secrets.token_hex(8)}"
 
         def done() -> None:
             with self._guarded():
-                then([reply for reply in replies if self._genuine_reply(topic, selector, reply)])
+                then([reply for reply in replies if self._witness.reply(topic, selector, reply)])
             self._look.set()
 
         self._session.get(
@@ -438,22 +409,3 @@ class Subscriber:
             consolidation=zenoh.ConsolidationMode.NONE,
             priority=zenoh.Priority.DATA_LOW,
         )
-
-    def _selector(self, question: Question) -> str:
-        hole, topic = question.hole, question.topic
-        address = parse(self._keys.live(topic))
-        asked: dict[str, object] = {"session": hole.session, "first": hole.first}
-        if hole.count is not None:
-            asked["count"] = hole.count
-        if address.kind == "raw":
-            asked |= {"source": address.names[0], "stream": address.names[1]}
-        else:
-            asked |= {"stream": FRAME} if topic == FRAME else {"kind": topic}
-        name = "history" if address.kind in ("raw", FRAME) else "results"
-        parameters = ";".join(f"{k}={quote(str(v), safe='')}" for k, v in asked.items())
-        return f"{self._keys.question(name)}?{parameters}"
-
-
-def _told(sample: zenoh.Sample) -> tuple[bytes, bytes]:
-    """Attachment and payload."""
-    return b"" if sample.attachment is None else sample.attachment.to_bytes(), sample.payload.to_bytes()

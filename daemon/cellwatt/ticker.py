@@ -56,6 +56,11 @@ class Beat(NamedTuple):
     deadline: int
     merged: int
 
+    @property
+    def lateness(self) -> float:
+        """s that have gone by since the deadline; asked first thing in a turn, how late it is served."""
+        return max(0.0, (time.monotonic_ns() - self.deadline) * 1e-9)
+
 
 class Ticker:
     """Beats at ``rate`` Hz: ``async with Ticker(50.0) as ticker: async for tick in ticker: ...``.

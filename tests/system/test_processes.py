@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import resource
 import signal
 from pathlib import Path
 
@@ -46,6 +47,24 @@ async def killed(audience: Audience, part: str, random: np.random.Generator) -> 
     before = pid_of(audience, part)
     os.kill(before, signal.SIGKILL)
     await audience.until(lambda a: pid_of(a, part) != before)
+
+
+def may_go_before_others() -> bool:
+    return os.geteuid() == 0 or resource.getrlimit(resource.RLIMIT_NICE)[1] >= 25  # 20 less the niceness of -5
+
+
+@pytest.mark.skipif(not may_go_before_others(), reason="this user may not raise a process's priority")
+async def test_who_records_goes_before_other_programs_and_who_judges_does_not(tmp_path: Path) -> None:
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
+        text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"
+        async with running(tmp_path, text) as (_, audience):
+            await audience.until(lambda a: len(a.status.get("processes", {})) == 4)
+            nice = {
+                name: os.getpriority(os.PRIO_PROCESS, pid_of(audience, name)) for name in audience.status["processes"]
+            }
+    assert nice["tell"] < nice["judge segment"]
+    assert nice["align"] < nice["judge segment"]
+    assert max(nice["tell"], nice["align"]) < os.getpriority(os.PRIO_PROCESS, 0)
 
 
 @pytest.mark.parametrize("part", ["tell", "align", "judge segment"])

@@ -16,6 +16,7 @@ from cellwatt.commands.tables import show_table
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.record.room import troubles
 from cellwatt.runtime.assemble import Prepared, prepare
 
 
@@ -27,7 +28,7 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
     """Check settings files without connecting to anything.
 
     Prints one line for each mistake, by place, and ends with exit code 2 when there is one. What is allowed and yet
-    dangerous is a warning on stderr.
+    dangerous is a warning on stderr, and so is a record folder that this PC has no room or no rights for.
     """
     if schema:
         click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
@@ -42,8 +43,7 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
         except ConfigError as error:
             problems += error.problems
         else:
-            for warning in config.warnings:
-                click.echo(f"{file}: warning: {warning}", err=True)
+            warn(file, config)
             if not as_json:
                 _describe(config, prepared)
     problems = ordered(problems)
@@ -55,6 +55,13 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
         sys.exit(EXIT_USAGE)
 
 
+def warn(file: Path, config: CellConfig) -> None:
+    """Say on stderr what is allowed and yet dangerous, and what on this PC stands in the way of recording."""
+    room = troubles(config.record) if config.record is not None else ()
+    for warning in (*config.warnings, *(f"record: {text}" for text in room)):
+        click.echo(f"{file}: warning: {warning}", err=True)
+
+
 def _plain(problem: Problem) -> dict[str, str | int | None]:
     file, line, column = position(problem)
     return {"file": file, "line": line, "column": column, "path": problem.path, "message": problem.message}
@@ -62,9 +69,9 @@ def _plain(problem: Problem) -> dict[str, str | int | None]:
 
 def _describe(config: CellConfig, prepared: Prepared) -> None:
     click.echo(
-        f"{config.path}: cell {config.cell} at {config.site} is right: {_count(config.sources, 'source')}, "
-        f"{_count(prepared.layout.channels, 'channel')} in frames at {config.frames.rate:g} Hz, "
-        f"given after {1e3 * config.frames.latency:g} ms"
+        f"{config.path}: configuration is valid. Cell {config.cell} at {config.site}: "
+        f"{_count(config.sources, 'source')}, {_count(prepared.layout.channels, 'channel')} "
+        f"in frames at {config.frames.rate:g} Hz, given after {1e3 * config.frames.latency:g} ms"
     )
     show_table(
         ("source", "driver", "stream", "rate", "clock", "channels"),

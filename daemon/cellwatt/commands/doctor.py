@@ -12,6 +12,7 @@ import click
 
 from cellwatt.batch import Batch
 from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands.check import warn
 from cellwatt.commands.ranges import summary
 from cellwatt.commands.tables import show_table
 from cellwatt.config import load
@@ -36,8 +37,7 @@ def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is wrong.
     """
     config = load(file)
-    for warning in config.warnings:
-        click.echo(f"{file}: warning: {warning}", err=True)
+    warn(file, config)
     read: dict[str, list[Batch]] = {name: [] for name in config.sources}
 
     async def all_sources() -> list[Examination]:

@@ -13,6 +13,7 @@ from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
+from cellwatt.signing import unusable
 from cellwatt.sink import SinkSettings
 from cellwatt.stage import StageSettings
 
@@ -119,4 +120,7 @@ class CellConfig:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is allowed and yet worth a word, a line each."""
-        return tuple(f"{name}: {text}" for name, sink in self.sinks.items() for text in sink.settings.warnings())
+        told = {name: sink.settings.warnings() for name, sink in self.sinks.items()}
+        if self.record is not None:
+            told["record"] = unusable(self.record.sign)
+        return tuple(f"{name}: {text}" for name, texts in told.items() for text in texts)

@@ -8,6 +8,8 @@ import sys
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
+from cellwatt.runtime.processes.rights import keep_up
+
 _PATIENCE = 5.0  # s
 TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 
@@ -31,6 +33,7 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
     command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
     command += ["--site", "demo", "--cell", "demo", *topics]
     process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    keep_up(process.pid)  # it shares the cores with all that it is to count
     async with _ended(process):
         yield process
 

@@ -17,6 +17,8 @@ from cellwatt.sink import Journal
 
 RESULTS_KEPT: Final = 4096
 """Results and events kept of each topic."""
+_OVERHEAD: Final = 1000
+"""Bytes that a block of frames takes in memory beside its numbers: of two frames, more than these."""
 
 
 @dataclass(slots=True)
@@ -117,7 +119,8 @@ class Backlog:
 
 
 def _size(frames: Frames) -> int:
-    return frames.time.nbytes + frames.values.nbytes + frames.quality.nbytes + frames.bound.nbytes
+    numbers = frames.time.nbytes + frames.values.nbytes + frames.quality.nbytes + frames.bound.nbytes
+    return numbers + _OVERHEAD
 
 
 def _time_of(item: Result | Event) -> int:

@@ -18,6 +18,7 @@ from typing import Final
 from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
+from cellwatt.publish.asking import Question
 from cellwatt.publish.doubt import Doubts
 from cellwatt.publish.keys import ALARM
 from cellwatt.publish.mark import Mark
@@ -37,25 +38,6 @@ _NEAR: Final = 10_000
 
 Positions = Mapping[str, tuple[int, int]]
 """By topic, session and next number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """What to ask the cell for."""
-
-    topic: str
-    hole: Hole
-
-    def check(self, parts: Sequence[tuple[Mark, Batch | Frames | Result | Event]]) -> None:
-        """Raises ``ProtocolError`` where an answer is about something else."""
-        hole = self.hole
-        end = math.inf if hole.count is None else hole.first + hole.count
-        for mark, _ in parts:
-            if mark.session != hole.session or mark.end <= hole.first or mark.sequence >= end:
-                raise ProtocolError(
-                    f"asked for {self.topic} from {hole.first} in session {hole.session}, the answer has"
-                    f" {mark.sequence} to {mark.end} in session {mark.session}"
-                )
 
 
 @dataclass(slots=True)

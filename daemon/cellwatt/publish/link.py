@@ -27,8 +27,12 @@ if TYPE_CHECKING:
 
 LARGEST_MESSAGE: Final = 64 * 1024 * 1024
 """Bytes of a message that is taken at all; 2000 samples of 1000 channels have 36 MB. Zenoh's own limit is 1 GiB."""
-_ATTEMPT: Final = 1.0
-"""Longest time, s, of one attempt to reach a router; a stop waits for it."""
+_ATTEMPTS: Final = (1.0, 2.0, 2.0)
+"""Longest time, s, of an attempt to reach a router; a stop waits for it.
+
+The next in turn is for an endpoint where somebody answered and yet no session came about. Only when all have failed is
+that a refusal: it may have been a router that just began to listen, or a PC whose cores are taken.
+"""
 PATIENCE: Final = 10.0
 """Time, s, that a client tries to reach its router."""
 _PAUSE: Final = 0.2  # s
@@ -93,7 +97,7 @@ class LinkSettings(SinkSettings):
     mode: Literal["peer", "client", "router"] = "peer"
     """``peer`` serves whoever connects, ``client`` goes through a router, ``router`` also relays for others."""
     listen: tuple[str, ...] = ()
-    """Endpoints to listen on, like ``tcp/192.0.2.1:7447``; none by default, so nothing is exposed."""
+    """Endpoints to listen on, like ``tcp/127.0.0.1:7447``; none by default, so nothing is exposed."""
     connect: tuple[str, ...] = ()
     """Endpoints to connect to, like ``tls/plant-router:7447``; tried again for ever when they are away."""
     scouting: bool = False
@@ -142,7 +146,9 @@ class LinkSettings(SinkSettings):
         return self
 
 
-def session_config(settings: LinkSettings, timeout: float = _ATTEMPT, largest: int = LARGEST_MESSAGE) -> zenoh.Config:
+def session_config(
+    settings: LinkSettings, timeout: float = _ATTEMPTS[0], largest: int = LARGEST_MESSAGE
+) -> zenoh.Config:
     """The settings as Zenoh takes them; ``timeout`` s for reaching a router, messages of ``largest`` bytes.
 
     Raises ``ValueError`` that names the option where Zenoh refuses one.
@@ -175,18 +181,16 @@ def open_session(
     zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
     for problem in unreadable(settings):
         raise SinkError(problem)
-    config = session_config(settings, largest=largest)
     end = time.monotonic() + (PATIENCE if patience is None else patience)
-    refused_before = False
+    refusals = 0
     while True:
         try:
-            return zenoh.open(config)
+            return zenoh.open(session_config(settings, _ATTEMPTS[refusals], largest))
         except zenoh.ZError as error:
             refused, reason = _explain(settings, error)
-            # Once may be a router that began to listen between our attempt and the look at why it failed.
-            if (refused and refused_before) or stopped() or time.monotonic() > end:
+            refusals = refusals + 1 if refused else 0
+            if refusals == len(_ATTEMPTS) or stopped() or time.monotonic() > end:
                 raise SinkError(reason) from None
-            refused_before = refused
         time.sleep(_PAUSE)
 
 

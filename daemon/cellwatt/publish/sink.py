@@ -26,6 +26,7 @@ from cellwatt.publish.outbox import Lane, Outbox, Outgoing
 from cellwatt.publish.publisher import Publisher
 from cellwatt.publish.signing import Seal
 from cellwatt.quantity import Bytes
+from cellwatt.signing import unusable
 from cellwatt.sink import CellView, Item, Sink
 
 log = logging.getLogger(__name__)
@@ -65,11 +66,11 @@ class ZenohSettings(LinkSettings):
         return self
 
     def warnings(self) -> tuple[str, ...]:
-        """Ways in that were left open on purpose, and certificates that are not there or will soon have ended."""
+        """Ways in that were left open on purpose, keys and certificates that are not there or will soon have ended."""
         from cellwatt.secure import validity
 
         ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
-        return (*ways, *unreadable(self), *validity.warnings(self))
+        return (*ways, *unreadable(self), *unusable(self.sign), *validity.warnings(self))
 
 
 def _refusal(opening: Opening) -> InitErrorDetails:

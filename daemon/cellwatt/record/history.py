@@ -6,7 +6,7 @@ import sys
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import FileIO
 from pathlib import Path
@@ -17,7 +17,7 @@ from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
 from cellwatt.record import decoder, seal
-from cellwatt.record.container import Chunk, Contents
+from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import topic_of
 from cellwatt.record.reader import chunk_data
@@ -57,7 +57,7 @@ class History:
         self._recorder = recorder
         self._lock = threading.Lock()
         self._known: dict[Path, Known] = {}
-        self._chunks: OrderedDict[Path, tuple[Sequence[Chunk], dict[int, Track]]] = OrderedDict()
+        self._chunks: OrderedDict[Path, tuple[Chunks, dict[int, Track]]] = OrderedDict()
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
         """Recorded samples ``first`` … ``first + count`` of a stream, in order, what is left of them.
@@ -130,20 +130,20 @@ class History:
         try:
             chunks, tracks = self._listed(known)
             with open_file(known.kept.path) as file:
-                holding = [c for c in chunks if any(number == channel for number, _ in c.indexes)]
+                holding = chunks.holding(channel)
                 places = range(len(holding))
                 start = bisect_right(places, first, key=lambda i: _first_from(file, holding, i, tracks, channel))
-                return list(_between(file, holding[max(start - 1, 0) :], tracks, channel, first, stop))
+                return list(_between(file, _from(holding, max(start - 1, 0)), tracks, channel, first, stop))
         except (OSError, RecordingError):
             # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
             return []
 
-    def _listed(self, known: Known) -> tuple[Sequence[Chunk], dict[int, Track]]:
+    def _listed(self, known: Known) -> tuple[Chunks, dict[int, Track]]:
         """Chunks and tracks of a file; of closed ones the last few are kept."""
         path = known.kept.path
         live = self._recorder.live()
         if live is not None and path == live[0]:
-            return list(live[1].chunks), _tracks(live[1])
+            return live[1].chunks, _tracks(live[1])
         if path not in self._chunks:
             contents = survey(path).contents
             self._chunks[path] = contents.chunks, _tracks(contents)
@@ -194,7 +194,7 @@ def _batches(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], channel: i
 
 def _first_from(file: FileIO, chunks: Sequence[Chunk], at: int, tracks: Mapping[int, Track], channel: int) -> int:
     """The sequence number with which a stream goes on in the first chunk from ``at`` on that can be read."""
-    for chunk in chunks[at:]:
+    for chunk in _from(chunks, at):
         try:
             for item in decoder.items(chunk_data(file, chunk), tracks, {channel}):
                 if isinstance(item, Batch):
@@ -204,8 +204,13 @@ def _first_from(file: FileIO, chunks: Sequence[Chunk], at: int, tracks: Mapping[
     return sys.maxsize
 
 
+def _from(chunks: Sequence[Chunk], at: int) -> Iterator[Chunk]:
+    """Those from ``at`` on, each made when it is needed: a slice would make them all."""
+    return (chunks[place] for place in range(at, len(chunks)))
+
+
 def _between(
-    file: FileIO, chunks: Sequence[Chunk], tracks: Mapping[int, Track], channel: int, first: int, stop: int
+    file: FileIO, chunks: Iterable[Chunk], tracks: Mapping[int, Track], channel: int, first: int, stop: int
 ) -> Iterator[Batch]:
     for chunk in chunks:
         for batch in _batches(file, chunk, tracks, channel):

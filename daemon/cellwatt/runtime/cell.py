@@ -119,7 +119,7 @@ class Cell:
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
-                self._lag = max(0.0, (asyncio.get_running_loop().time() - tick.deadline * 1e-9))
+                self._lag = tick.lateness
                 try:
                     self._collector.keep_time()
                     self._look()

@@ -76,7 +76,7 @@ def still_active(results: Iterable[Result], before: Mapping[str, Alarm] | None =
 
 def taken_back(alarms: Iterable[Alarm], time: int) -> list[Result]:
     """Clears for alarms whose stage is gone, at ``time`` ns: the one made in its place knows nothing of them."""
-    text = "Over: {} (the stage that raised it begins anew)"
+    text = "Withdrawn, as the stage that raised it begins anew: {}"
     return [replace(a, active=False, time=time, statement=text.format(a.statement)) for a in alarms]
 
 

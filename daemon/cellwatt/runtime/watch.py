@@ -27,22 +27,21 @@ UNSURE: Final = 0.05
 """s by which samples of a device with a clock may be off in time, at most: frames come every 20 ms."""
 
 
-KINDS: Final = frozenset(
-    {
-        "source_down",
-        "source_slow",
-        "clock_unsure",
-        "clock_unsteady",
-        "source_strange",
-        "accounting",
-        "stage_broken",
-        "stage_slow",
-        "sink_down",
-        "process_down",
-        "recorder",
-    }
-)
-"""Alarms about the daemon itself."""
+KINDS: Final = {
+    "source_down": "source {part} is back",
+    "source_slow": "source {part} gives its declared rate again",
+    "source_strange": "source {part} sends nothing strange any more",
+    "clock_unsure": "source {part}: its clock is known well enough again",
+    "clock_unsteady": "source {part}: its clock can be followed again",
+    "accounting": "source {part}: all samples are accounted for",
+    "stage_broken": "stage {part} runs again",
+    "stage_slow": "stage {part} keeps up again",
+    "sink_down": "sink {part} is back",
+    "process_down": "process {part} is back",
+    "process_slow": "process {part} keeps up again",
+    "recorder": "recording works again",
+}
+"""Alarms about the daemon itself, and what is said when they end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +86,22 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
         if process["down"]:
             text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
             found.append(Trouble("process_down", "error", name, text, {"restarts": process["restarts"]}))
+        found += _behind(name, process, before.get("processes", {}).get(name, {}))
     recorder = status.get("recorder")
     if recorder is not None and recorder["state"] != "ok":
         text = f"Recording is disturbed: {recorder['state']} {recorder.get('problem', '')}".rstrip()
         found.append(Trouble("recorder", "error", "recorder", text, {"refused": dict(recorder.get("drops", {}))}))
     return found
+
+
+def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) -> list[Trouble]:
+    """A process that fell behind by more than the ring holds, so that it never saw some of it."""
+    lost = process.get("skipped_bytes", 0) - before.get("skipped_bytes", 0)
+    if lost <= 0:
+        return []
+    what = "are missing in the record" if name == "tell" else "were left out"
+    text = f"Process {name} fell more than 10 s behind: {lost} bytes of samples {what}. This PC is too busy"
+    return [Trouble("process_slow", "error", name, f"{text} with other programs.", {"skipped_bytes": lost})]
 
 
 def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
@@ -188,7 +198,7 @@ class Watch:
             self._clean[key] = 0 if key in found else self._clean.get(key, 0) + 1
             if self._clean[key] >= PATIENCE:
                 alarm = self._active.pop(key)
-                text = f"Over: {alarm.statement}"
+                text = f"Resolved: {KINDS[key[0]].format(part=key[1])}."
                 alarms.append(replace(alarm, active=False, time=now, statement=text))
         return alarms
 

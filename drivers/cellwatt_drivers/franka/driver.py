@@ -84,9 +84,12 @@ class FrankaDriver(Driver[FrankaSettings]):
         async with library.reading(s.host, self._every, self._selection, s.timeout) as reader:
             block = await reader.block()
             self.outlet.connected(_identity(reader))
-            while True:
-                self._intake.take(block[:, 0].astype(np.int64), block[:, 1:])
-                block = await reader.block()
+            try:
+                while True:
+                    self._intake.take(block[:, 0].astype(np.int64), block[:, 1], block[:, 2:])
+                    block = await reader.block()
+            finally:
+                self._intake.settle()
 
     async def identify(self) -> Identity:
         """See ``Driver.identify``: the library does not tell the robot's name, only that its states come."""

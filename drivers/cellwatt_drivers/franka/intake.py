@@ -1,4 +1,4 @@
-"""From states to the daemon: losses by the robot's own milliseconds, its clock, its mode."""
+"""From states to the daemon: losses by the robot's own milliseconds and what they are due to, its clock, its mode."""
 
 from __future__ import annotations
 
@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Outlet
+from cellwatt.slots import HOST
 from cellwatt_drivers.franka.fields import MODE, MODES
 
 Float = NDArray[np.float64]
 
+_SETTLED, _FORGOTTEN = 100, 1000
+"""ms without a loss after which what was lost is told, and after which what kept the reader no longer counts: the
+kernel counts in steps of 10 ms, and a tick late.
+"""
 _STRANGE = 500.0
 """ms by which the robot's time and this PC's may run apart between two blocks before it counts as set anew."""
 
@@ -30,22 +35,27 @@ class Intake:
         self._every = every
         self._last: int | None = None
         self._arrival = 0
-        self._reason = "gap"
+        self._outage = False
+        self._missing, self._held, self._since = 0, 0.0, 0
         self._mode_column = stream.names.index(MODE) if MODE in stream.names else None
         self._mode: float | None = None
 
     def opened(self) -> None:
         """Losses before the next state are those of an outage."""
-        self._reason = "outage"
+        self.settle()
+        self._outage = True
 
-    def take(self, stamps: NDArray[np.int64], values: Float) -> None:
-        """States with the robot's times (n,) ms and values (n, channels)."""
+    def take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
+        """States with the robot's times (n,) ms and values (n, channels).
+
+        ``held`` (n,) ms: for how long the reader was kept from running since the state before.
+        """
         steps = np.diff(stamps)
         breaks = [0, *(np.flatnonzero((steps <= 0) | (steps > _STRANGE)) + 1).tolist(), len(stamps)]
         for start, end in pairwise(breaks):
-            self._take(stamps[start:end], values[start:end])
+            self._take(stamps[start:end], held[start:end], values[start:end])
 
-    def _take(self, stamps: NDArray[np.int64], values: Float) -> None:
+    def _take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
         """States of one time base, rising."""
         arrival = self._outlet.now()
         account = self._outlet.account
@@ -53,15 +63,37 @@ class Intake:
         if self._last is not None and self._strange(first, arrival):
             self._outlet.clock_reset(self.stream, "the robot's time began anew")
             self._last = None
-        missing = 0 if self._last is None else (first - self._last) // self._every - 1
-        account.miss(missing, self._reason)
-        self._reason = "gap"
-        inside = int((np.diff(stamps) // self._every - 1).sum())
-        account.miss(inside, "gap")
-        account.expect(len(stamps) + missing + inside)
+        before = first - self._every if self._last is None else self._last
+        steps = np.diff(stamps, prepend=before)
+        missing = steps // self._every - 1
+        if self._outage:
+            self._outage = False
+            account.miss(int(missing[0]), "outage")
+            account.expect(int(missing[0]))
+            missing[0] = 0
+        account.expect(len(stamps))
+        self._tell(missing, held, stamps)
         self._last, self._arrival = int(stamps[-1]), arrival
         self._outlet.emit(Reading(self.stream, values, arrival, stamps * 1_000_000))
         self._compare(values)
+
+    def _tell(self, missing: NDArray[np.int64], held: Float, stamps: NDArray[np.int64]) -> None:
+        """Note what is missing before each state, and say what it is due to once nothing more is lost."""
+        self._held += float(held.sum())
+        if missing.any():
+            self._missing += int(missing.sum())
+            self._since = int(stamps[-1])
+        elif not 0 <= stamps[-1] - self._since < (_SETTLED if self._missing else _FORGOTTEN):
+            self.settle()
+            self._since = int(stamps[-1])
+
+    def settle(self) -> None:
+        """Count what is missing: as many states as the reader was kept from are the host's."""
+        host = min(self._missing, round(self._held / self._every))
+        self._outlet.account.miss(host, HOST)
+        self._outlet.account.miss(self._missing - host, "gap")
+        self._outlet.account.expect(self._missing)
+        self._missing, self._held = 0, 0.0
 
     def _strange(self, first: int, arrival: int) -> bool:
         assert self._last is not None

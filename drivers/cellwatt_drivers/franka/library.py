@@ -27,8 +27,8 @@ class Reader:
     def __init__(self, child: Process, host: str, selection: Selection, timeout: float) -> None:
         self._child = child
         self._host = host
-        self._columns = np.concatenate([[0], 1 + selection.columns])
-        self._width = 1 + selection.width
+        self._columns = np.concatenate([[0, 1], 2 + selection.columns])
+        self._width = 2 + selection.width
         self._timeout = timeout
         self._patience = max(timeout, _START_TIME)
         self._rest = b""
@@ -42,7 +42,10 @@ class Reader:
             return False
 
     async def block(self) -> Float:
-        """The states (n, 1 + channels) that came, the robot's time in ms first. Raises ``SourceError``."""
+        """The states (n, 2 + channels) that came; first the robot's time, then how long its reader was kept, in ms.
+
+        Raises ``SourceError``.
+        """
         size = 8 * self._width
         while len(self._rest) < size:
             self._rest += await self._chunk()

@@ -1,8 +1,8 @@
 """pylibfranka in a process of its own: ``python -m cellwatt_drivers.franka.receive HOST EVERY ATTRIBUTE …``.
 
 Its reads block and hold the GIL, so it cannot live in the daemon. Writes each state whose time in ms is a whole
-multiple of EVERY to standard output as float64: that time, then the attributes' values. Ends with a line on standard
-error when the library fails.
+multiple of EVERY to standard output as float64: that time, for how many ms this process was kept from running since
+the last state, then the attributes' values. Ends with a line on standard error when the library fails.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ import sys
 import time
 from collections.abc import Sequence
 from typing import Any
+
+from cellwatt.kept import Kept
 
 _SHORTEST = 0.004
 """s between two writes: the daemon is woken for a handful of states, not for each."""
@@ -40,21 +42,28 @@ def main(host: str, every: int, attributes: Sequence[str]) -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     waiting = b""
     written = 0.0
+    kept, held, last = Kept(), 0, 0
     while True:
         state = robot.read_once()
         stamp = round(state.time.to_sec() * 1e3)
+        missed, last = 0 < last < stamp - 1, stamp
+        if missed:
+            held += kept.look()
         if stamp % every:
             continue
-        waiting += _pack(stamp, state, attributes)
+        waiting += _pack(stamp, held / 1e6, state, attributes)
+        held = 0
         now = time.monotonic()
         if now - written >= _SHORTEST:
             written = now
+            if not missed:
+                kept.look()
             while waiting:
                 waiting = waiting[os.write(pipe, waiting) :]
 
 
-def _pack(stamp: int, state: Any, attributes: Sequence[str]) -> bytes:
-    row = [float(stamp)]
+def _pack(stamp: int, held: float, state: Any, attributes: Sequence[str]) -> bytes:
+    row = [float(stamp), held]
     for name in attributes:
         value = getattr(state, name)
         if isinstance(value, list):

@@ -22,7 +22,7 @@ def test_a_right_file(cell_file):
     assert result.exit_code == 0
     lines = result.output.splitlines()
     assert lines[0] == (
-        f"{cell_file}: cell weld-3 at plant-1 is right: "
+        f"{cell_file}: configuration is valid. Cell weld-3 at plant-1: "
         "2 sources, 5 channels in frames at 50 Hz, given after 100 ms"
     )  # fmt: skip
     assert [line.split() for line in lines[1:4]] == [
@@ -57,7 +57,7 @@ def test_several_files(cell_file):
     other.write_text("site: a\n")
     result = run(cell_file, other, cell_file.with_name("absent.yaml"))
     assert result.exit_code == 2
-    assert f"{cell_file}: cell weld-3" in result.output
+    assert f"{cell_file}: configuration is valid" in result.output
     problems = [line for line in result.output.splitlines() if "missing" in line or "cannot be read" in line]
     assert [p.removeprefix(str(cell_file.parent) + "/").split(":")[0] for p in problems] == [
         "absent.yaml",

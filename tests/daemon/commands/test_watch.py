@@ -21,7 +21,7 @@ SECONDS = ("--json", "--seconds", "3", "--topic", "health")
 def test_a_dead_address_is_one_line_and_an_error(
     call: Call, monkeypatch: pytest.MonkeyPatch, seconds: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr("cellwatt.publish.link._ATTEMPT", 0.2)
+    monkeypatch.setattr("cellwatt.publish.link._ATTEMPTS", (0.2, 0.2))
     monkeypatch.setattr("cellwatt.publish.link.PATIENCE", 0.5)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *seconds)

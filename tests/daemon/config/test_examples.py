@@ -22,7 +22,7 @@ def _real_parts(monkeypatch: pytest.MonkeyPatch, _fake_parts: None) -> None:
     registry.available.cache_clear()
 
 
-@pytest.mark.parametrize("name", ["ur-weld-cell", "yaskawa-line", "power-only", "plant-router"])
+@pytest.mark.parametrize("name", ["ur-weld-cell", "yaskawa-line", "power-only", "plant-router", "fault-networks"])
 def test_example_is_right(name):
     prepared = prepare(load(EXAMPLES / f"{name}.yaml", ENVIRONMENT))
     assert prepared.layout.channels

@@ -61,7 +61,7 @@ def test_results_are_kept_up_to_a_number_of_each_topic() -> None:
 
 
 def test_frames_are_kept_up_to_a_number_of_bytes() -> None:
-    size = 10 * (8 + 2 * 8 + 2 + 2 * 8)
+    size = 1000 + 10 * (8 + 2 * 8 + 2 + 2 * 8)  # what objects take, and the numbers
     kept = backlog(3 * size)
     for first in range(0, 50, 10):
         kept.add_frames(frames(first, 10))

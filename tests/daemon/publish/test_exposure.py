@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from click.testing import CliRunner
 from pydantic import ValidationError
 
@@ -135,3 +137,23 @@ def test_no_text_of_ours_lets_the_network_in(place: str) -> None:
     for file in [found] if found.is_file() else [*found.rglob("*.md"), *found.rglob("*.yaml")]:
         for line in file.read_text().splitlines():
             assert "/0.0.0.0:" not in line or "tls/" in line or "open: true" in line, f"{file}: {line}"
+
+
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md")), *sorted(ROOT.glob("examples/**/*.yaml"))]
+LISTENING = re.compile(r"listen\w*:\s*\[([^]]*)]")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_example_of_ours_lets_strangers_in(page: Path) -> None:
+    text = re.sub(r"\$\{\w+:-([^}]*)}", r"\1", page.read_text())  # the default of a variable
+    for endpoints in LISTENING.findall(text):
+        ZenohSettings(listen=tuple(yaml.safe_load(f"[{endpoints}]")), tls=TLS if "tls/" in endpoints else None)
+
+
+def test_a_key_to_sign_with_that_is_missing_is_told_by_check(tmp_path: Path) -> None:
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(CELL + "record: {folder: rec, sign: sign.key}\nzenoh: {sign: sign.key}\n")
+    told = CliRunner().invoke(check.command, [str(cell)])
+    assert told.exit_code == 0
+    for part in ("zenoh", "record"):
+        assert f"warning: {part}: sign: {tmp_path / 'sign.key'} cannot be read" in told.output

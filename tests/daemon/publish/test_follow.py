@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.publish.follow import GRACE, Following, Question
+from cellwatt.publish.asking import Question
+from cellwatt.publish.follow import GRACE, Following
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Gap, Part
 from tests.daemon.publish.fake_cell import alarm, batch

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import threading
@@ -113,6 +114,28 @@ def test_somebody_who_is_no_zenoh_is_told_apart(tmp_path: Path) -> None:
         endpoint = f"tcp/{HOST}:{server.getsockname()[1]}"
         settings = LinkSettings(mode="client", connect=(endpoint,))
         assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers but refuses the session")
+
+
+def test_a_router_on_a_pc_whose_cores_are_taken_is_no_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its kernel accepts the connection, and the session comes about only at the third attempt."""
+    import zenoh
+
+    attempts: list[zenoh.Config] = []
+    opened = zenoh.open
+
+    def late(config: zenoh.Config) -> zenoh.Session:
+        attempts.append(config)
+        if len(attempts) < 3:
+            raise zenoh.ZError("Unable to connect to any of [...]. Timeout!")
+        return opened(config)
+
+    endpoint = f"tcp/{HOST}:{free_port()}"
+    with open_session(LinkSettings(mode="router", listen=(endpoint,))):
+        monkeypatch.setattr(zenoh, "open", late)
+        open_session(LinkSettings(mode="client", connect=(endpoint,)), patience=60).close()
+    asked = [json.loads(config.get_json("connect/timeout_ms")) for config in attempts]
+    assert asked == sorted(asked)
+    assert asked[-1] > asked[0]
 
 
 @pytest.fixture

@@ -52,14 +52,19 @@ class _Skipping(selectors.DefaultSelector):
         return found
 
 
+async def _in_place(function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    return function(*args, **kwargs)
+
+
 @pytest.fixture
 def at_once(monkeypatch: pytest.MonkeyPatch) -> Callable[[Coroutine[Any, Any, None]], None]:
     """Runs a coroutine on a loop where every wait is over at once and the clock shows that it passed.
 
-    Not for what works in threads: the loop would not wait for them.
+    ``asyncio.to_thread`` calls its function in place, as the loop would not wait for a thread.
     """
     selector = _Skipping()
     monkeypatch.setattr(time, "monotonic", lambda: selector.seconds)
+    monkeypatch.setattr(asyncio, "to_thread", _in_place)
 
     def run(coroutine: Coroutine[Any, Any, None]) -> None:
         with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector)) as runner:

@@ -52,7 +52,7 @@ def test_down_source_is_raised_once_and_cleared_once() -> None:
     assert looks[PATIENCE - 1] == alarms
     assert "192.0.2.1:30004" in alarms[0].statement
     after = [a for now in range(10, 20) for a in watch.look(status(), now)]
-    assert [(a.id, a.active) for a in after] == [(alarms[0].id, False)]
+    assert [(a.id, a.active, a.statement) for a in after] == [(alarms[0].id, False, "Resolved: source arm is back.")]
 
 
 def test_short_trouble_is_not_raised() -> None:
@@ -154,3 +154,18 @@ def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
         stages = {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}
         alarms += watch.look(status() | {"stages": stages}, now)
     assert [(a.kind, a.active) for a in alarms] == [("stage_slow", True), ("stage_slow", False)]
+
+
+def process(skipped: int) -> dict[str, Any]:
+    tell = {"down": False, "silent_s": 0.1, "restarts": 0, "skipped_bytes": skipped}
+    return status() | {"processes": {"tell": tell}}
+
+
+def test_samples_that_were_never_recorded_are_an_error_and_over_when_no_more_are() -> None:
+    watch = Watch()
+    second = 1_000_000_000
+    alarms = [a for s in range(20) for a in watch.look(process(1000 * s), s * second)]
+    assert [(a.kind, a.severity, a.active) for a in alarms] == [("process_slow", "error", True)]
+    assert "missing in the record" in alarms[0].statement
+    alarms = [a for s in range(20, 40) for a in watch.look(process(19_000), s * second)]
+    assert [(a.kind, a.active) for a in alarms] == [("process_slow", False)]

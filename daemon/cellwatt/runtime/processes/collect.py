@@ -100,7 +100,7 @@ class _Collecting:
         collected = time.monotonic()
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
-                self._lag = max(0.0, asyncio.get_running_loop().time() - tick.deadline * 1e-9)
+                self._lag = tick.lateness
                 self._collector.keep_time()
                 self._say()
                 if time.monotonic() - collected > COLLECT:

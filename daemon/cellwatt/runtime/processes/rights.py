@@ -1,7 +1,8 @@
-"""What the process that collects may claim of the host, so that others do not hold it up."""
+"""What processes that must keep up may claim of the host, so that others do not hold them up."""
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 from typing import Final
@@ -9,12 +10,23 @@ from typing import Final
 REALTIME: Final = 10
 """Priority of real-time scheduling, of 1 to 99: above all that is not real-time, below the kernel's own threads."""
 NICE: Final = -10
+KEEPING_UP: Final = -5
+"""Niceness of who aligns, records and tells: beside busy programs of others, the ring must not run full."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 def claim() -> str:
-    """Take what the unit or the user allows, and say in one line what that is."""
+    """For who collects: take what the unit or the user allows, and say in one line what that is."""
     return f"{_scheduling()}, {_memory()}"
+
+
+def keep_up(process: int = 0) -> None:
+    """For who aligns, records and tells: go before other programs, where the unit or the user allows it.
+
+    ``process``: its number, 0 for the one that calls; one that has made threads already keeps theirs as they are.
+    """
+    with contextlib.suppress(OSError):
+        _prefer(KEEPING_UP, process)
 
 
 def _scheduling() -> str:
@@ -25,10 +37,14 @@ def _scheduling() -> str:
     else:
         return f"real-time scheduling at priority {REALTIME}"
     try:
-        os.setpriority(os.PRIO_PROCESS, 0, min(NICE, os.getpriority(os.PRIO_PROCESS, 0)))
+        _prefer(NICE)
     except OSError:
         return "no right to real-time scheduling or a higher priority"
     return f"no right to real-time scheduling, nice {os.getpriority(os.PRIO_PROCESS, 0)}"
+
+
+def _prefer(nice: int, process: int = 0) -> None:
+    os.setpriority(os.PRIO_PROCESS, process, min(nice, os.getpriority(os.PRIO_PROCESS, process)))
 
 
 def _memory() -> str:

@@ -19,6 +19,7 @@ from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
+from cellwatt.runtime.processes.rights import keep_up
 from cellwatt.runtime.processes.shared import TELL, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
@@ -38,6 +39,7 @@ SILENT: Final = 4.0
 
 def tell(assignment: Assignment) -> None:
     """Record and publish until all others have ended. Raises ``CellwattError`` where a part cannot be started."""
+    keep_up()
     with plain_errors():
         asyncio.run(_Telling(assignment).run())
 
@@ -71,6 +73,8 @@ class _Telling:
         self._marked = asyncio.Event()
         self._over = asyncio.Event()
         self._lag = 0.0
+        self._skipped = self._told_skipped = 0
+        """Bytes that were written over before they were read here, and of how many an event was told."""
 
     async def run(self) -> None:
         control, loop = self._assignment.control, asyncio.get_running_loop()
@@ -133,9 +137,7 @@ class _Telling:
             case Mark():
                 self._come_to(way, item.generation)
             case Skipped():
-                text = f"{item.size} bytes were written over before they could be recorded: this PC is too busy"
-                log.warning("%s", text)
-                self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
+                self._skipped += item.size
             case Batch() | Frames():
                 fresh = self._resume.fresh(item)
                 if fresh is not None:
@@ -229,7 +231,7 @@ class _Telling:
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:
             async for tick in ticker:
-                self._lag = max(0.0, asyncio.get_running_loop().time() - tick.deadline * 1e-9)
+                self._lag = tick.lateness
                 self._assignment.shared.clock.discipline()
                 self._settle()
                 try:
@@ -238,13 +240,21 @@ class _Telling:
                     # Health is worth a lot, but never the data: it is looked at again in a second.
                     log.exception("the look at the cell's health failed")
 
+    def _tell_skipped(self) -> None:
+        lost, self._told_skipped = self._skipped - self._told_skipped, self._skipped
+        if lost > 0:
+            text = f"{lost} bytes were written over before they could be recorded: this PC is too busy"
+            self._teller.take(Event(self._assignment.shared.clock.now(), None, "skipped", text))
+
     def _look(self) -> None:
+        self._tell_skipped()  # at the last look, too: what was skipped since the one before is in the record
         now = time.monotonic()
         said = {part: known for part, (_, known) in self._said.items()}
         ages = {part: now - heard for part, (heard, _) in self._said.items()}
         stages = {name: s for known in said.values() for name, s in known.get("stages", {}).items()}
         collect, align = said.get("collect", {}), said.get("align", {})
-        here = figures("tell", self._assignment, loop_lag_ms=round(1e3 * self._lag, 3))
+        lag = round(1e3 * self._lag, 3)
+        here = figures("tell", self._assignment, loop_lag_ms=lag, skipped_bytes=self._skipped)
         self._teller.look(
             {
                 "utc_error_ms": collect.get("utc_error_ms", 0.0),

@@ -54,7 +54,7 @@ def test_alarms_of_stages_that_died_with_their_process_are_taken_back() -> None:
     before = [alarm("heat"), alarm("noise"), alarm("noise", active=False)]
     (over,) = alarms_of(before, restarts=1)
     assert (over.id, over.active, over.time) == ("heat", False, 9 * STEP)
-    assert over.statement == "Over: Joint 2: heat. (the stage that raised it begins anew)"
+    assert over.statement == "Withdrawn, as the stage that raised it begins anew: Joint 2: heat."
 
 
 def test_a_first_judge_takes_nothing_back() -> None:

@@ -1,0 +1,100 @@
+"""A cell whose certificate is renewed while it serves: SIGHUP puts the new one in force, and nothing is lost."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+import ssl
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from cellwatt.commands.secure import command
+from cellwatt.emulation import EmulatorProcess
+from cellwatt.subscriber import LinkSettings
+from tests.patience import eventually
+from tests.system.running import Audience, Daemon, free_port
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+
+
+class SecureDaemon(Daemon):
+    """A daemon that listens with certificates of ``cellwatt secure``, in whose folder its settings stand."""
+
+    def __init__(self, folder: Path, text: str) -> None:
+        self.number = free_port()
+        for line in (
+            ["init", str(folder), "--site", "test"],
+            ["cell", "test", "--host", "localhost"],
+            ["viewer", "anna"],
+        ):
+            self.secure(folder, *line)
+        super().__init__(folder, text, self.number)
+
+    @staticmethod
+    def secure(folder: Path, *arguments: str) -> None:
+        at = [] if arguments[0] == "init" else ["--in", str(folder)]
+        CliRunner().invoke(command, [*arguments, *at], catch_exceptions=False, standalone_mode=False)
+
+    def settings(self, member: str) -> dict[str, Any]:
+        """What was written for a member, with the port and the folder of this test."""
+        text = (self.folder / member / "zenoh.yaml").read_text().replace("7447", str(self.number))
+        text = re.sub(
+            rf"\b{member}/(?=\w+\.(pem|key|pub))", f"{self.folder}/{member}/", text.replace("0.0.0.0", "127.0.0.1")
+        )
+        found: dict[str, Any] = yaml.safe_load(text)["zenoh"]
+        return found
+
+    def write(self, text: str) -> None:
+        zenoh = yaml.safe_dump({"zenoh": self.settings("test")})
+        self.file.write_text(f"site: test\ncell: test\n{text}\nrecord: {{folder: {self.folder / 'record'}}}\n{zenoh}")
+
+    @property
+    def link(self) -> LinkSettings:
+        return LinkSettings(**{k: v for k, v in self.settings("anna").items() if k != "sign"})
+
+    def served(self) -> bytes:
+        """The certificate that whoever connects is shown."""
+        anna = self.folder / "anna"
+        context = ssl.create_default_context(cafile=str(anna / "ca.pem"))
+        context.load_cert_chain(anna / "cert.pem", anna / "key.pem")
+        with (
+            socket.create_connection(("localhost", self.number)) as plain,
+            context.wrap_socket(plain, server_hostname="localhost") as link,
+        ):
+            shown = link.getpeercert(binary_form=True)
+        assert shown is not None
+        return shown
+
+
+async def test_a_renewed_certificate_is_in_force_after_a_reload_and_nothing_is_lost(tmp_path: Path) -> None:
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
+        sources = f"sources:\n  arm: {{driver: ur, host: 127.0.0.1, port: {device.address.rpartition(':')[2]}}}\n"
+        daemon = SecureDaemon(tmp_path / "plant", sources)
+        async with daemon, Audience(daemon) as audience:
+            await audience.until(lambda a: a.received["raw/arm/rtde"] > 500)
+            before = await asyncio.to_thread(daemon.served)
+            daemon.secure(daemon.folder, "renew", "test")
+            assert await asyncio.to_thread(daemon.served) == before, "it is the reload that puts it in force"
+            daemon.hang_up()
+
+            async def renewed() -> bool:
+                try:
+                    return await asyncio.to_thread(daemon.served) != before
+                except OSError:  # between the two listeners
+                    return False
+
+            await eventually(renewed, "the renewed certificate")
+            got = audience.received["raw/arm/rtde"]
+            await audience.until(lambda a: a.received["raw/arm/rtde"] > got + 1000)
+            assert not audience.gaps
+            assert audience.source("arm")["missed"] == {}, "the device's connection was not touched"
+        batches = audience.batches["raw/arm/rtde"]
+        following = batches[0].sequence
+        for batch in batches:
+            assert batch.sequence == following
+            following += len(batch)
