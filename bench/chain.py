@@ -1,6 +1,7 @@
 """The whole chain, sources to Zenoh, recorded: throughput on one core, and latency at 8 robots.
 
     python bench/chain.py --json
+    python bench/chain.py --json --robots 32 --stages
 
 Emulated UR controllers (500 Hz, the full default recipe plus more: 62 values) run in one process, the daemon in
 others, on all cores or alone on one, a plain Zenoh subscriber in a last. Latency is told from the subscriber's receipt:
@@ -117,14 +118,14 @@ def percentiles(values: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def run(robots: int, seconds: float, cores: int) -> dict[str, Any]:
+def run(robots: int, seconds: float, cores: int, stages: bool) -> dict[str, Any]:
     """One run of the daemon on one core, or on all; its CPU share, losses and the subscriber's figures."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         emulators = spawn("devices", str(robots), cpus={1})
         ports = json.loads(line(emulators))
-        write(folder / "cell.yaml", ports, endpoint, folder)
+        write(folder / "cell.yaml", ports, endpoint, folder, stages)
         daemon = subprocess.Popen(
             [sys.executable, "-m", "cellwatt.commands", "run", str(folder / "cell.yaml")],
             stderr=(folder / "log").open("w"),
@@ -159,6 +160,7 @@ def run(robots: int, seconds: float, cores: int) -> dict[str, Any]:
         "lost": lost,
         "not_published": unpublished,
         "not_recorded": sum(status["recorder"]["drops"].values()),
+        "frames_judged": min((s["frames"] for s in status["stages"].values()), default=None) if stages else None,
         "pss_mb": weight,
     }
 
@@ -169,14 +171,16 @@ def last_health(folder: Path) -> dict[str, Any]:
     return dict(list(Recording.open(folder / "record").health())[-1].status)
 
 
-def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path) -> None:
+def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path, stages: bool) -> None:
     channels = "[" + ", ".join(CHANNELS) + "]"
     sources = "\n".join(
         f"  robot_{i}: {{driver: ur, host: 127.0.0.1, port: {port}, channels: {channels}}}"
         for i, port in enumerate(ports)
     )
+    named = "".join(f"  tasks_{i}: {{stage: segment, arm: robot_{i}}}\n" for i in range(len(ports)))
+    judged = f"stages:\n{named}" if stages else ""
     path.write_text(
-        f"site: bench\ncell: bench\nsources:\n{sources}\nrecord: {{folder: {folder / 'record'}}}\n"
+        f"site: bench\ncell: bench\nsources:\n{sources}\n{judged}record: {{folder: {folder / 'record'}}}\n"
         f"zenoh: {{listen: [{endpoint}]}}\n"
     )
 
@@ -215,13 +219,14 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--robots", type=int, nargs="*", default=[8, 16, 32])
     parser.add_argument("--cores", type=int, choices=[1, 2], default=2, help="1: the daemon alone on one core")
+    parser.add_argument("--stages", action="store_true", help="cut the motion of every robot into tasks, too")
     parser.add_argument("--role", nargs=2, metavar=("ROLE", "ARGUMENT"))
     a = parser.parse_args()
     if a.role:
         role, argument = a.role
         asyncio.run(devices(int(argument))) if role == "devices" else listen(argument)
         return
-    runs = [run(robots, a.seconds, a.cores) for robots in a.robots for _ in range(a.repeats)]
+    runs = [run(robots, a.seconds, a.cores, a.stages) for robots in a.robots for _ in range(a.repeats)]
     if a.json:
         print(json.dumps(runs))
     else:

@@ -3,10 +3,12 @@
 python bench/faults.py --json [--cases N] [--cycles N] [--first-seed N]
 python bench/faults.py --healthy --json [--cases N] [--cycles N] [--first-seed N]
 python bench/faults.py --edited --json [--cases N] [--cycles N] [--first-seed N]
+python bench/faults.py --networks --json [--cases N] [--cycles N] [--first-seed N]
 python bench/faults.py --real --json
 
 The second form counts false alarms in calm cycles by the share that is accepted; the third in known tasks of which
-somebody has changed a pose; the fourth judges recordings of real arms that lie beside the checkout.
+somebody has changed a pose; the fourth holds thresholds, the paper's network and the network of a motion against each
+other; the fifth judges recordings of real arms that lie beside the checkout.
 """
 
 from faults.runner import main

@@ -4,7 +4,7 @@
     python bench/models.py [--only …]                        # writes the page and its pictures
 
 The parts ``ur3e`` and ``ur10e`` need recordings, looked for in ../shared/data beside the checkout or where --data says;
-without them they are skipped, with the reason. All of it takes some ten minutes of one core.
+without them they are skipped, with the reason. All of it takes some twenty minutes of one core.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from models import page, power, static, ur3e, ur10e
+from models import epochs, page, power, static, ur3e, ur10e
 from models.svg import drawn
 from real import ur10e as recorded
 
@@ -49,6 +49,16 @@ def _static(_: Path, __: Path) -> Told:
     return Told(tables, page.static(tables), static.pictures(tables, first))
 
 
+def _epochs(_: Path, __: Path) -> Told:
+    tables = epochs.run()
+    return Told(tables, page.epochs(tables), {"static-epochs": epochs.picture(tables)})
+
+
+def _epochs_recorded(data: Path, _: Path) -> Told:
+    found = epochs.recorded(data / epochs.FOLDER)
+    return Told({m: {n: asdict(s) for n, s in each.items()} for m, each in found.items()}, page.epochs_recorded(found))
+
+
 def _power(_: Path, work: Path) -> Told:
     errors = power.emulated(work)
     return Told(errors, page.power(errors))
@@ -77,6 +87,8 @@ def _speed(_: Path, work: Path) -> Told:
 
 PARTS: Mapping[str, Part] = {
     "static": Part(_static),
+    "epochs": Part(_epochs),
+    "epochs-recorded": Part(_epochs_recorded, epochs.FOLDER),
     "power": Part(_power),
     "curve": Part(_curve),
     "ur3e": Part(_ur3e, ur3e.FOLDER),

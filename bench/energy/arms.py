@@ -47,6 +47,8 @@ class Case:
     rest: float = 1.0
     meter: float = 0.0
     """Share by which the analyzer reads too much."""
+    stray: tuple[float, float] = (0.0, 1.5)
+    """Stray losses k I^x, of which the product has no term: their share of the copper losses at 3 A, and x."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ CASES = (
     Case("slow_only", 10, speeds=SPEEDS[:5], gains=(0.85, 0.98)),
     Case("noisy_drifting", 11, noise=0.3, drift=0.15, heating=0.05, payload=6.0),
     Case("sensor_noisy", 12, joints=6, current=False, gear=0.3, noise=0.3, drift=0.1, payload=4.0, profile="septic"),
+    Case("stray_losses", 1, stray=(0.3, 1.5)),
 )
 
 

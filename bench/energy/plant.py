@@ -20,6 +20,8 @@ from .chain import torques, write_urdf
 
 STEP = 1e-3
 ANALYZER = 0.1
+STRAY_AT = 3.0
+"""A, at which stray losses are the share of the copper losses that a case states."""
 START = (0.3, -0.9, 1.4, -0.4, 0.5, 0.3)
 
 
@@ -149,7 +151,9 @@ def _powers(case: Case, truth: Truth, torque: np.ndarray, qd: np.ndarray, payloa
     current = torque / truth.constant
     warm = 1 + (case.heating if payload else 0.0)
     copper = truth.resistance * warm * current**2
-    electrical = (copper + truth.switching * np.abs(current) + truth.iron * qd**2).sum(axis=1)
+    share, exponent = case.stray
+    stray = share * truth.resistance * STRAY_AT**2 * (np.abs(current) / STRAY_AT) ** exponent
+    electrical = (copper + stray + truth.switching * np.abs(current) + truth.iron * qd**2).sum(axis=1)
     mechanical = (torque * qd).sum(axis=1)
     bus = mechanical + electrical
     supply = np.where(bus > 0, bus, case.returned * bus)

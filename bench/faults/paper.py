@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, fault_table, from_cycles
-from cellwatt_plugins.faults.paper.judging import NamedFault, by_network, judge
+from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, by_network, judge
 
 AS_IN_THE_PAPER = Tolerance(power=0.10, floor=0.0)
+Isolate = Callable[[Sequence[ExpectedInterval]], Isolation]
+"""How codes of a task are told apart, given its intervals."""
 AROUND = 0.3
 """s of rest that belong to a cycle on either side."""
 
@@ -23,27 +26,35 @@ def judge_by_paper(reference: Sequence[Readings], cycle: Readings) -> tuple[Name
     Times are s from the first motion; the table is that of the task's own intervals, since no faulty run of it is
     known. Raises `ModelError` where nothing can be learnt from the reference.
     """
-    return judge_against(from_cycles(reference), cycle)
+    expected = from_cycles(reference)
+    return judge(expected, cycle, of_the_motion(expected), AS_IN_THE_PAPER)
 
 
-def judge_against(expected: Sequence[ExpectedInterval], cycle: Readings) -> tuple[NamedFault, ...]:
-    """The same with what `from_cycles` learnt, once for many cycles."""
-    return judge(expected, cycle, by_network(fault_table(expected)), AS_IN_THE_PAPER)
+def of_the_motion(expected: Sequence[ExpectedInterval]) -> Isolation:
+    """Isolation by the paper's network on the table of the task's motion."""
+    return by_network(fault_table(expected))
 
 
 def judge_recording_by_paper(
-    healthy: Recording, healthy_cycles: Sequence[CycleFinding], judged: Recording, cycles: Sequence[CycleFinding]
+    healthy: Recording,
+    healthy_cycles: Sequence[CycleFinding],
+    judged: Recording,
+    cycles: Sequence[CycleFinding],
+    isolation: Isolate | None = None,
+    residual: Residual = "samples",
 ) -> list[CycleFinding]:
     """`cycles` of `judged` with what the paper's method says in place of ours.
 
     Where cycles begin, which task each is and how fast, is taken from our findings on both recordings: the paper
-    leaves that to the robot's controller. Each cycle is held against the learnt speed that is nearest.
+    leaves that to the robot's controller. Each cycle is held against the learnt speed that is nearest. ``isolation``
+    gives the way in which codes of a task are told apart, in place of the paper's network on the table of the motion.
     """
     groups: defaultdict[tuple[str, float], list[Readings]] = defaultdict(list)
     for cycle in healthy_cycles:
         if cycle.speed is not None:
             groups[cycle.task, round(cycle.speed, 1)].append(readings_of(healthy, cycle))
     learnt = {key: from_cycles(readings) for key, readings in groups.items()}
+    isolate = {key: (isolation or of_the_motion)(expected) for key, expected in learnt.items()}
     out = []
     for cycle in cycles:
         speeds = [speed for task, speed in learnt if task == cycle.task]
@@ -52,7 +63,8 @@ def judge_recording_by_paper(
             continue
         now = cycle.speed
         nearest = min(speeds, key=lambda speed: abs(speed - now))
-        named = judge_against(learnt[cycle.task, nearest], readings_of(judged, cycle))
+        key = (cycle.task, nearest)
+        named = judge(learnt[key], readings_of(judged, cycle), isolate[key], AS_IN_THE_PAPER, residual)
         faults = tuple(map(finding_of, named))
         out.append(dataclasses.replace(cycle, status="fault" if faults else "healthy", note="", faults=faults))
     return out

@@ -13,7 +13,7 @@ from typing import Any
 
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
-from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
+from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import load_robot
 from faults.cases import Case, make_case
@@ -26,10 +26,12 @@ BLOCK = 25
 
 @dataclass
 class Figures:
-    """Counts of ours and of the paper's method; processor time ``spent`` on ``watched`` s of frames, live."""
+    """Counts of ours and of the paper's method, by samples and by energies; processor time ``spent`` on ``watched`` s
+    of frames, live."""
 
     ours: Count = field(default_factory=Count)
     paper: Count = field(default_factory=Count)
+    paper_by_energy: Count = field(default_factory=Count)
     spent: float = 0.0
     watched: float = 0.0
 
@@ -44,7 +46,13 @@ def main() -> None:
     parse.add_argument("--real", action="store_true", help="judge the real recordings instead")
     parse.add_argument("--healthy", action="store_true", help="count false alarms in calm cycles instead")
     parse.add_argument("--edited", action="store_true", help="count false alarms in edited tasks instead")
+    parse.add_argument("--networks", action="store_true", help="thresholds, the paper's network and that of a motion")
     given = parse.parse_args()
+    if given.networks:
+        from faults.networks import network_figures
+
+        print(in_words(network_figures(given.first_seed, given.cases, given.cycles), given.json))
+        return
     if given.edited:
         print(in_words(edited_figures(given.first_seed, given.cases, given.cycles), given.json))
         return
@@ -93,12 +101,14 @@ def judge(case: Case, figures: Figures) -> None:
     figures.spent += time.process_time() - start
     figures.watched += float(judged.time[-1] - judged.time[0])
     found = [t.finding for t in told if t.over]
-    paper = judge_recording_by_paper(healthy, judge_recording(healthy, known), judged, found)
     figures.ours += count(case.truths, found, [t.finding for t in told if not t.over])
-    figures.paper += count(case.truths, paper, None)
+    cycles = judge_recording(healthy, known)
+    figures.paper += count(case.truths, judge_recording_by_paper(healthy, cycles, judged, found), None)
+    by_energy = judge_recording_by_paper(healthy, cycles, judged, found, residual="energy")
+    figures.paper_by_energy += count(case.truths, by_energy, None)
 
 
-def watch(known: Known, judged: Recording) -> list[Told]:
+def watch(known: Known | CycleJudge, judged: Recording) -> list[Told]:
     """What is told of a recording that comes block by block."""
     live, out = CycleWatch(known, judged.step), []
     for begin in range(0, len(judged.time), BLOCK):
@@ -110,7 +120,8 @@ def watch(known: Known, judged: Recording) -> list[Told]:
 def summary(figures: Figures) -> dict[str, Any]:
     """The shares that count and the counts behind them, and those of the paper's method under its name."""
     cost = {"cells_on_one_core": round(figures.watched / max(figures.spent, 1e-9), 1)}
-    return {**_shares(figures.ours), **cost, "paper": _shares(figures.paper)}
+    paper = {"paper": _shares(figures.paper), "paper_by_energy": _shares(figures.paper_by_energy)}
+    return {**_shares(figures.ours), **cost, **paper}
 
 
 def _shares(total: Count) -> dict[str, float]:

@@ -40,6 +40,8 @@ class Count:
     """The same where harmless changes have no bound."""
     undecided: int = 0
     """Faulty joints off their path of which it was said that power cannot tell the kind: neither isolated nor wrong."""
+    cannot_tell: int = 0
+    """Cycles with a fault of which it was said that one is there, and not which joint has it."""
     wrong_names: int = 0
     wrong_names_while_running: int = 0
     wrong_kinds_while_running: int = 0
@@ -76,8 +78,8 @@ def _of(truth: Truth, found: Sequence[CycleFinding]) -> list[CycleFinding]:
 
 
 def _names(cycles: Sequence[CycleFinding]) -> set[Name]:
-    """Joints and kinds that were told; a joint of which it is said that its kind cannot be told is none of them."""
-    faults = [fault for cycle in cycles for fault in cycle.faults if fault.or_kind is None]
+    """Joints and kinds that were told; none where it is said that the joint or its kind cannot be told."""
+    faults = [fault for cycle in cycles for fault in cycle.faults if fault.or_kind is None and fault.joint]
     return {(fault.joint, kind) for fault in faults for kind in _KINDS[fault.kind]}
 
 
@@ -150,6 +152,7 @@ def _faulty(truth: Truth, mine: Sequence[CycleFinding], early: Sequence[CycleFin
         out_of_reach=sum(truth.signal_to_noise[k] < THRESHOLD for k in reach),
         out_of_spread=sum(truth.signal_to_spread[k] < THRESHOLD for k in reach),
         undecided=len(open_kind & faulty),
+        cannot_tell=any(not fault.joint for cycle in mine for fault in cycle.faults),
         wrong_names=len(named - wanted) + len(open_kind - faulty),
         wrong_names_while_running=_in_vain(early, wanted),
         wrong_kinds_while_running=len({(j, k) for j, k in _names(early) if j in faulty} - wanted),

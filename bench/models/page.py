@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from cellwatt_plugins.models.static.scores import Scores
+from models.epochs import EpochTables, Row
 from models.power import ECBOT, PUBLISHED, Errors, Size, Speed
 from models.static import StaticTables
 from models.ur10e import PUBLISHED_WORST, Currents
@@ -50,6 +52,38 @@ def static(tables: StaticTables) -> str:
     )
     count = f"The best model by the number of poses, on poses never collected; {tables.arms_of_few} arms:"
     return f"{_table(head, rows)}\n\n{told}\n\n{count}\n\n{_table(('poses', 'RMSE, Nm', 'R²'), few)}"
+
+
+def epochs(tables: EpochTables) -> str:
+    """The course of the paper's networks, then the same with as many poses left out as it has."""
+    gravity, *rows = tables.rows
+    methods = list(dict.fromkeys(row.method for row in rows))
+    found = {(row.method, row.epochs): row for row in rows}
+
+    def cell(row: Row) -> str:
+        return f"{row.r2.median:.3f} ({row.r2.lowest:.3f} … {row.r2.highest:.3f}); {row.mape_percent.median:.1f}"
+
+    course = [
+        (str(n), *(cell(found[m, n]) for m in methods), "{}, {}".format(*tables.in_order[n])) for n in tables.in_order
+    ]
+    head = ("epochs", *methods, "arms in the paper's order")
+    printed = [
+        (row.method, _spread(row.rmse_nm, 2), _spread(row.r2, 3), _spread(row.mape_percent, 1))
+        for row in tables.as_printed
+    ]
+    told = f"Gravity: {cell(gravity)} on the same poses. {tables.arms} arms, {gravity.left_out} poses left out."
+    also = f"With {tables.as_printed[0].left_out} poses left out, after {tables.as_printed[0].epochs} epochs:"
+    return "\n\n".join([_table(head, course), told, also, _table(("method", "RMSE, Nm", "R²", "MAPE, %"), printed)])
+
+
+def epochs_recorded(found: Mapping[str, Mapping[int, Scores]]) -> str:
+    """RMSE, R² and MAPE of each method by epochs on one recording."""
+    counts = next(iter(found.values()))
+    rows = [
+        (str(n), *(f"{each[n].rmse:.2f} / {each[n].r2:.3f} / {each[n].mape:.1f}" for each in found.values()))
+        for n in counts
+    ]
+    return _table(("epochs", *found), rows)
 
 
 def power(errors: Sequence[Errors]) -> str:

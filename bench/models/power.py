@@ -24,7 +24,9 @@ from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.power.exported import write
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves, read_moves
-from cellwatt_plugins.models.power.paper import Nls, Scg, Seen
+from cellwatt_plugins.models.power.nls import Nls
+from cellwatt_plugins.models.power.paper import Seen
+from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import AHEAD, Trained, estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from cellwatt.emulation import ArmSignals
+from cellwatt_plugins.faults.criteria import Tolerance, ternary
 from cellwatt_plugins.faults.paper import rivals
 from cellwatt_plugins.faults.paper.bevf import ITERATIONS, ORDERS, fit, rms
+from cellwatt_plugins.faults.paper.expected import fault_table
+from cellwatt_plugins.faults.paper.judging import by_agreement, judge
 from cellwatt_plugins.faults.paper.network import SURE, FaultNetwork, train
 from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING
-from tests.plugins.faults.paper import irb1200
-from tests.plugins.faults.paper.patterns import pattern_of
+from tests.plugins.faults.paper import irb1200, test_judging
+from tests.plugins.faults.paper.patterns import bells, pattern_of
 
 # Table III as printed: rows are the faults of joints 1 to 6 and "free", columns Y1 to Y7.
 TABLE_III = """
@@ -42,6 +45,40 @@ def test_rms_falls_with_the_order(pick_and_place, fits):
     found = [rms(power, fits[order].power(t)) for order in ORDERS]
     assert all(low < 0.8 * high for high, low in pairwise(found))
     assert found[-1] < 0.02 * np.std(power)
+
+
+@pytest.mark.parametrize(("count", "steep"), [(16, (24, 34)), (20, (34, 44))])
+def test_the_fall_is_steep_where_half_the_order_passes_the_number_of_peaks(count, steep):
+    """What decides the paper's 19.26, 6.44 and 0.27 W: 12, 17 and 22 pairs of poles against the peaks of its pattern.
+
+    A peak without a pair of its own stays out of the fit; twice as many pairs as peaks, or half as many, change little.
+    """
+    t = np.arange(664) / 123
+    heights = np.random.default_rng(count).uniform(50, 150, count)
+    power = 150 + bells(t, np.linspace(0.2, 5.2, count), heights, 0.03)
+    found = {order: rms(power, fit(t, power, order=order).power(t)) for order in ORDERS}
+    before, after = (found[order] for order in steep)
+    assert before > 5 * after
+    others = [pair for pair in pairwise(ORDERS) if pair != steep]
+    assert all(found[low] < 4 * found[high] for low, high in others)
+
+
+def test_the_papers_motion_and_measurement_alone_do_not_fall_as_steeply():
+    """Table I in the times of Fig. 9, once at 123 Hz: its rises and falls are no peaks of their own."""
+    t, power = pattern_of(irb1200.PICK_AND_PLACE_AS_TIMED, cycles=1, noise=0.0)
+    assert len(t) == 664
+    found = [rms(power, fit(t, power, order=order).power(t)) for order in ORDERS]
+    assert found == sorted(found, reverse=True)
+    assert found[0] < 6 * found[-1]
+
+
+def test_0_27_watt_on_664_points_needs_a_measurement_with_less_noise():
+    """89 real coefficients take up but a seventh of the noise of 664 points: what is left is 0.93 of it."""
+    t, power = pattern_of(irb1200.PICK_AND_PLACE_AS_TIMED, cycles=1, noise=1.0)
+    left = rms(power, fit(t, power, order=44).power(t))
+    assert left > 0.93
+    quiet = pattern_of(irb1200.PICK_AND_PLACE_AS_TIMED, cycles=1, noise=0.0)[1]
+    assert rms(power, quiet) == pytest.approx(1.0, abs=0.1)
 
 
 def test_rms_falls_with_the_iterations(fits):
@@ -100,3 +137,25 @@ def test_table_III_as_printed_cannot_tell_joint_5_from_a_healthy_arm():
     """Its rows for joint 5 and for "free" have the code 0000101: by the largest output both are Y7."""
     printed = np.array([line.split() for line in TABLE_III.strip().splitlines()], dtype=float)
     assert printed.argmax(axis=1).tolist() == [0, 1, 2, 3, 6, 5, 6]
+
+
+def test_equation_20_as_printed_is_the_same_when_it_is_read_from_the_top():
+    """Its third line has r < eps for -1, which healthy residuals fulfil, too: the first line has to come first."""
+
+    def printed(r, eps):
+        return 0 if abs(r) <= eps else 1 if r > eps else -1 if r < eps else None
+
+    residuals = np.linspace(-30, 30, 241)
+    assert ternary(residuals, 10.0).tolist() == [printed(r, 10.0) for r in residuals]
+    assert any(r < 10.0 and ternary(np.array([r]), 10.0)[0] != -1 for r in residuals)
+
+
+@pytest.mark.parametrize("joint", [1, 5])
+def test_rules_as_printed_never_name_an_encoder(joint):
+    """Rules 1 and 2 under (16) have eps_p, 10 % of the power in W, for |q_r - q_m| in rad: eps_q is meant."""
+    expected = test_judging.expected_of(irb1200.PICK_AND_PLACE)
+    cycle = test_judging.one(irb1200.PICK_AND_PLACE, irb1200.Fault("encoder_offset", joint, 0.2))
+    table = by_agreement(fault_table(expected))
+    eps_p = 0.10 * min(interval.readings.power.min() for interval in expected)
+    assert judge(expected, cycle, table, Tolerance(position=eps_p, floor=0.0)) == ()
+    assert [fault.kind for fault in judge(expected, cycle, table, Tolerance(floor=0.0))] == ["encoder"]

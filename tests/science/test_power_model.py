@@ -10,7 +10,9 @@ import pytest
 
 from cellwatt_plugins.models.power import training
 from cellwatt_plugins.models.power.moves import read_moves
-from cellwatt_plugins.models.power.paper import Nls, Scg, Seen
+from cellwatt_plugins.models.power.nls import Nls
+from cellwatt_plugins.models.power.paper import Seen
+from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune

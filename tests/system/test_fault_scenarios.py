@@ -20,9 +20,10 @@ from cellwatt.registry import available
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.expected import Readings
-from cellwatt_plugins.faults.paper.following import courses_of
+from cellwatt_plugins.faults.paper.following import Course, courses_of
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.paper.network import train
+from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Move, Run, period, run
@@ -146,13 +147,13 @@ def prepare(scenario: Scenario, folder: Path) -> None:
         blocks += frames_of(healthy, start=start)
     reference = learned(folder / "reference.yaml", blocks)
     if scenario.moves is PICK_AND_PLACE:
-        table = fault_table_of_springs(scenario, reference)
-        (folder / "table.onnx").write_bytes(train(table))
+        course = next(c for c in courses_of(load(reference)) if c.speed == pytest.approx(scenario.speed, abs=0.02))
+        table = fault_table_of_springs(scenario, course)
+        (folder / "table.onnx").write_bytes(train(table, task=TrainedFor.of(course), signed=True))
 
 
-def fault_table_of_springs(scenario: Scenario, reference: Path) -> np.ndarray:
+def fault_table_of_springs(scenario: Scenario, course: Course) -> np.ndarray:
     """Codes (20) of a cycle with a spring on each joint in turn: the table of this task at this speed."""
-    course = next(c for c in courses_of(load(reference)) if c.speed == pytest.approx(scenario.speed, abs=0.02))
     columns = []
     for joint, stiffness in enumerate(STIFFNESS, start=1):
         fault = Fault("spring", joint, stiffness)

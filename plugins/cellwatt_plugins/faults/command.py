@@ -18,16 +18,19 @@ from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
 from cellwatt.yaml_file import read_yaml
-from cellwatt_plugins.faults.cycles.recording import recording_of
+from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.learn import Cell, learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.faults.train_command import train
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
 
 FILE = click.Path(exists=True, path_type=Path)
+JUDGE = "judge"
+"""What `cellwatt faults` does where no command is named."""
 METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
@@ -66,12 +69,29 @@ def reference(
     click.echo(json.dumps(report) if as_json else _in_words(report))
 
 
-@click.command()
+class _Faults(click.Group):
+    """`cellwatt faults RECORDING...` judges; a word that is a command of this group is that command."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in {*self.commands, *ctx.help_option_names}:
+            args = [JUDGE, *args]
+        return super().parse_args(ctx, args)
+
+
+@click.group(cls=_Faults)
+def faults() -> None:
+    """Judge cycles (`cellwatt faults RECORDING... --reference FILE`), or train networks that do (`faults train`)."""
+
+
+@faults.command(JUDGE)
 @click.argument(
     "recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path(exists=True, path_type=Path)
 )
 @click.option("--reference", "file", required=True, type=FILE, help="File made by `cellwatt reference`.")
-@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--robot", type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option(
+    "--network", type=FILE, help="Network of a motion, or the folder of several: it judges in place of --robot."
+)
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
 @click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
@@ -84,10 +104,11 @@ def reference(
     help="Share of healthy intervals in which a false alarm is accepted.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
-def faults(
+def judge(
     recordings: tuple[Path, ...],
     file: Path,
-    robot: Path,
+    robot: Path | None,
+    network: Path | None,
     out: Path | None,
     meters: tuple[Path, ...],
     arm: str | None,
@@ -99,7 +120,18 @@ def faults(
 
     RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
     """
-    found = _judged(recordings, meters, load(file), file, robot, arm, power, false_alarms)
+    if (robot is None) == (network is None):
+        raise ConfigError("give one of --robot and --network: what cycles are judged by")
+    learnt = load(file)
+    blocks = list(frames_of_files(recordings, meters))
+    recording = recording_of(blocks, arm, power or learnt.power)
+    if recording.joints != learnt.joints:
+        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
+    if robot is not None:
+        found = _judged(recording, learnt, file, robot, false_alarms)
+    else:
+        assert network is not None
+        found = _judged_by_network(recording, learnt, file, network)
     content = {"cycles": [asdict(finding) for finding in found]}
     if out is not None:
         try:
@@ -109,30 +141,30 @@ def faults(
     click.echo(json.dumps(content) if as_json else _findings_in_words(found, out))
 
 
-def _judged(
-    recordings: Sequence[Path],
-    meters: Sequence[Path],
-    reference: Reference,
-    file: Path,
-    robot: Path,
-    arm: str | None,
-    power: str | None,
-    false_alarms: float,
-) -> list[CycleFinding]:
-    """Findings of files against a reference with cycles. Raises ``CellwattError``."""
-    from cellwatt_plugins.faults.cycles.findings import judge_recording
-    from cellwatt_plugins.faults.cycles.known import restored
-    from cellwatt_plugins.robot import load_robot
+faults.add_command(train)
 
-    if reference.power_model is None or not reference.cycles:
-        raise ModelError(f"reference {file}: has no cycles; learn it again with --robot and a description of the robot")
-    known = restored(reference.power_model, reference.cycles, load_robot(robot))
-    known = replace(known, false_alarms=false_alarms)
-    blocks = list(frames_of_files(recordings, meters))
-    recording = recording_of(blocks, arm, power or reference.power)
-    if recording.joints != reference.joints:
-        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {reference.joints}")
-    return judge_recording(recording, known)
+
+def _judged(
+    recording: Recording, reference: Reference, file: Path, robot: Path, false_alarms: float
+) -> list[CycleFinding]:
+    """Findings by the physics of the arm. Raises ``CellwattError``."""
+    from cellwatt_plugins.faults.cycles.findings import judge_recording
+    from cellwatt_plugins.faults.cycles.watch import known_of
+
+    return judge_recording(recording, known_of(reference, file, robot, false_alarms))
+
+
+def _judged_by_network(recording: Recording, reference: Reference, file: Path, network: Path) -> list[CycleFinding]:
+    """Findings by the networks of motions, as live. Raises ``CellwattError``."""
+    from cellwatt_plugins.faults.cycles.live import CycleWatch
+    from cellwatt_plugins.faults.paper.networks import networks_of
+
+    judge = networks_of(network, reference, file).motions
+    if judge is None:
+        raise ModelError(f"--network {network}: has codes only; whole cycles need the network of a motion")
+    watch = CycleWatch(judge, recording.step)
+    told = [*watch.feed(recording.time, recording.position, recording.power), *watch.close()]
+    return [each.finding for each in told if each.over]
 
 
 def _learned_with_cycles(

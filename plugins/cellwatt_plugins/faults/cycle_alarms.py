@@ -79,10 +79,11 @@ class CycleAlarms:
         out = []
         for key in [key for key in self._up if key not in found]:
             self._clean[key] += 1
+            who = f"Joint {key[0]}" if key[0] else "The arm"
             if key in self._early:
-                text = f"Joint {key[0]} is cleared: the whole cycle is explained otherwise"
+                text = f"{who} is cleared: the whole cycle is explained otherwise"
             elif self._clean[key] >= self.clear_after:
-                text = f"Joint {key[0]}: {self._clean[key]} cycles without this fault, the last is number {number}"
+                text = f"{who}: {self._clean[key]} cycles without this fault, the last is number {number}"
             else:
                 continue
             out.append(replace(self._up.pop(key), active=False, time=span.end, statement=text))
@@ -107,7 +108,7 @@ class CycleAlarms:
 
     def _alarm(self, kind: str, fault: FaultFinding, cycle: CycleFinding, span: _Span) -> Alarm:
         return Alarm(
-            id=f"{self.prefix}.{self.source}.joint_{fault.joint}.{kind}",
+            id=f"{self.prefix}.{self.source}.{f'joint_{fault.joint}' if fault.joint else 'some_joint'}.{kind}",
             kind=kind,
             severity="error" if fault.confidence >= SURE else "warning",
             active=True,
@@ -115,7 +116,7 @@ class CycleAlarms:
             time=span.end,
             statement=fault.statement + self._delay,
             source=self.source,
-            joint=fault.joint,
+            joint=fault.joint or None,
             alternatives=fault.alternatives,
             evidence={
                 "task": cycle.task,

@@ -130,12 +130,13 @@ class FaultsStage(Stage[FaultsSettings]):
     def _watched(self, path: Path, robot: Path) -> CycleStage:
         """The judge of whole cycles, which needs packages that the rest does not."""
         try:
-            from cellwatt_plugins.faults.cycles.watch import CycleStage
+            from cellwatt_plugins.faults.cycles.watch import CycleStage, known_of
         except ModuleNotFoundError as error:
             need = f"stage {self.name!r}: robot needs the package {error.name}"
             raise ConfigError(f"{need}: pip install 'cellwatt[explain]'") from error
         alarms = CycleAlarms(self.name, self._source, self.settings.clear)
-        return CycleStage(self._reference, path, robot, self.layout.step, alarms, self.settings.false_alarms)
+        known = known_of(self._reference, path, robot, self.settings.false_alarms)
+        return CycleStage(known, self.layout.step, alarms)
 
     def _take(self, interval: Interval) -> list[Alarm]:
         """An interval has begun or ended."""

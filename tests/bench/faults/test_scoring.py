@@ -88,3 +88,11 @@ def test_calm_plans_hold_no_fault(calm):
     plans = draw_plans(np.random.default_rng(0), 6, [task] * 3, 40, calm)
     assert any(plan.faults for plan in plans) is not calm
     assert any(plan.harmless for plan in plans)
+
+
+def test_that_it_cannot_tell_is_no_name():
+    cannot = FaultFinding(0, "joint", (1, 2), 12.0, 0.97, (3, 5), "")
+    found = count([truth(CUT)], [cycle(cannot)], None)
+    assert (found.isolated, found.wrong_names, found.cannot_tell) == (0, 0, 1)
+    calm = count([replace(truth(), plan=Plan(0, 1.0))], [cycle(cannot)], None)
+    assert (calm.false_alarms, calm.false_intervals) == (1, 2)

@@ -44,9 +44,9 @@ UNEXPLAINED = 3.0
 
 @dataclass(frozen=True)
 class FaultFinding:
-    """A faulty ``joint`` (from 1): the ``intervals`` (moves of the task, from 1) in which it shows, ``size_watt`` at
-    most, ``alternatives`` that explain the power nearly as well; ``or_kind`` where power is too little to tell the
-    kind."""
+    """A faulty ``joint`` (from 1; 0 where it is one of ``alternatives``, or any, and it cannot be told which): the
+    ``intervals`` (moves of the task, from 1) in which it shows, ``size_watt`` at most, ``alternatives`` that explain
+    the power nearly as well; ``or_kind`` where power is too little to tell the kind."""
 
     joint: int
     kind: Kind

@@ -82,9 +82,14 @@ def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], robot: RobotDe
         drive=model.drive,
         regenerate=model.regenerate,
     )
-    meter = None if model.meter is None else Meter(**asdict(model.meter))
-    patterns = tuple(_pattern(cycle, 0.0 if meter is None else meter.window) for cycle in cycles)
+    patterns, meter = stored_patterns(model, cycles)
     return Known(with_covariance(robot, body_of(robot), parameters, patterns), patterns, meter=meter)
+
+
+def stored_patterns(model: StoredModel, cycles: tuple[StoredCycle, ...]) -> tuple[tuple[Pattern, ...], Meter | None]:
+    """The healthy cycles of a reference, and the slow meter that their power is from."""
+    meter = None if model.meter is None else Meter(**asdict(model.meter))
+    return tuple(_pattern(cycle, 0.0 if meter is None else meter.window) for cycle in cycles), meter
 
 
 def _stored_meter(meter: Meter | None) -> StoredMeter | None:

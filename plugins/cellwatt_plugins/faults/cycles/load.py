@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, drive_power, friction, supply_power, torque
 from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.effects import FRICTION
+from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.law import SIGN_WIDTH
 
 Float = NDArray[np.float64]
-
-STRIBECK, SLOW = 0.2, 0.08
-BY_LOAD = 0.1
-"""Shares of friction that may be there only below a speed, rad/s, or only under load (one sigma)."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,8 @@ def motor_alone(parameters: Parameters, motion: Motion, joint: int) -> tuple[Flo
 
 
 def unsure_friction(load: Load, joint: int, rubbing: Float) -> Float:
-    """Torques (N, 2) Nm that friction ``rubbing`` (N,) may have more at low speed and under load (one sigma)."""
-    speed, torque = load.motion.qd[:, joint], np.abs(load.torque[:, joint])
-    slow, strong = np.exp(-((speed / SLOW) ** 2)), torque / max(float(torque.max()), 1e-9)
-    return np.column_stack([STRIBECK * slow, BY_LOAD * strong]) * rubbing[:, None]
+    """Torques (N, k) Nm that friction ``rubbing`` (N,) may have more, one sigma of each law that a sound joint has."""
+    strain = np.abs(load.torque[:, joint])
+    sliding = Sliding(load.motion.qd[:, joint], rubbing, strain / max(float(strain.max()), 1e-9))
+    known = [(law, *law.doubt) for law in FRICTION if law.doubt]
+    return np.column_stack([share * law.torque(sliding, shape) for law, share, shape in known])

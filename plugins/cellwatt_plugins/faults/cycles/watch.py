@@ -12,28 +12,31 @@ from numpy.typing import NDArray
 from cellwatt.errors import ModelError
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
-from cellwatt_plugins.faults.cycles.known import restored
-from cellwatt_plugins.faults.cycles.live import CycleWatch, Told
+from cellwatt_plugins.faults.cycles.known import Known, restored
+from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
 from cellwatt_plugins.faults.reference import Reference
 from cellwatt_plugins.robot import load_robot
 
 Float = NDArray[np.float64]
 
 
+def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float) -> Known:
+    """What a reference (of the file ``path``) has of a described robot.
+
+    ``false_alarms``: share of healthy intervals in which one is accepted. Raises ``ModelError`` where the reference has
+    no cycles or is of another arm.
+    """
+    if reference.power_model is None or not reference.cycles:
+        raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
+    known = restored(reference.power_model, reference.cycles, load_robot(robot))
+    return replace(known, false_alarms=false_alarms)
+
+
 class CycleStage:
-    """Whole cycles of one arm judged while frames of ``step`` ns come; ``path`` is the reference's file."""
+    """Whole cycles of one arm judged while frames of ``step`` ns come."""
 
-    def __init__(
-        self, reference: Reference, path: Path, robot: Path, step: int, alarms: CycleAlarms, false_alarms: float
-    ) -> None:
-        """``false_alarms``: share of healthy intervals in which one is accepted.
-
-        Raises ``ModelError`` where the reference has no cycles or is of another arm.
-        """
-        if reference.power_model is None or not reference.cycles:
-            raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
-        known = restored(reference.power_model, reference.cycles, load_robot(robot))
-        self._watch = CycleWatch(replace(known, false_alarms=false_alarms), step * 1e-9)
+    def __init__(self, known: Known | CycleJudge, step: int, alarms: CycleAlarms) -> None:
+        self._watch = CycleWatch(known, step * 1e-9)
         self._alarms = replace(alarms, behind=self._watch.behind)
         self._count = 0
         self._epoch: int | None = None

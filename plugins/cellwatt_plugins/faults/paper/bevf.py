@@ -33,11 +33,16 @@ BEYOND = 8
 
 @dataclass(frozen=True, slots=True)
 class PowerEquation:
-    """A power pattern of ``duration`` s as an equation in t; ``rms`` W is eq. (19) after each iteration."""
+    """A power pattern of ``duration`` s as an equation in t; ``rms`` W is eq. (19) after each iteration.
+
+    ``task`` and ``speed`` say of what in a reference it is, where it is of one.
+    """
 
     response: Rational
     duration: float
     rms: tuple[float, ...]
+    task: str | None = None
+    speed: float | None = None
 
     @property
     def order(self) -> int:

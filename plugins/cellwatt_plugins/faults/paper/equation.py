@@ -2,6 +2,8 @@
 
 cellwatt_power_equation: 1                                   version of this format
 power: abs(K + sum(r[k] / (1j*t - p[k]))) W, t in s          how to evaluate it
+task: task_1                                                 of a reference; left out where it is of none
+speed: 1.0
 order: 44
 duration: 7.8                                                s
 rms: [0.329, 0.26, ...]                                      W, eq. (19) after each iteration
@@ -38,6 +40,8 @@ class _File(BaseModel):
 
     cellwatt_power_equation: Literal[1]
     power: str
+    task: str | None = None
+    speed: _Finite | None = None
     order: Annotated[int, Field(ge=1)]
     duration: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     rms: tuple[_Finite, ...]
@@ -51,6 +55,7 @@ def save(equation: PowerEquation, path: Path) -> None:
     content = {
         "cellwatt_power_equation": 1,
         "power": FORMULA,
+        **({} if equation.task is None else {"task": equation.task, "speed": equation.speed}),
         "order": equation.order,
         "duration": equation.duration,
         "rms": [float(f"{value:.4g}") for value in equation.rms],
@@ -86,7 +91,9 @@ def load(path: Path) -> PowerEquation:
         )
     if any(math.isclose(real, 0.0, abs_tol=1e-12) for real, _ in file.p):
         raise ModelError(f"power equation {path}: p: a pole on the imaginary axis makes the power infinite")
-    return PowerEquation(Rational(_complex(file.p), _complex(file.r), file.K), file.duration, file.rms)
+    return PowerEquation(
+        Rational(_complex(file.p), _complex(file.r), file.K), file.duration, file.rms, file.task, file.speed
+    )
 
 
 def _pairs(values: NDArray[np.complex128]) -> list[list[float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, from_variant, resampled
 from cellwatt_plugins.faults.paper.judging import IntervalVerdict, judge_interval
 from cellwatt_plugins.faults.reference import Reference
@@ -30,6 +31,11 @@ BEFORE = 0.2
 """A cycle whose last so many s of rest were not seen may have begun earlier: it is not judged."""
 GAP = 0.1
 """Nor is one in which frames are missing for longer than this, s."""
+MARGIN = 2 * 10**9
+"""Frames kept before the cycle under way, ns."""
+
+Key = tuple[str, float]
+"""Name and speed of a task."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,11 @@ class Course:
     task: str
     speed: float
     intervals: tuple[ExpectedInterval, ...]
+
+    @property
+    def key(self) -> Key:
+        """Which task it is, at which speed."""
+        return self.task, self.speed
 
     def begins_with(self, interval: Interval) -> bool:
         """Whether a motion may be the first of this course: from its pose, with none but its joints."""
@@ -71,6 +82,7 @@ class CycleFollower:
 
     courses: Sequence[Course]
     tolerance: Tolerance
+    residual: Residual = "samples"
     _start: int | None = None
     _course: Course | None = None
     _possible: Sequence[Course] = ()
@@ -99,7 +111,7 @@ class CycleFollower:
             if not _known(readings, expected.start, expected.end):
                 self._end(start + round(expected.end * 1e9))
                 break
-            self._verdicts.append(judge_interval(expected, readings, self.tolerance))
+            self._verdicts.append(judge_interval(expected, readings, self.tolerance, self.residual))
             over = len(self._verdicts) == len(self._course.intervals)
             out.append(CycleSoFar(self._course, start, tuple(self._verdicts), over))
             if over:
@@ -119,9 +131,12 @@ class CycleFollower:
         if now < until + AFTER:
             return False
         readings = _readings(trace, self._start)
+        if not _known(readings, -BEFORE, until):
+            self._end(self._start)
+            return False
         misfits = [course.misfit(readings, until) for course in self._possible]
         best = int(np.argmin(misfits))
-        if not _known(readings, -BEFORE, until) or misfits[best] > FAR * readings.q.shape[1] / 2:
+        if misfits[best] > FAR * readings.q.shape[1] / 2:
             self._end(self._start)
             return False
         self._course = self._possible[best]
@@ -130,6 +145,33 @@ class CycleFollower:
     def _end(self, at: int) -> None:
         self._start = self._course = None
         self._possible, self._verdicts, self._free_from = (), [], at + 1
+
+
+@dataclass
+class CyclesSeen:
+    """Cycles of one arm out of its frames and its intervals, block by block; ``latest`` is the motion under way."""
+
+    follower: CycleFollower
+    joints: int
+    latest: int | None = None
+    _trace: Trace = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._trace = Trace.empty(self.joints)
+
+    def feed(self, block: Trace, intervals: Iterable[Interval]) -> Iterator[CycleSoFar]:
+        """The cycle under way after each of its intervals that is known to be over; ``intervals`` are of this block."""
+        self._trace = self._trace.with_more(block)
+        for interval in intervals:
+            # An interval comes open, ending at the frame that confirmed it, and closed later.
+            if interval.moving and not interval.closed:
+                yield from self.follower.judge(self._trace.between(0, interval.end))
+                self.latest = interval.number
+                self.follower.see(interval)
+        yield from self.follower.judge(self._trace)
+        if len(self._trace):
+            newest = int(self._trace.time[-1])
+            self._trace = self._trace.between((self.follower.earliest() or newest) - MARGIN, newest)
 
 
 def _readings(trace: Trace, start: int) -> Readings:

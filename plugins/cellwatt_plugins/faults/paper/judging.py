@@ -14,8 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.criteria import Tolerance, longest, sustained, ternary
+from cellwatt_plugins.faults.criteria import Tolerance, longest, ternary
 from cellwatt_plugins.faults.isolate import TIE, agreement
+from cellwatt_plugins.faults.paper.codes import FRAMES, Residual, of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, resampled
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 
@@ -26,8 +27,6 @@ Kind = Literal["joint", "encoder", "joint_and_encoder"]
 Isolation = Callable[[Codes], tuple[int, ...]]
 """Codes (intervals,) of a cycle → the joint (from 1) that explains them, then those that do so as well; or none."""
 
-FRAMES = 5
-"""Readings in a row, on one side, that are outside: one alone proves nothing."""
 REACH = 0.1
 """An interval may begin so much, s, before or after its time: rests are never quite the same …"""
 SHIFTS = 20
@@ -38,14 +37,15 @@ SHIFTS = 20
 class IntervalVerdict:
     """What one interval says.
 
-    ``code`` is equation (20): the side to which power left (16) first, 0 if it did not. ``off`` holds the moving
-    joints whose encoder left (16), ``still`` those of them that did not move at all. ``watts`` is the largest
+    ``code`` is equation (20), ``power_left`` whether power left (16). ``off`` holds the moving joints whose encoder
+    left (16), ``still`` those of them that did not move at all. ``watts`` is the largest
     residual of power, with its sign, ``limit`` its tolerance there, ``off_by`` the largest residual of each joint,
     rad.
     """
 
     interval: ExpectedInterval
     code: int
+    power_left: bool
     off: tuple[int, ...]
     still: tuple[int, ...]
     watts: float
@@ -65,8 +65,10 @@ class NamedFault:
     alternatives: tuple[int, ...] = ()
 
 
-def judge_interval(expected: ExpectedInterval, readings: Readings, tolerance: Tolerance) -> IntervalVerdict:
-    """One interval of a cycle; ``readings`` hold its time."""
+def judge_interval(
+    expected: ExpectedInterval, readings: Readings, tolerance: Tolerance, residual: Residual = "samples"
+) -> IntervalVerdict:
+    """One interval of a cycle; ``readings`` hold its time. ``residual`` is what its code is about."""
     reference = expected.readings
     seen = _aligned(expected, readings)
     power = seen.power - reference.power
@@ -75,9 +77,11 @@ def judge_interval(expected: ExpectedInterval, readings: Readings, tolerance: To
     off = [j for j in expected.moving if longest(ternary(position[:, j - 1], tolerance.position)) >= FRAMES]
     still = [j for j in off if np.ptp(seen.q[:, j - 1]) < tolerance.position]
     worst = int(np.argmax(np.abs(power)))
+    by_samples = of_samples(reference, seen, tolerance)
     return IntervalVerdict(
         interval=expected,
-        code=sustained(ternary(power, limit), FRAMES),
+        code=by_samples if residual == "samples" else of_energy(reference, seen, tolerance),
+        power_left=by_samples != 0,
         off=tuple(off),
         still=tuple(still),
         watts=float(power[worst]),
@@ -113,7 +117,7 @@ def by_encoders(verdicts: Sequence[IntervalVerdict]) -> tuple[NamedFault, ...]:
         watts = max((verdict.watts for verdict in mine), key=abs)
         reflects = all(joint in verdict.still for verdict in mine)
         kind: Kind = "joint" if reflects else "joint_and_encoder"
-        if not any(verdict.code for verdict in mine):
+        if not any(verdict.power_left for verdict in mine):
             kind = "encoder"
         out.append(NamedFault(joint, kind, tuple(verdict.interval.number for verdict in mine), watts))
     return tuple(out)
@@ -131,24 +135,32 @@ def by_codes(verdicts: Sequence[IntervalVerdict], isolate: Isolation) -> tuple[N
 
 
 def judge(
-    expected: Sequence[ExpectedInterval], cycle: Readings, isolate: Isolation, tolerance: Tolerance
+    expected: Sequence[ExpectedInterval],
+    cycle: Readings,
+    isolate: Isolation,
+    tolerance: Tolerance,
+    residual: Residual = "samples",
 ) -> tuple[NamedFault, ...]:
     """Every fault that the paper's method names in a cycle."""
-    verdicts = [judge_interval(interval, cycle, tolerance) for interval in expected]
+    verdicts = [judge_interval(interval, cycle, tolerance, residual) for interval in expected]
     return by_encoders(verdicts) or by_codes(verdicts, isolate)
 
 
-def codes_of(expected: Sequence[ExpectedInterval], cycle: Readings, tolerance: Tolerance) -> Codes:
+def codes_of(
+    expected: Sequence[ExpectedInterval], cycle: Readings, tolerance: Tolerance, residual: Residual = "samples"
+) -> Codes:
     """Codes (20) of a cycle, (intervals,): with a known fault in the arm they are its column of a fault table."""
-    return np.array([judge_interval(interval, cycle, tolerance).code for interval in expected], np.int8)
+    return np.array([judge_interval(interval, cycle, tolerance, residual).code for interval in expected], np.int8)
 
 
-def by_agreement(table: Codes) -> Isolation:
-    """Isolation by direct comparison with the columns of a fault table, without a network."""
-    table = np.abs(table)
+def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:
+    """Isolation by direct comparison with the columns of a fault table, without a network.
+
+    ``signed`` where the table was learnt from faults, so that a rise of power is not a fall.
+    """
 
     def isolate(codes: Codes) -> tuple[int, ...]:
-        scores = agreement(np.abs(codes), table)
+        scores = agreement(codes, table, signed=signed)
         if scores.max() == 0:
             return ()
         order = np.argsort(-scores, kind="stable")
@@ -158,10 +170,18 @@ def by_agreement(table: Codes) -> Isolation:
 
 
 def by_network(table: Codes, *, seed: int = 0) -> Isolation:
-    """Isolation by the paper's network, trained on a fault table without its signs."""
+    """Isolation by the paper's network alone, trained on a fault table without its signs."""
     table = np.abs(table)
-    network = _trained(table.shape, table.tobytes(), seed)
-    return lambda codes: network.joints(np.abs(codes))
+    return _trained(table.shape, table.tobytes(), seed).joints
+
+
+def by_network_or_agreement(network: FaultNetwork) -> Isolation:
+    """Isolation by a trained network; where it says "free" of codes that are not, its table is compared.
+
+    Power has left (16) then, so that something is wrong: a network that saw a few columns cannot say that nothing is.
+    """
+    signed, unsigned = (by_agreement(network.table, signed=each) for each in (network.signed, False))
+    return lambda codes: network.joints(codes) or signed(codes) or unsigned(codes)
 
 
 @lru_cache(maxsize=64)

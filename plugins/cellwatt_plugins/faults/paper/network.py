@@ -4,6 +4,9 @@ As many inputs as intervals, three times as many hidden neurons, one output for 
 It is trained by back-propagation on the columns of the task's fault table and on a column of zeros, and decides by
 its largest output (Table III). Training needs scikit-learn and onnx (the extra ``train``), running it onnxruntime.
 
+Whether power must rise or fall is part of a table that was learnt from faults (``signed``). A table of the motion says
+only in which intervals a joint's faults show; its network is given codes without their signs.
+
 Joints whose columns are the same cannot be told apart: they share one output and are named together.
 
 Table III prints for joint 5 the output code 0000101, which is also that of "free": the largest output of both its
@@ -12,16 +15,22 @@ rows is Y7, so by the paper's own rule a fault of joint 5 is taken as none. Here
 
 from __future__ import annotations
 
-import json
 import warnings
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt.files import check_file
+from cellwatt_plugins.faults.network_file import Ends, Opened, perceptron, versions
+from cellwatt_plugins.faults.paper.trained_for import TrainedFor, not_the_motion
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.paper.following import Course
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -32,20 +41,31 @@ SURE = 0.95
 """What the right output reaches on the column that it was trained on."""
 DECAY = 1e-4
 """Weight decay of the training: small enough that the table is learnt, large enough that weights stay bounded."""
-OPSET, IR_VERSION = 17, 8
-"""Old enough for every onnxruntime that cellwatt takes."""
 KEY = "cellwatt_fault_table"
-"""Metadata of the file: the table that it was trained on."""
+"""Metadata of the file: the table that it was trained on …"""
+MADE = "cellwatt_fault_network"
+"""… and of which task it is, whether signs count, and how it was made."""
+VERSION = 1
+_ENDS = Ends("codes", "joints")
 
 
-def train(table: Codes, *, seed: int = 0) -> bytes:
+def train(
+    table: Codes,
+    *,
+    seed: int = 0,
+    task: TrainedFor | None = None,
+    signed: bool | None = None,
+    made: Mapping[str, Any] | None = None,
+) -> bytes:
     """A network for a fault table (intervals, joints) of -1, 0, 1, as an ONNX file.
 
     Input ``codes`` (n, intervals) float32, output ``joints`` (n, distinct columns + 1) from 0 to 1, the last one for
-    "free". Raises ``ConfigError`` where scikit-learn or onnx is missing, ``ModelError`` where no column has a code or
-    the training does not reach ``SURE`` on each.
+    "free". ``task`` is what a cell must do for it to be used, ``signed`` whether the table was learnt from faults
+    (where left out: whether a code is -1), ``made`` goes into the metadata as it is. Raises ``ConfigError`` where
+    scikit-learn or onnx is missing, ``ModelError`` where no column has a code or the training does not reach ``SURE``
+    on each.
     """
-    groups = _groups(table)
+    groups = groups_of(table)
     if not groups:
         raise ModelError("fault table: no joint has a code in any interval, there is nothing to learn")
     columns = np.stack([table[:, joints[0] - 1] for joints in groups])
@@ -57,48 +77,55 @@ def train(table: Codes, *, seed: int = 0) -> bytes:
             f"the network did not learn the fault table: its output for column {int(sure.argmin()) + 1} "
             f"is {sure.min():.2f}, expected {SURE:g} or more"
         )
-    return _exported(layers, table, len(inputs))
+    about = {
+        "version": VERSION,
+        "task": None if task is None else asdict(task),
+        "signed": bool((table < 0).any()) if signed is None else signed,
+        "inputs": [f"interval_{number}.code" for number in range(1, len(table) + 1)],
+        "outputs": [*("joint_" + "_".join(map(str, group)) for group in groups), "free"],
+        "made": {**versions(), **(made or {})},
+    }
+    return perceptron(layers, ("Tanh", "Sigmoid"), _ENDS, "fault_table", {KEY: table.tolist(), MADE: about})
 
 
 class FaultNetwork:
     """A trained network, run by onnxruntime; ``intervals`` inputs, an output for each of ``groups`` and for "free".
 
-    ``groups`` are the joints (from 1) with one column each, in the order of the first of them.
+    ``groups`` are the joints (from 1) with one column each, in the order of the first of them; ``task`` of which it is,
+    None where the file does not say; ``signed`` whether its codes have signs.
 
     ``model`` is the file or its bytes. Raises ``ConfigError`` where onnxruntime is missing, ``ModelError`` where it
-    cannot load the model or the model is not one of fault codes.
+    cannot load the model, the model is not one of fault codes, or does not agree with what its metadata says.
     """
 
-    def __init__(self, model: Path | bytes) -> None:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise ConfigError(
-                f"the network of fault tables needs onnxruntime ({error}): pip install 'cellwatt[model]'"
-            ) from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # what goes wrong is raised
-        source = str(model) if isinstance(model, Path) else model
-        where = f"fault network {model}" if isinstance(model, Path) else "fault network"
-        try:
-            if isinstance(model, Path):
-                check_file(model)
-            self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
-            self.table: Codes = np.array(json.loads(self._session.get_modelmeta().custom_metadata_map[KEY]), np.int8)
-        except KeyError as error:
-            raise ModelError(f"{where}: has no metadata {KEY!r}: it was not made from a fault table") from error
-        except Exception as error:  # onnxruntime raises types of its own, not of one family
-            raise ModelError(f"{where}: onnxruntime cannot load it: {str(error).splitlines()[0]}") from error
+    def __init__(self, model: Path | bytes | Opened) -> None:
+        self._network = model if isinstance(model, Opened) else Opened(model)
+        self._where = self._network.where
+        if not self._network.has(KEY):
+            raise ModelError(f"{self._where}: has no metadata {KEY!r}: it was not made from a fault table")
+        self.table = _table(self._network.metadata(KEY), self._where)
+        self.groups = groups_of(self.table)
         self.intervals = len(self.table)
-        self.groups = _groups(self.table)
+        about = self._network.metadata(MADE) if self._network.has(MADE) else {}
+        self.task = _task(about, self._where)
+        self.signed = bool(about.get("signed", (self.table < 0).any()))
+        sizes = ([self.intervals], [len(self.groups) + 1])
+        if self._network.sizes() != sizes:
+            given, found = self._network.sizes()
+            raise ModelError(
+                f"{self._where}: it has {given} inputs and {found} outputs, expected {sizes[0]} and {sizes[1]} for "
+                "the table in its metadata"
+            )
+
+    def differs(self, course: Course) -> str:
+        """Why it is not for a course; empty where it is."""
+        return not_the_motion(self.table, course) if self.task is None else self.task.differs(course)
 
     def outputs(self, codes: Codes) -> Float:
         """Y1 … Yn and the one for "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""
         if codes.ndim != 2 or codes.shape[1] != self.intervals:
             raise ModelError(f"fault network: codes are {codes.shape}, expected (cycles, {self.intervals} intervals)")
-        found = self._session.run(["joints"], {"codes": codes.astype(np.float32)})[0]
-        return np.asarray(found, dtype=np.float64)
+        return self._network.run(_ENDS, codes if self.signed else np.abs(codes))
 
     def joints(self, codes: Codes) -> tuple[int, ...]:
         """The joints (from 1) of the largest output for one cycle's codes (intervals,); none for "free"."""
@@ -106,7 +133,32 @@ class FaultNetwork:
         return () if largest == len(self.groups) else self.groups[largest]
 
 
-def _groups(table: Codes) -> tuple[tuple[int, ...], ...]:
+def _table(content: Any, where: str) -> Codes:
+    """The table in a file's metadata."""
+    try:
+        table = np.array(content, np.int8)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise ModelError(f"{where}: its table is no table of codes: {error}") from error
+    if table.ndim != 2 or not np.isin(table, (-1, 0, 1)).all():
+        raise ModelError(f"{where}: its table is no table of codes -1, 0 and 1: {str(content)[:60]}")
+    return table
+
+
+def _task(about: Any, where: str) -> TrainedFor | None:
+    """The task in a file's metadata; None where there is none."""
+    if not isinstance(about, dict) or about.get("version", VERSION) != VERSION:
+        raise ModelError(f"{where}: its metadata is not of version {VERSION}: train it anew, or update cellwatt")
+    if about.get("task") is None:
+        return None
+    try:
+        return TypeAdapter(TrainedFor).validate_python(about["task"])
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ModelError(f"{where}: its metadata is wrong: task.{place}: {first['msg']}") from error
+
+
+def groups_of(table: Codes) -> tuple[tuple[int, ...], ...]:
     """Joints (from 1) whose columns are the same, without those that have no code at all."""
     found: dict[tuple[int, ...], list[int]] = {}
     for joint, column in enumerate(table.T.tolist(), start=1):
@@ -136,36 +188,3 @@ def _trained(inputs: Float, targets: Float, seed: int) -> list[tuple[Float, Floa
 def _forward(layers: list[tuple[Float, Float]], inputs: Float) -> Float:
     (first, bias), (second, offset) = layers
     return np.asarray(1 / (1 + np.exp(-(np.tanh(inputs @ first + bias) @ second + offset))))
-
-
-def _exported(layers: list[tuple[Float, Float]], table: Codes, outputs: int) -> bytes:
-    """The layers as an ONNX graph with the table in its metadata."""
-    try:
-        import onnx
-        from onnx import TensorProto, helper, numpy_helper
-    except ImportError as error:
-        raise ConfigError(
-            f"writing the network of a fault table needs onnx ({error}): pip install 'cellwatt[train]'"
-        ) from error
-    names = (("hidden_weights", "hidden_bias"), ("output_weights", "output_bias"))
-    numbers = [
-        numpy_helper.from_array(np.asarray(value, np.float32), name)
-        for layer, pair in zip(layers, names, strict=True)
-        for value, name in zip(layer, pair, strict=True)
-    ]
-    nodes: list[Any] = [
-        helper.make_node("Gemm", ["codes", *names[0]], ["hidden"]),
-        helper.make_node("Tanh", ["hidden"], ["active"]),
-        helper.make_node("Gemm", ["active", *names[1]], ["sums"]),
-        helper.make_node("Sigmoid", ["sums"], ["joints"]),
-    ]
-    tensors = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["cycles", size])
-        for name, size in (("codes", len(table)), ("joints", outputs))
-    ]
-    graph = helper.make_graph(nodes, "fault_table", tensors[:1], tensors[1:], initializer=numbers)
-    opset = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="cellwatt")
-    helper.set_model_props(model, {KEY: json.dumps(table.tolist())})
-    onnx.checker.check_model(model)
-    return bytes(model.SerializeToString(deterministic=True))

@@ -6,15 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.following import Course, CycleFollower, CycleSoFar, courses_of
+from cellwatt_plugins.faults.paper.following import Course, CycleFollower, CycleSoFar, CyclesSeen, courses_of
 from cellwatt_plugins.faults.paper.judging import (
     IntervalVerdict,
     Isolation,
@@ -22,15 +24,20 @@ from cellwatt_plugins.faults.paper.judging import (
     by_agreement,
     by_codes,
     by_encoders,
+    by_network_or_agreement,
 )
-from cellwatt_plugins.faults.paper.network import FaultNetwork
+from cellwatt_plugins.faults.paper.networks import Networks, networks_of
+from cellwatt_plugins.faults.paper.pattern import by_equations
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.stage import ToleranceSettings
 from cellwatt_plugins.faults.trace import Trace
 
-MARGIN = 2 * 10**9
-"""Frames kept before the cycle under way, ns."""
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.ann.judging import NetworkJudge
+    from cellwatt_plugins.faults.cycles.watch import CycleStage
 
+CLEAR = 1
+"""Cycles without a fault that clear the network's alarm, as they clear those of the thresholds."""
 _WHAT = {
     "joint": "Joint {joint}: power differs by up to {watts:+.0f} W from healthy cycles: a fault in the joint",
     "encoder": "The encoder of joint {joint} is off by up to {degrees:.1f}°, while power is as in healthy cycles",
@@ -49,9 +56,14 @@ class PaperFaultsSettings(StageSettings):
     power: str | None = None
     """Channel of the supply's power; as in the reference where left out."""
     network: Path | None = None
-    """Network of a fault table (ONNX) for tasks with as many intervals; else codes are compared with the motion."""
+    """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several. Networks of codes name the
+    joint in place of a comparison with the motion, networks of a motion give alarms of their own beside it."""
     tolerance: ToleranceSettings = ToleranceSettings()
     """How far from the reference is still healthy."""
+    equations: Path | None = None
+    """Folder made by ``cellwatt train pattern``: power is held against these equations, not against mean cycles."""
+    residual: Residual = "samples"
+    """What the codes of intervals compare: each sample of the power, or the interval's energy as the paper has it."""
 
 
 class PaperFaultsStage(Stage[PaperFaultsSettings]):
@@ -75,37 +87,38 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
             channel = layout.channels[self._power]
             raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
         t = settings.tolerance
-        self._follower = CycleFollower(courses_of(reference), Tolerance(t.position, t.power, t.floor))
-        self._network = FaultNetwork(cell.folder / settings.network) if settings.network else None
-        self._trace = Trace.empty(len(self._positions))
+        courses = courses_of(reference)
+        if settings.equations:
+            courses = by_equations(courses, cell.folder / settings.equations)
+        follower = CycleFollower(courses, Tolerance(t.position, t.power, t.floor), settings.residual)
+        self._seen = CyclesSeen(follower, len(self._positions))
+        networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else Networks()
+        self._isolation = {key: by_network_or_agreement(network) for key, network in networks.codes.items()}
+        self._motions = None if networks.motions is None else self._watch(networks.motions)
         self._up: dict[tuple[int, str], Alarm] = {}
-        self._latest: int | None = None
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Alarms that changed with this block."""
         block = Trace(frames.time, frames.values[:, self._positions], frames.values[:, self._power])
-        self._trace = self._trace.with_more(block)
-        out: list[Alarm] = []
-        for result in upstream:
-            # An interval comes open, ending at the frame that confirmed it, and closed later.
-            if isinstance(result, Interval) and result.source == self._source and result.moving and not result.closed:
-                out += self._judged(self._trace.between(0, result.end))
-                self._latest = result.number
-                self._follower.see(result)
-        out += self._judged(self._trace)
-        if len(self._trace):
-            newest = int(self._trace.time[-1])
-            self._trace = self._trace.between((self._follower.earliest() or newest) - MARGIN, newest)
-        return out
+        intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
+        out = [alarm for cycle in self._seen.feed(block, intervals) for alarm in self._take(cycle)]
+        return out if self._motions is None else [*out, *self._motions.process(block.time, block.position, block.power)]
 
-    def _judged(self, trace: Trace) -> list[Alarm]:
-        return [alarm for cycle in self._follower.judge(trace) for alarm in self._take(cycle)]
+    def close(self) -> Sequence[Result]:
+        """Alarms that the end of the frames settles."""
+        return [] if self._motions is None else self._motions.close()
+
+    def _watch(self, judge: NetworkJudge) -> CycleStage:
+        """Whole motions judged by their networks; alarms of their own, beside those of the thresholds."""
+        from cellwatt_plugins.faults.cycles.watch import CycleStage
+
+        return CycleStage(judge, self.layout.step, CycleAlarms(f"{self.name}.network", self._source, CLEAR))
 
     def _take(self, cycle: CycleSoFar) -> list[Alarm]:
         """Alarms after one more interval: encoders at once, what only codes tell at the end of the cycle."""
         named = by_encoders(cycle.verdicts)
         if cycle.over and not named:
-            named = by_codes(cycle.verdicts, self._isolation(cycle.course))
+            named = by_codes(cycle.verdicts, self._isolation_of(cycle.course))
         last = cycle.verdicts[-1]
         now = cycle.start + round(last.interval.end * 1e9)
         fresh = [f for f in named if last.interval.number in f.intervals or (f.joint, f.kind) not in self._up]
@@ -115,10 +128,8 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
             out += [self._cleared(key, now) for key in list(self._up) if key not in still]
         return out
 
-    def _isolation(self, course: Course) -> Isolation:
-        if self._network is not None and self._network.intervals == len(course.intervals):
-            return self._network.joints
-        return by_agreement(fault_table(course.intervals))
+    def _isolation_of(self, course: Course) -> Isolation:
+        return self._isolation.get(course.key) or by_agreement(fault_table(course.intervals))
 
     def _raised(self, fault: NamedFault, cycle: CycleSoFar, now: int) -> Alarm:
         shown = [v for v in cycle.verdicts if v.interval.number in fault.intervals]
@@ -140,7 +151,7 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
             source=self._source,
             joint=fault.joint,
             alternatives=fault.alternatives,
-            interval=self._latest,
+            interval=self._seen.latest,
             evidence=evidence,
         )
         self._up[key] = alarm

@@ -20,11 +20,18 @@ from cellwatt_plugins.models.static.identify import Arm, Identified
 from cellwatt_plugins.models.static.leftover import Leftover
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
+from cellwatt_plugins.robot.law import copper_gain
 
 Float = NDArray[np.float64]
 
 TOTAL: Final = "torque_sum"
 """Output: absolute sum of the torques, eq. 5."""
+_INTERVAL: Final = (f"{TOTAL}_low", f"{TOTAL}_high")
+HOLDING: Final = "holding_power"
+"""Output, where robot.yaml has every torque constant and winding resistance: power that holds the pose, eqs. 3 and 4.
+
+At rest a motor's voltage is R I, so P = τ V / K_t is R (τ / K_t)²; what stands by is not in it.
+"""
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,7 @@ class Widths:
 
 
 def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: Poses) -> None:
-    """The best model: torques of the joints, their absolute sum, and the interval that this lies in."""
+    """The best model: torques of the joints, their absolute sum, the interval that this lies in, and holding power."""
     n, carries = arm.body.joints, model.effects.carries
     graph = Graph(2 * n + carries)
     q, approach = graph.slice(graph.input, 0, n), graph.slice(graph.input, n, 2 * n)
@@ -54,9 +61,13 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: P
     blind = graph.op("Sub", 1.0, graph.op("ReduceMin", graph.op("Cast", given, to=_DOUBLE), axes=[1], keepdims=1))
     width = graph.op("Add", graph.op("Mul", blind, widths.blind - widths.told), widths.told)
     low = graph.op("Max", graph.op("Sub", total, width), 0.0)
-    output = graph.concat([torque, total, low, graph.op("Add", total, width)])
-    content = graph.model(output, n + 3)
-    outputs = [*(f"torque_{i + 1}" for i in range(n)), TOTAL, f"{TOTAL}_low", f"{TOTAL}_high"]
+    parts = [torque, total, low, graph.op("Add", total, width)]
+    outputs = [Output(name, "Nm") for name in (*(f"torque_{i + 1}" for i in range(n)), TOTAL, *_INTERVAL)]
+    heating = copper_gain(arm.robot)
+    if (heating > 0).all():
+        parts.append(graph.sum(graph.op("Mul", graph.op("Mul", torque, torque), heating), keep=True))
+        outputs.append(Output(HOLDING, "W"))
+    content = graph.model(graph.concat(parts), len(outputs))
     inputs = (*joint_inputs(n, "position"), *joint_inputs(n, "approach", optional=True))
     width_of = arm.limits[:, 1] - arm.limits[:, 0]
     ranges = [*_ranges(poses), *((-w, w) for w in width_of.tolist())]
@@ -67,7 +78,7 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: P
         name=f"{arm.robot.robot}-static",
         robot=arm.robot.robot,
         inputs=inputs,
-        outputs=tuple(Output(name, "Nm") for name in outputs),
+        outputs=tuple(outputs),
         rate_hz=None,
         training=_training(poses, ranges),
     )

@@ -8,7 +8,7 @@ No code is shared with the plugin.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,12 +28,14 @@ BACK = 0.55  # share of braking power that comes back
 
 @dataclass(frozen=True)
 class Move:
-    """Joints (1-based) with their way in rad, seconds, seconds at rest afterwards, and the table's interval."""
+    """Joints (1-based) with their way in rad, seconds, seconds at rest afterwards, the table's interval (from 1), and
+    joints that go their way and come back within the move."""
 
     by: Mapping[int, float]
     seconds: float
-    interval: int | None
+    interval: int
     rest: float = 0.3
+    back: tuple[int, ...] = ()
 
 
 PICK_AND_PLACE = (
@@ -47,17 +49,29 @@ PICK_AND_PLACE = (
 """Joints move where Table I has codes; the elbow (joint 3) in the second and the fourth interval."""
 
 POLISHING = (
-    Move({1: 0.4, 2: 0.3, 5: -0.6, 6: 0.5}, 0.9, 2),
+    Move({1: 0.4, 2: 0.3, 5: -0.6, 6: 0.5}, 0.9, 2, back=(5,)),
     Move({1: -0.3, 2: 0.25, 6: -0.7}, 0.7, 3),
     Move({1: 0.35, 2: -0.3, 3: 0.35, 4: -0.6}, 0.8, 4),
     Move({1: -0.3, 2: 0.3, 6: 0.7}, 0.7, 5),
     Move({1: 0.3, 2: -0.3, 3: -0.6, 4: 0.7}, 0.8, 6),
     Move({1: -0.3, 2: 0.2, 6: -0.6}, 0.7, 7),
     Move({3: 0.25, 4: -0.1}, 0.6, 8),
-    Move({1: -0.15, 2: -0.45, 6: 0.1}, 0.8, 9),
-    Move({5: 0.6}, 0.7, None, 0.9),
+    Move({1: -0.15, 2: -0.45, 6: 0.1}, 0.8, 9, 0.9),
 )
-"""Joints move where Table II has codes; then joint 5 goes back alone, so that the task can repeat."""
+"""Joints move where Table II has codes; it has none for joint 5 but in the second interval, which therefore brings it
+back. In the first and the tenth interval nothing moves."""
+
+BOUNDARIES = (0.74, 1.52, 2.17, 2.6, 3.73)
+"""s; where the paper sees the peaks of Fig. 9, "at the deceleration and acceleration stages" …"""
+LENGTH = 5.4
+"""… of a cycle of so many s (end of the last stretch in which the spring shows, Fig. 13 and 14)."""
+PICK_AND_PLACE_AS_TIMED = tuple(
+    replace(move, seconds=end - start, rest=0.0)
+    for move, start, end in zip(PICK_AND_PLACE, (0.0, *BOUNDARIES), (*BOUNDARIES, LENGTH), strict=True)
+)
+"""Table I with the paper's times: no row is without a code, so no rest lies between two moves."""
+POLISHING_WITHOUT_RESTS = tuple(replace(move, rest=0.0) for move in POLISHING)
+"""Table II has no row without a code but its first and its last."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +121,7 @@ def commanded(moves: Sequence[Move], phase: np.ndarray) -> np.ndarray:
     for move in moves:
         share = covered(np.clip((phase - start) / move.seconds, 0.0, 1.0))
         for joint, way in move.by.items():
-            q[:, joint - 1] += way * share
+            q[:, joint - 1] += way * (4 * share * (1 - share) if joint in move.back else share)
         start += move.seconds + move.rest
     return q
 

@@ -1,4 +1,4 @@
-"""Patterns of the plant's healthy cycles."""
+"""Patterns of the plant's healthy cycles, and patterns of bells."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ import numpy as np
 from tests.plugins.faults.paper.irb1200 import Run, period, run
 
 
-def pattern_of(moves, *, cycles: int = 20, speed: float = 1.0, seed: int = 3, rate: float = 123.0):
+def pattern_of(moves, *, cycles: int = 20, speed: float = 1.0, seed: int = 3, rate: float = 123.0, noise: float = 1.0):
     """Times (n,) s and mean power (n,) W of a task's healthy cycles."""
-    told = run(Run(moves, cycles=cycles, speed=speed, seed=seed, rate=rate))
+    told = run(Run(moves, cycles=cycles, speed=speed, seed=seed, rate=rate, noise=noise))
     length = int(period(moves, speed) * rate)
     rows = [told.power[np.searchsorted(told.t, start - 1e-9) :][:length] for start in told.starts]
     return np.arange(length) / rate, np.mean(rows, axis=0)
+
+
+def bells(t, centres, heights, width: float):
+    """Power (n,) W of peaks at ``centres`` (k,) s, the resonances' own shape, ``width`` s to either side."""
+    return np.sum(heights / np.sqrt(1 + ((t[:, None] - np.asarray(centres)) / width) ** 2), axis=1)

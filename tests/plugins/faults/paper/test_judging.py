@@ -5,6 +5,7 @@ import pytest
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.codes import of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import Readings, fault_table, from_cycles
 from cellwatt_plugins.faults.paper.judging import by_agreement, by_network, codes_of, judge, judge_interval
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Run, period, run
@@ -132,3 +133,45 @@ def test_nothing_to_learn_from_is_refused():
     t = np.arange(100) / 50
     with pytest.raises(ModelError, match="nothing moves"):
         from_cycles([Readings(t, np.zeros((100, 6)), np.full(100, 90.0))])
+
+
+SECONDS = np.linspace(0, 2, 201)
+HUNDRED = np.full(201, 100.0)
+"""W."""
+
+
+def codes(seen):
+    """Codes of an interval of 100 W for 2 s by samples and by energy."""
+    q = np.zeros((len(SECONDS), 1))
+    told = (Readings(SECONDS, q, HUNDRED), Readings(SECONDS, q, seen), TEN_PER_CENT)
+    return of_samples(*told), of_energy(*told)
+
+
+@pytest.mark.parametrize(("joules", "code"), [(19, 0), (21, 1), (-19, 0), (-21, -1)])
+def test_equation_20_is_about_the_energy_of_an_interval(joules, code):
+    """Of 200 J, 19 J more or less are healthy and 21 J are not, whenever they come."""
+    early = np.where(SECONDS < 1, 1.0, 0.0)
+    assert codes(HUNDRED + joules / 2)[1] == code
+    assert codes(HUNDRED + joules * early / np.trapezoid(early, SECONDS))[1] == code
+
+
+def test_samples_see_what_is_little_energy():
+    peak = np.where(np.abs(SECONDS - 1) < 0.05, 60.0, 0.0)
+    swing = np.where(SECONDS < 1, 30.0, -30.0)
+    ripple = 12 * np.sign(np.sin(2 * np.pi * 5 * SECONDS))
+    assert [codes(HUNDRED + each) for each in (peak, swing, ripple)] == [(1, 0), (1, 0), (1, 0)]
+    assert codes(0.8 * HUNDRED) == (-1, -1)
+
+
+def test_rules_under_16_keep_to_the_samples_whatever_codes_are_about(polishing):
+    """Rule 1 and 2 are printed with P(t): a dead joint that saves little energy is no faulty encoder."""
+    cut = one(POLISHING, Fault("cut", 2), Fault("belt_off", 5))
+    table = by_agreement(fault_table(polishing))
+    faults = judge(polishing, cut, table, TEN_PER_CENT, "energy")
+    assert {fault.joint: fault.kind for fault in faults} == {2: "joint", 5: "joint"}
+
+
+def test_friction_is_named_by_energies_too(pick_and_place):
+    table = by_agreement(fault_table(pick_and_place))
+    faults = judge(pick_and_place, one(PICK_AND_PLACE, Fault("friction", 5, 15.0)), table, TEN_PER_CENT, "energy")
+    assert [(fault.joint, fault.kind) for fault in faults] == [(5, "joint")]

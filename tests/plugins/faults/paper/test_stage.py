@@ -5,11 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from cellwatt.commands.check import command as check
 from cellwatt.errors import ModelError
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.paper.expected import fault_table
+from cellwatt_plugins.faults.paper.following import courses_of
 from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
+from cellwatt_plugins.faults.paper.trained_for import TrainedFor
+from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.tables import PICK_AND_PLACE as TABLE_I
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.paper.frames import frames_of
@@ -100,6 +106,12 @@ def test_a_cycle_with_missing_frames_is_not_judged(reference):
     assert watch(reference, replace(told, power=power)) == []
 
 
+def test_a_meter_that_gives_nothing_yet_stops_nothing(reference):
+    told = plan(1.0, CUT, BELT, cycles=2, since=1)
+    power = np.where(told.t < 0.5 + period(POLISHING, 1.0), np.nan, told.power)  # back in the rest before it
+    assert {alarm.joint for alarm in watch(reference, replace(told, power=power))} == {2, 5}
+
+
 def test_a_cycle_whose_beginning_was_not_seen_is_not_judged(reference):
     told = plan(1.0, CUT, BELT, cycles=1, since=0)
     seen = told.t > 1.05
@@ -107,13 +119,98 @@ def test_a_cycle_whose_beginning_was_not_seen_is_not_judged(reference):
     assert watch(reference, late) == []
 
 
-def test_a_network_names_joints_of_tasks_with_as_many_intervals_only(reference):
-    (reference.parent / "six.onnx").write_bytes(train(TABLE_I))
-    friction = Fault("friction", 5, 20.0)
-    told = plan(1.0, friction)
+FALLS = Fault("friction", 5, -20.0)
+"""Joint 5 runs easier than it should: power falls, and encoders keep their path."""
+
+
+def polishing(reference):
+    """The task at full speed as the reference has it."""
+    return next(course for course in courses_of(load(reference)) if course.speed == 1.0)
+
+
+def with_network(reference, told, content):
+    (reference.parent / "table.onnx").write_bytes(content)
+    return watch(reference, told, network=Path("table.onnx"))
+
+
+@pytest.mark.parametrize("size", [20.0, -20.0])
+def test_a_network_names_what_is_named_without_it_whether_power_rises_or_falls(reference, size):
+    told = plan(1.0, replace(FALLS, size=size))
     compared = watch(reference, told)
     assert {alarm.joint for alarm in compared} == {5}
-    assert watch(reference, told, network=Path("six.onnx")) == compared
+    of_the_motion = train(fault_table(polishing(reference).intervals))
+    named = with_network(reference, told, of_the_motion)
+    assert {(alarm.joint, alarm.kind) for alarm in named if alarm.active} == {(5, "joint_fault")}
+    assert named[0].time == compared[0].time
+
+
+def test_a_network_that_knows_but_rising_power_does_not_silence_what_falls(reference):
+    course = polishing(reference)
+    rising = train(fault_table(course.intervals), task=TrainedFor.of(course), signed=True)
+    assert {alarm.joint for alarm in with_network(reference, plan(1.0, FALLS), rising)} == {5}
+
+
+def test_a_network_with_another_number_of_inputs_is_refused(reference):
+    with pytest.raises(
+        ModelError, match=r"table\.onnx: was trained for a table of 6 intervals .* 8 intervals of 6"
+    ) as no:
+        with_network(reference, plan(1.0, cycles=1), train(TABLE_I))
+    assert "\n" not in str(no.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda t: replace(t, moving=((1, 2, 5), *t.moving[1:])), "in interval 1: 1, 2, 5, 6, expected 1, 2, 5"),
+        (lambda t: replace(t, way=(t.way[0], t.way[2], *t.way[2:])), "another way in interval 2"),
+        (lambda t: replace(t, seconds=tuple(1.5 * s for s in t.seconds)), "another pace: interval 1"),
+        (lambda t: replace(t, joints=7), "6 joints, expected 7"),
+    ],
+)
+def test_a_network_of_another_task_with_as_many_intervals_is_refused(reference, change, reason):
+    course = polishing(reference)
+    content = train(fault_table(course.intervals), task=change(TrainedFor.of(course)))
+    with pytest.raises(ModelError, match=f"none of reference .*{reason}"):
+        with_network(reference, plan(1.0, cycles=1), content)
+
+
+def test_a_table_of_other_joints_that_names_no_task_is_refused(reference):
+    other = np.roll(fault_table(polishing(reference).intervals), 1, axis=0)
+    with pytest.raises(ModelError, match=r"names no task.*other joints in motion"):
+        with_network(reference, plan(1.0, cycles=1), train(other))
+
+
+def test_a_folder_has_a_network_for_each_speed_and_no_two_for_one(reference, tmp_path):
+    for course in courses_of(load(reference)):
+        content = train(fault_table(course.intervals), task=TrainedFor.of(course))
+        (tmp_path / f"{course.speed}.onnx").write_bytes(content)
+    for speed in (1.0, 0.5):
+        assert {alarm.joint for alarm in watch(reference, plan(speed, FALLS), network=tmp_path)} == {5}
+    (tmp_path / "again.onnx").write_bytes(content)
+    with pytest.raises(ModelError, match=r"again\.onnx: is for task_1 at .*, as is .*onnx: keep one"):
+        watch(reference, plan(1.0, cycles=1), network=tmp_path)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(ModelError, match=r"no \.onnx file in this folder"):
+        watch(reference, plan(1.0, cycles=1), network=empty)
+
+
+def test_check_refuses_a_network_that_does_not_fit_in_one_line_with_its_place(reference):
+    (reference.parent / "table.onnx").write_bytes(train(TABLE_I))
+    cell = reference.parent / "cell.yaml"
+    cell.write_text(
+        "site: plant\ncell: cell\nsources:\n"
+        "  arm: {driver: ur, host: 192.0.2.10}\n  board: {driver: power_board, port: /dev/ttyUSB0, rate: 123 Hz}\n"
+        "stages:\n  segment: {arm: arm}\n"
+        "  faults:\n    stage: faults_by_paper\n    reference: reference.yaml\n    power: board.supply.power\n"
+        "    network: table.onnx\n"
+    )
+    found = CliRunner().invoke(check, [str(cell)])
+    assert found.exit_code == 2
+    lines = found.output.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"{cell}:8:3: stages.faults: fault network ")
+    assert "was trained for a table of 6 intervals that names no task" in lines[0]
 
 
 def test_a_wrong_reference_is_refused(tmp_path):

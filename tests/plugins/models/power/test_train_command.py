@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from cellwatt.emulation.arm import ArmSignals
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.models.command import predict, train
-from cellwatt_plugins.models.power import paper
+from cellwatt_plugins.models.power import scg_network
 from cellwatt_plugins.models.power.demo import demo_robot, train_demo
 from cellwatt_plugins.models.predict import predict_file
 from cellwatt_plugins.models.seal import sealed
@@ -32,7 +32,7 @@ def called(*words):
 
 @pytest.mark.timeout(300)  # 20 s of an idle core
 def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
-    monkeypatch.setattr(paper, "ITERATIONS", 10)
+    monkeypatch.setattr(scg_network, "ITERATIONS", 10)
     robot, table, unseen = case
     done = called(table, "--robot", robot, "--out", tmp_path, "--json")
     assert done.exit_code == 0, done.output
@@ -70,7 +70,7 @@ def test_a_robot_without_torque_constants_is_refused(case, tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_same_recording_and_seed_give_the_same_model(case, tmp_path, monkeypatch):
-    monkeypatch.setattr(paper, "ITERATIONS", 20)
+    monkeypatch.setattr(scg_network, "ITERATIONS", 20)
     robot, table, _ = case
     reports, models = [], []
     for name in ("one", "other"):

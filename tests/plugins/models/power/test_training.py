@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.models.power import paper
+from cellwatt_plugins.models.power import scg_network
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
@@ -41,7 +41,7 @@ def test_power_alone_gives_a_model_of_power(case):
 
 
 def test_currents_alone_give_a_model_of_currents(case, monkeypatch):
-    monkeypatch.setattr(paper, "ITERATIONS", 10)
+    monkeypatch.setattr(scg_network, "ITERATIONS", 10)
     robot, body, known, unseen = case
     trained = train(replace(known, power=np.full(len(known), np.nan)), robot, body)
     assert trained.fitted.model.supply is None

@@ -57,6 +57,22 @@ def test_the_graph_is_the_formula(tmp_path, fitted):
     np.testing.assert_allclose(given[:, 8], given[:, 6] + width)
 
 
+def test_power_that_holds_a_pose_where_the_motors_are_known(tmp_path, fitted):
+    model, arm, poses = fitted
+    assert len(read_metadata(save(tmp_path, fitted)).outputs) == 9  # nothing is known of the MH12's motors
+    constant, resistance = np.linspace(20, 8, 6), np.linspace(0.4, 2.1, 6)
+    joints = tuple(
+        joint.model_copy(update={"torque_constant": k, "winding_resistance": r})
+        for joint, k, r in zip(arm.robot.joints, constant.tolist(), resistance.tolist(), strict=True)
+    )
+    path = save(tmp_path, (model, replace(arm, robot=arm.robot.model_copy(update={"joints": joints})), poses))
+    assert [(o.name, o.unit) for o in read_metadata(path).outputs][-1] == ("holding_power", "W")
+    given = open_network(path).run(inputs(poses))
+    current = given[:, :6] / constant  # 000 (3)
+    voltage = resistance * current  # 002 (3) of a motor that neither turns nor changes
+    np.testing.assert_allclose(given[:, 9], (given[:, :6] * voltage / constant).sum(axis=1))  # 000 (4)
+
+
 def test_plain_models_and_zero_positions_too(tmp_path, fitted):
     model, arm, poses = fitted
     effects = model.effects

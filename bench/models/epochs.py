@@ -1,0 +1,162 @@
+"""How long the static paper's networks are trained, and what becomes of their order: the print does not say how long.
+
+Its neurons, 216 and 475, on arms emulated by MuJoCo. Two readings of its hybrid: the network learns what gravity leaves
+of the sum of torques ("estimating the error"), or the sum itself ("the output variable is the absolute sum").
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from cellwatt_plugins.models.static.identify import Arm
+from cellwatt_plugins.models.static.paper import EPOCHS, TEST, split, trained
+from cellwatt_plugins.models.static.poses import read_poses
+from cellwatt_plugins.models.static.scores import Scores
+from cellwatt_plugins.models.static.training import SEED
+from cellwatt_plugins.robot import load_robot
+from models import held_arms
+from models.static import COUNT, Spread
+
+FOLDER = "../static_poses"
+"""Beside the recordings."""
+COURSE = (10, 30, 100, 200, 500)
+"""Epochs."""
+COURSE_RECORDED = (10, 30, 100, 200, 500, 1000)
+AS_PRINTED = 132 / 532
+"""Share in the test: the paper has "132 in this case" of 532, beside 80/20."""
+NEURONS = {"network": 216, "hybrid on the residual": 475, "hybrid as printed": 475}
+METHODS = ("gravity", *NEURONS)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A collection of one arm: angles (N, 6), their gravity torques (N, 6) and the measured sums (N,)."""
+
+    q: np.ndarray
+    gravity: np.ndarray
+    total: np.ndarray
+
+    def said(self, method: str, rows: np.ndarray, epochs: int) -> np.ndarray:
+        """Sums (N,) by a method that was trained on ``rows``."""
+        simulated, both = np.abs(self.gravity).sum(axis=1), np.hstack([self.q, self.gravity])
+        if method == "gravity":
+            return simulated
+        inputs = self.q if method == "network" else both
+        start = simulated if method == "hybrid on the residual" else np.zeros_like(simulated)
+        network = trained(inputs[rows], self.total[rows] - start[rows], NEURONS[method], SEED, epochs)
+        return np.asarray(start + network(inputs))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method after so many epochs, over the arms; gravity has none."""
+
+    method: str
+    epochs: int
+    left_out: int
+    rmse_nm: Spread
+    r2: Spread
+    mape_percent: Spread
+
+
+@dataclass(frozen=True)
+class EpochTables:
+    """The course, the same with the paper's n, and on how many arms the hybrid beats gravity and the network."""
+
+    rows: tuple[Row, ...]
+    as_printed: tuple[Row, ...]
+    in_order: dict[int, tuple[int, int]]
+    """Epochs → arms on which the hybrid is best, on the residual and as printed."""
+    arms: int
+
+
+def collected(seed: int) -> Held:
+    """532 poses of one arm, as a user has them."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        description = load_robot(held_arms.write_robot(folder))
+        held_arms.write_samples(held_arms.collection(held_arms.some_arm(seed), seed, COUNT), folder / "samples.parquet")
+        poses = read_poses([folder / "samples.parquet"], description)
+        arm = Arm.of(description, poses.q)
+        gravity = arm.basis(poses).vertical @ arm.effects(poses).cad
+    return Held(poses.q, gravity, poses.total)
+
+
+def of_recording(folder: Path) -> Held:
+    """Held poses that others emulated: samples.parquet and robot.yaml."""
+    description = load_robot(folder / "robot.yaml")
+    poses = read_poses([folder / "samples.parquet"], description)
+    arm = Arm.of(description, poses.q)
+    return Held(poses.q, arm.basis(poses).vertical @ arm.effects(poses).cad, poses.total)
+
+
+def recorded(folder: Path) -> dict[str, dict[int, Scores]]:
+    """Method → epochs → scores on the fifth left out of one recording."""
+    held = of_recording(folder)
+    with threadpool_limits(1):
+        return {
+            method: {epochs: scores(held, method, epochs, TEST) for epochs in COURSE_RECORDED} for method in METHODS
+        }
+
+
+def scores(held: Held, method: str, epochs: int, share: float) -> Scores:
+    """On the share left out."""
+    rows, test = split(len(held.q), SEED, share)
+    return Scores.of(held.total[test], held.said(method, rows, epochs)[test])
+
+
+def run(arms: int = 3) -> EpochTables:
+    """All of it."""
+    with threadpool_limits(1):
+        held = [collected(SEED + seed) for seed in range(arms)]
+        course = {
+            (method, epochs): [scores(each, method, epochs, TEST) for each in held]
+            for method in METHODS
+            for epochs in (COURSE if method in NEURONS else COURSE[:1])
+        }
+        printed = {method: [scores(each, method, EPOCHS, AS_PRINTED) for each in held] for method in METHODS}
+    return EpochTables(
+        tuple(_row(method, epochs, TEST, found) for (method, epochs), found in course.items()),
+        tuple(_row(method, EPOCHS, AS_PRINTED, found) for method, found in printed.items()),
+        {epochs: _in_order(course, epochs, arms) for epochs in COURSE},
+        arms,
+    )
+
+
+def picture(tables: EpochTables) -> dict[str, Any]:
+    """Median R² over epochs."""
+    traces = []
+    for method in METHODS:
+        rows = [row for row in tables.rows if row.method == method]
+        x = list(COURSE) if method in NEURONS else [COURSE[0], COURSE[-1]]
+        y = [row.r2.median for row in rows] * (1 if method in NEURONS else 2)
+        traces.append({"x": x, "y": y, "mode": "lines+markers" if method in NEURONS else "lines", "name": method})
+    below = {"title": {"text": "epochs"}, "type": "log", "tickvals": list(COURSE)}
+    beside = {"title": {"text": "R² on poses left out"}}
+    return {"data": traces, "layout": {"width": 640, "height": 420, "xaxis": below, "yaxis": beside}}
+
+
+def _row(method: str, epochs: int, share: float, found: Sequence[Scores]) -> Row:
+    def over(what: Callable[[Scores], float]) -> Spread:
+        return Spread.of([what(each) for each in found])
+
+    left_out = len(split(COUNT, SEED, share)[1])
+    return Row(method, epochs, left_out, over(lambda s: s.rmse), over(lambda s: s.r2), over(lambda s: s.mape))
+
+
+def _in_order(course: dict[tuple[str, int], list[Scores]], epochs: int, arms: int) -> tuple[int, int]:
+    gravity = course["gravity", COURSE[0]]
+    plain = course["network", epochs]
+
+    def best(method: str) -> int:
+        found = course[method, epochs]
+        return sum(found[k].rmse < min(gravity[k].rmse, plain[k].rmse) for k in range(arms))
+
+    return best("hybrid on the residual"), best("hybrid as printed")

@@ -1,0 +1,123 @@
+"""Networks of faults as ONNX files: written from trained layers, opened with onnxruntime.
+
+What a network is for stands in the file as JSON, under one key of its ``metadata_props`` for each kind of network.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import check_file
+
+Float = NDArray[np.float64]
+Layers = Sequence[tuple[Float, Float]]
+"""Weights (inputs, outputs) and bias (outputs,) of each layer."""
+
+OPSET, IR_VERSION = 17, 8
+"""Old enough for every onnxruntime that cellwatt takes."""
+MOTION = "cellwatt_fault_pattern"
+"""Metadata of a network of residuals over a motion."""
+MADE_BY = ("cellwatt", "scikit-learn", "onnx")
+"""Whose versions stand in a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """Names of the tensors that go in and come out."""
+
+    given: str
+    found: str
+
+
+def versions() -> dict[str, str]:
+    """What a network is made with."""
+    return {name: version(name) for name in MADE_BY}
+
+
+def perceptron(layers: Layers, active: Sequence[str], ends: Ends, name: str, properties: Mapping[str, Any]) -> bytes:
+    """An ONNX file of layers, float32, each followed by the ONNX operator ``active`` (Tanh, Sigmoid, Asinh).
+
+    ``properties`` become its metadata, as JSON. Raises ``ConfigError`` where onnx is missing.
+    """
+    try:
+        import onnx
+        from onnx import TensorProto, helper, numpy_helper
+    except ImportError as error:
+        raise ConfigError(f"writing a network of faults needs onnx ({error}): pip install 'cellwatt[train]'") from error
+    labels = [*(f"hidden{'' if len(layers) == 2 else f'_{k}'}" for k in range(1, len(layers))), "output"]
+    numbers: list[Any] = []
+    nodes: list[Any] = []
+    tensor = ends.given
+    for (weights, bias), operator, label in zip(layers, active, labels, strict=True):
+        pair = [f"{label}_weights", f"{label}_bias"]
+        numbers += [
+            numpy_helper.from_array(np.asarray(v, np.float32), n) for v, n in ((weights, pair[0]), (bias, pair[1]))
+        ]
+        after = ends.found if label == "output" else f"{label}_active"
+        nodes += [helper.make_node("Gemm", [tensor, *pair], [label]), helper.make_node(operator, [label], [after])]
+        tensor = after
+    sizes = {ends.given: len(layers[0][0]), ends.found: layers[-1][0].shape[1]}
+    tensors = [helper.make_tensor_value_info(n, TensorProto.FLOAT, ["cycles", size]) for n, size in sizes.items()]
+    graph = helper.make_graph(nodes, name, tensors[:1], tensors[1:], initializer=numbers)
+    opset = [helper.make_opsetid("", OPSET)]
+    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="cellwatt")
+    helper.set_model_props(model, {key: json.dumps(value) for key, value in properties.items()})
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString(deterministic=True))
+
+
+class Opened:
+    """A network of faults in onnxruntime, for one thread; ``where`` names it in errors.
+
+    ``model`` is the file or its bytes. Raises ``ConfigError`` where onnxruntime is missing, ``ModelError`` where it
+    cannot load the model or metadata is not JSON.
+    """
+
+    def __init__(self, model: Path | bytes) -> None:
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise ConfigError(
+                f"the network of fault tables needs onnxruntime ({error}): pip install 'cellwatt[model]'"
+            ) from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # what goes wrong is raised
+        source = str(model) if isinstance(model, Path) else model
+        self.where = f"fault network {model}" if isinstance(model, Path) else "fault network"
+        try:
+            if isinstance(model, Path):
+                check_file(model)
+            self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+            self._properties = dict(self._session.get_modelmeta().custom_metadata_map)
+        except Exception as error:  # onnxruntime raises types of its own, not of one family
+            raise ModelError(f"{self.where}: onnxruntime cannot load it: {str(error).splitlines()[0]}") from error
+
+    def has(self, key: str) -> bool:
+        """Whether there is metadata of a kind."""
+        return key in self._properties
+
+    def metadata(self, key: str) -> Any:
+        """One kind of its metadata. Raises ``ModelError`` where it is not JSON."""
+        try:
+            return json.loads(self._properties[key])
+        except ValueError as error:
+            raise ModelError(f"{self.where}: its metadata {key!r} is not JSON: {error}") from error
+
+    def sizes(self) -> tuple[list[int], list[int]]:
+        """Columns of its input tensors and of its output tensors."""
+        return [t.shape[-1] for t in self._session.get_inputs()], [t.shape[-1] for t in self._session.get_outputs()]
+
+    def run(self, ends: Ends, values: NDArray[Any]) -> Float:
+        """What comes out (n, outputs) of what is given (n, inputs)."""
+        found = self._session.run([ends.found], {ends.given: values.astype(np.float32)})[0]
+        return np.asarray(found, dtype=np.float64)

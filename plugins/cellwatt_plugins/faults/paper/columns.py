@@ -1,0 +1,115 @@
+"""The fault table of a task, learnt from cycles with a known fault: recorded, emulated, or simulated ones."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.emulation import ArmSignals
+from cellwatt.frames import Frames
+from cellwatt.registry import stage as find_stage
+from cellwatt.results import Interval
+from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.cycles.arm import Motion, drive_power, supply_power, torque
+from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
+from cellwatt_plugins.faults.paper.following import Course, CycleFollower, CyclesSeen, Key
+from cellwatt_plugins.faults.paper.judging import codes_of
+from cellwatt_plugins.faults.recordings import frames_of_table
+from cellwatt_plugins.faults.trace import Trace
+
+Float = NDArray[np.float64]
+Codes = NDArray[np.int8]
+
+SPRINGS = (4.0, 8.0, 16.0)
+"""Springs that are simulated, slack where the task begins: torque over a radian in multiples of the joint's Coulomb
+friction."""
+STIFFNESS, CYCLES = 60.0, 3
+"""Nm/rad of a spring on the emulated arm, hooked on where the joint is at home, and how many cycles it runs."""
+RATE, LEAD = 50.0, 1.0
+"""Hz of the emulated arm's frames, and s at rest before its first cycle."""
+
+
+def recorded(
+    blocks: Iterable[Frames], courses: Sequence[Course], tolerance: Tolerance, arm: str | None, power: str
+) -> dict[Key, list[Codes]]:
+    """Codes (20) of every whole cycle in some frames, (intervals,) each, by the course that it is of."""
+    found: defaultdict[Key, list[Codes]] = defaultdict(list)
+    segment: Any = None
+    seen: CyclesSeen | None = None
+    columns: list[int] = []
+    for frames in blocks:
+        if segment is None or seen is None:
+            stage = find_stage("segment")
+            segment = stage(
+                "segment", stage.Settings.model_validate({"arm": arm}), frames.layout, CellInfo("", "", None, Path())
+            )
+            columns = [*frames.layout.joints("position", arm), frames.layout.index(power)]
+            seen = CyclesSeen(CycleFollower(courses, tolerance), len(columns) - 1)
+        block = Trace(frames.time, frames.values[:, columns[:-1]], frames.values[:, columns[-1]])
+        intervals = [result for result in segment.process(frames, ()) if isinstance(result, Interval)]
+        for cycle in seen.feed(block, intervals):
+            if cycle.over:
+                codes = np.array([verdict.code for verdict in cycle.verdicts], np.int8)
+                found[cycle.course.key].append(codes)
+    return dict(found)
+
+
+def emulated(joint: int, speed: float, *, stiffness: float = STIFFNESS, seed: int = 0) -> Iterator[Frames]:
+    """Frames of the emulated arm (`cellwatt emulate`) with a spring, Nm/rad, on a joint (from 1)."""
+    arm = ArmSignals(speed=speed, seed=seed)
+    arm.disturb({"spring": float(joint), "stiffness": stiffness, "rest": arm.home[joint - 1]})
+    t = np.arange(-LEAD, CYCLES * arm.period, 1 / RATE)
+    told = arm.at(np.maximum(t, 0.0))
+    columns = {f"q_{j}": told[f"joint_{j}.position"] for j in range(1, len(arm.home) + 1)}
+    yield frames_of_table(t + LEAD, columns | {"power": told["supply.power"]})
+
+
+def simulated(arm: Arm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
+    """Codes (20) of a course's healthy cycle with springs on a joint (from 1), as the arm's equations have them."""
+    slack = float(course.intervals[0].readings.q[0, joint - 1])
+    motions = [_motion(interval.readings) for interval in course.intervals]
+    regressors = [arm.body.regressor(m.q, m.qd, m.qdd) for m in motions]
+    out = []
+    for size in SPRINGS:
+        stiffness = size * max(float(arm.parameters.coulomb[joint - 1]), 1e-3)
+        told = [
+            _with_spring(arm, interval, motion, regressor, joint - 1, stiffness, slack)
+            for interval, motion, regressor in zip(course.intervals, motions, regressors, strict=True)
+        ]
+        parts = zip(course.intervals, told, strict=True)
+        out.append(np.concatenate([codes_of([interval], part, tolerance) for interval, part in parts]))
+    return out
+
+
+def column_of(cycles: Sequence[Codes]) -> Codes:
+    """What most of the cycles (intervals,) say of each interval, 0 where not more than half say the same.
+
+    Cycles without any code say nothing: their fault is below the tolerance.
+    """
+    told = np.stack([codes for codes in cycles if codes.any()] or [np.zeros_like(cycles[0])])
+    share = [np.mean(told == sign, axis=0) for sign in (1, -1)]
+    return np.where(share[0] > 0.5, 1, np.where(share[1] > 0.5, -1, 0)).astype(np.int8)
+
+
+def _motion(readings: Readings) -> Motion:
+    velocity = np.gradient(readings.q, readings.t, axis=0)
+    return Motion(readings.q, velocity, np.gradient(velocity, readings.t, axis=0))
+
+
+def _with_spring(
+    arm: Arm, expected: ExpectedInterval, motion: Motion, regressor: Float, j: int, stiffness: float, slack: float
+) -> Readings:
+    """An interval's healthy readings with a spring on joint ``j`` (0-based), Nm/rad from ``slack`` rad."""
+    p, readings = arm.parameters, expected.readings
+    forces = torque(p, regressor, motion)
+    pulled = forces.copy()
+    pulled[:, j] += stiffness * (motion.q[:, j] - slack)
+    more = supply_power(p, drive_power(p, pulled, motion.qd)) - supply_power(p, drive_power(p, forces, motion.qd))
+    return Readings(readings.t, readings.q, readings.power + more)

@@ -1,0 +1,74 @@
+"""The power of a whole healthy cycle as one curve out of a learned reference, and equations (17) in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper import equation
+from cellwatt_plugins.faults.paper.bevf import PowerEquation
+from cellwatt_plugins.faults.paper.following import Course, Key
+from cellwatt_plugins.faults.reference import LEAD, TAIL, Variant
+
+Float = NDArray[np.float64]
+
+OFF = 0.15
+"""s by which an equation may be longer or shorter than its task: it was made of another reference if by more."""
+
+
+def cycle_pattern(variant: Variant) -> tuple[Float, Float]:
+    """Times (n,) s, evenly from the first motion on to the end of the last, and the mean power there (n,) W.
+
+    A rest between two motions is what was learned of its ends, with a straight line in between.
+    """
+    times, powers, start = [], [], 0.0
+    rests = [0.0, *(interval.rest for interval in variant.intervals[1:]), 2 * TAIL]
+    for interval, before, after in zip(variant.intervals, rests, rests[1:], strict=False):
+        start += before
+        own = interval.power.time
+        kept = (own >= -min(LEAD, before / 2)) & (own < interval.duration + min(TAIL, after / 2))
+        times.append(start + own[kept])
+        powers.append(interval.power.values[kept])
+        start += interval.duration
+    t = np.arange(0.0, start, variant.intervals[0].power.step)
+    return t, np.asarray(np.interp(t, np.concatenate(times), np.concatenate(powers)), dtype=np.float64)
+
+
+def equations_in(folder: Path) -> Mapping[Key, PowerEquation]:
+    """The equations of a folder by task and speed. Raises ``ModelError`` where there is none, or one is wrong."""
+    found: dict[Key, PowerEquation] = {}
+    for file in sorted(folder.glob("*.yaml")):
+        each = equation.load(file)
+        if each.task is None or each.speed is None:
+            raise ModelError(f"power equation {file}: does not say of which task and speed it is")
+        found[each.task, each.speed] = each
+    if not found:
+        raise ModelError(f"power equations {folder}: none there; make them with `cellwatt train pattern`")
+    return found
+
+
+def by_equations(courses: Sequence[Course], folder: Path) -> list[Course]:
+    """Courses whose power is that of the equations in a folder, in place of the mean of healthy cycles.
+
+    Raises ``ModelError`` where a course has no equation, or one of another length.
+    """
+    found = equations_in(folder)
+    out = []
+    for course in courses:
+        each, end = found.get(course.key), course.intervals[-1].end
+        words = f"{course.task} at speed {course.speed:g}"
+        if each is None:
+            raise ModelError(f"power equations {folder}: none is of {words}; make them with `cellwatt train pattern`")
+        if abs(each.duration - end) > OFF:
+            raise ModelError(
+                f"power equations {folder}: that of {words} is {each.duration:.2f} s long, the task {end:.2f} s: "
+                "it is of another reference; make it anew with `cellwatt train pattern`"
+            )
+        intervals = [replace(i, readings=replace(i.readings, power=each.power(i.readings.t))) for i in course.intervals]
+        out.append(replace(course, intervals=tuple(intervals)))
+    return out

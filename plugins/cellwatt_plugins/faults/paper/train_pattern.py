@@ -1,0 +1,82 @@
+"""``cellwatt train pattern``: the power equation of each task, beside the fits that the paper compares it with."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import click
+import numpy as np
+
+from cellwatt.errors import ModelError, why
+from cellwatt_plugins.faults.paper import equation, rivals
+from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms
+from cellwatt_plugins.faults.paper.pattern import cycle_pattern
+from cellwatt_plugins.faults.reference import Variant, load
+
+PUBLISHED: Final = {"BEVF 24": 19.26, "BEVF 34": 6.44, "BEVF 44": 0.2715}
+"""rms errors (19) of the paper's pick-and-place, W; those of the other fits are in a legend that is not legible."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One task at one speed: ``rms`` error (19) of each fit, W, beside the ``spread`` of the pattern, W."""
+
+    task: str
+    speed: float
+    seconds: float
+    points: int
+    spread: float
+    rms: dict[str, float]
+    file: str
+
+
+@click.command("pattern")
+@click.argument("reference", metavar="REFERENCE", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for equations.")
+@click.option("--order", default=ORDERS[-1], show_default=True, type=click.IntRange(2, 200), help="Poles; even.")
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None:
+    """Write the power pattern of each task of REFERENCE as an equation, by vector fitting (BEVF).
+
+    REFERENCE is a file made by `cellwatt reference`. The stage faults_by_paper takes the folder as `equations` and
+    compares power with them in place of the mean of healthy cycles. Prints how well they fit, beside other families.
+    """
+    learned = load(reference)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ModelError(f"--out {out}: cannot be made: {why(error)}") from error
+    found = [_fitted(task.name, variant, order, out) for task in learned.tasks for variant in task.variants]
+    if not found:
+        raise ModelError(f"reference {reference}: has no task to write an equation of")
+    click.echo(json.dumps([asdict(each) for each in found]) if as_json else "\n\n".join(map(_in_words, found)))
+
+
+def _fitted(task: str, variant: Variant, order: int, out: Path) -> Fitted:
+    """Fit one task at one speed and write its equation."""
+    t, power = cycle_pattern(variant)
+    fits: dict[int, PowerEquation] = {}
+    for each in sorted({*ORDERS, order}):
+        if each == order or len(t) > 2 * each:  # an order that nobody asked for is left out where points are few
+            fits[each] = fit(t, power, order=each)
+    file = out / f"{re.sub(r'[^A-Za-z0-9_-]', '_', task)}-{variant.speed:g}.yaml"
+    equation.save(replace(fits[order], task=task, speed=variant.speed), file)
+    errors = {f"BEVF {each}": rms(power, fitted.power(t)) for each, fitted in fits.items()}
+    errors |= {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()}
+    return Fitted(task, variant.speed, float(t[-1]), len(t), float(np.std(power)), errors, str(file))
+
+
+def _in_words(fitted: Fitted) -> str:
+    head = (
+        f"{fitted.task} at speed {fitted.speed:.2f}: {fitted.points} points, {fitted.seconds:.1f} s, "
+        f"spread {fitted.spread:.1f} W; rms error of each fit, W (in the paper)"
+    )
+    rows = [
+        f"  {name:<15} {error:8.2f}" + (f" ({PUBLISHED[name]:.2f})" if name in PUBLISHED else "")
+        for name, error in fitted.rms.items()
+    ]
+    return "\n".join([head, *rows, f"  written to {fitted.file}"])

@@ -1,0 +1,92 @@
+"""Of which task a network is: what stands in its file, held against the tasks of a reference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.paper.following import Course
+
+Codes = NDArray[np.int8]
+
+WAY = math.radians(3.0)
+"""rad by which a joint's way in an interval may differ from the way in the task that was trained …"""
+PACE = 0.1
+"""… and share by which the interval may last longer or shorter: another speed is another task."""
+
+
+@dataclass(frozen=True)
+class TrainedFor:
+    """A task at one speed: of each interval the ``moving`` joints (from 1), the ``way`` of every joint, rad, and its
+    ``seconds``."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    task: str
+    speed: float
+    joints: int
+    moving: tuple[tuple[int, ...], ...]
+    way: tuple[tuple[float, ...], ...]
+    seconds: tuple[float, ...]
+
+    @classmethod
+    def of(cls, course: Course) -> TrainedFor:
+        """The task of a course."""
+        each = [interval.readings for interval in course.intervals]
+        return cls(
+            task=course.task,
+            speed=course.speed,
+            joints=each[0].q.shape[1],
+            moving=tuple(interval.moving for interval in course.intervals),
+            way=tuple(tuple(np.round(readings.q[-1] - readings.q[0], 4).tolist()) for readings in each),
+            seconds=tuple(round(interval.end - interval.start, 3) for interval in course.intervals),
+        )
+
+    @property
+    def words(self) -> str:
+        """``task_1 at speed 0.50``."""
+        return f"{self.task} at speed {self.speed:.2f}"
+
+    def differs(self, course: Course) -> str:
+        """What of a course is not as in the task; empty where it is the same."""
+        own, other = self, TrainedFor.of(course)
+        if other.joints != own.joints:
+            return f"{other.joints} joints, expected {own.joints}"
+        if len(other.moving) != len(own.moving):
+            return f"{len(other.moving)} intervals, expected {len(own.moving)}"
+        for number, (mine, its) in enumerate(zip(own.moving, other.moving, strict=True), start=1):
+            if mine != its:
+                return f"other joints in motion in interval {number}: {_words(its)}, expected {_words(mine)}"
+            off = np.abs(np.subtract(own.way[number - 1], other.way[number - 1]))
+            if off.max() > WAY:
+                joint = int(off.argmax())
+                found, expected = (math.degrees(each[number - 1][joint]) for each in (other.way, own.way))
+                return (
+                    f"another way in interval {number}: joint {joint + 1} goes {found:+.0f}°, expected {expected:+.0f}°"
+                )
+            seconds, expected = other.seconds[number - 1], own.seconds[number - 1]
+            if abs(seconds - expected) > PACE * expected:
+                return f"another pace: interval {number} takes {seconds:.2f} s, expected {expected:.2f} s"
+        return ""
+
+
+def not_the_motion(table: Codes, course: Course) -> str:
+    """Why a table of which no task is known is not that of a course's motion; empty where it is."""
+    joints = course.intervals[0].readings.q.shape[1]
+    if table.shape != (len(course.intervals), joints):
+        return f"{len(course.intervals)} intervals of {joints} joints, expected {len(table)} of {table.shape[1]}"
+    motion = [[joint in interval.moving for joint in range(1, joints + 1)] for interval in course.intervals]
+    if not np.array_equal(table != 0, np.array(motion)):
+        return "other joints in motion than have codes in the table"
+    return ""
+
+
+def _words(moving: Sequence[int]) -> str:
+    return ", ".join(map(str, moving)) or "none"

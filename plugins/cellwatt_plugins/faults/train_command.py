@@ -1,0 +1,251 @@
+"""``cellwatt faults train``: the networks of an arm's tasks, from its reference and cycles with known faults."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError, ModelError, why
+from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.columns import recorded
+from cellwatt_plugins.faults.paper.following import Key, courses_of
+from cellwatt_plugins.faults.paper.network import FaultNetwork
+from cellwatt_plugins.faults.paper.training import CodeNetwork, Sources, train_codes
+from cellwatt_plugins.faults.recordings import frames_of_files
+from cellwatt_plugins.faults.reference import Reference, load
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.cycles.known import Known
+
+Codes = NDArray[np.int8]
+
+FILE = click.Path(exists=True, path_type=Path)
+KINDS = ("codes", "motion")
+
+
+@click.command("train")
+@click.argument("recordings", nargs=-1, metavar="[RECORDING...]", type=FILE)
+@click.option("--reference", "file", required=True, type=FILE, help="File made by `cellwatt reference`.")
+@click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write to.")
+@click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
+@click.option("--robot", type=FILE, help="The robot's description: faults are simulated where none were recorded.")
+@click.option("--emulated", is_flag=True, help="Springs on the arm of `cellwatt emulate`, where none were recorded.")
+@click.option("--kind", type=click.Choice(KINDS), multiple=True, help="Networks to train; all that can be if left out.")
+@click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
+@click.option("--power", help="Channel of the power; as in the reference where left out.")
+@click.option("--seed", default=0, show_default=True, help="Start of the random numbers.")
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def train(
+    recordings: tuple[Path, ...],
+    file: Path,
+    out: Path,
+    faulty: tuple[str, ...],
+    robot: Path | None,
+    emulated: bool,
+    kind: tuple[str, ...],
+    arm: str | None,
+    power: str | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    """Train networks that name the faulty joint, one file for each task and speed of the reference.
+
+    `codes` is the network of the paper: from the code of each interval (power above, within or below its tolerance) to
+    the joint, after a table that is learnt from cycles with a fault of each joint: recorded ones (--fault, once or more
+    for a joint), else springs on the emulated arm, else springs on the arm as --robot describes it.
+
+    `motion` is given the residual of power over the whole motion, and learns from faults in the arm as --robot
+    describes it and as the reference has it: the reference must have been made with --robot, too.
+
+    On RECORDINGs of healthy running, alarms in vain are counted.
+    """
+    reference = load(file)
+    known = None if robot is None else _known(reference, robot)
+    kinds = kind or (KINDS if known is not None and known.patterns else KINDS[:1])
+    wanted = _Wanted(reference, out, recordings, arm, power or reference.power, seed)
+    report: list[dict[str, Any]] = []
+    _make(out)
+    if "codes" in kinds:
+        report += _train_codes(wanted, faulty, known, emulated)
+    if "motion" in kinds:
+        if known is None or not known.patterns:
+            raise ModelError(
+                f"reference {file}: the network of a motion needs whole cycles: learn the reference with --robot, and "
+                "give the same --robot here"
+            )
+        report += _train_motions(wanted, known)
+    click.echo(json.dumps({"networks": report}) if as_json else _in_words(report))
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What both kinds of networks are trained for, and healthy ``recordings`` to try them on."""
+
+    reference: Reference
+    out: Path
+    recordings: Sequence[Path]
+    arm: str | None
+    power: str
+    seed: int
+
+
+def _train_codes(
+    wanted: _Wanted, faulty: Sequence[str], known: Known | None, emulated: bool
+) -> Iterator[dict[str, Any]]:
+    """Networks of the paper, written one by one."""
+    courses, tolerance = courses_of(wanted.reference), Tolerance()
+    if not courses:
+        raise ModelError("the reference has whole cycles only, no intervals to make a table of: choose --kind motion")
+    files = _by_joint(faulty, wanted.reference.joints)
+
+    def codes_in(paths: Sequence[Path]) -> dict[Key, list[Codes]]:
+        return recorded(frames_of_files(paths), courses, tolerance, wanted.arm, wanted.power)
+
+    told = {joint: codes_in(paths) for joint, paths in files.items()}
+    for joint, found in told.items():
+        if not found:
+            raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
+    calm = codes_in(wanted.recordings) if wanted.recordings else {}
+    sources = Sources(told, None if known is None else known.arm, emulated, tolerance)
+    for course in courses:
+        trained = train_codes(course, sources, wanted.seed)
+        name = f"{course.task}-{course.speed:.2f}-codes.onnx"
+        yield {
+            "file": None if trained.content is None else str(_write(wanted.out, name, trained.content)),
+            "kind": "codes",
+            "task": course.task,
+            "speed": course.speed,
+            "table": trained.table.tolist(),
+            "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in trained.columns],
+            "named_together": trained.alike,
+        } | _calm_codes(trained, calm.get(course.key, []))
+
+
+def _calm_codes(trained: CodeNetwork, cycles: Sequence[Codes]) -> dict[str, Any]:
+    """Healthy cycles whose power left its tolerance, and of which the network named a joint."""
+    network = None if trained.content is None else FaultNetwork(trained.content)
+    return {
+        "healthy_cycles": len(cycles),
+        "healthy_cycles_with_codes": sum(bool(codes.any()) for codes in cycles),
+        "named_in_vain": sum(network is not None and bool(network.joints(codes)) for codes in cycles),
+    }
+
+
+def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
+    """Networks of residuals over a motion, written one by one."""
+    from cellwatt_plugins.faults.ann.exported import exported
+    from cellwatt_plugins.faults.ann.judging import NetworkJudge
+    from cellwatt_plugins.faults.ann.network import PatternNetwork
+    from cellwatt_plugins.faults.ann.training import train as train_motion
+    from cellwatt_plugins.faults.cycles.match import find_cycles
+    from cellwatt_plugins.faults.cycles.recording import recording_of
+    from cellwatt_plugins.faults.cycles.runs import find_runs
+    from cellwatt_plugins.faults.network_file import Opened
+
+    if known.meter is not None:
+        raise ModelError("the reference is of a slow meter: the network of a motion needs samples of the power")
+    networks: list[PatternNetwork] = []
+    reports: list[dict[str, Any]] = []
+    for pattern in known.patterns:
+        trained = train_motion(known.arm, pattern, wanted.seed)
+        content = exported(trained, pattern, {"seed": wanted.seed})
+        path = _write(wanted.out, f"{pattern.task}-{pattern.speed:.2f}-motion.onnx", content)
+        networks.append(PatternNetwork(Opened(content)))
+        reports.append(
+            {
+                "file": str(path),
+                "kind": "motion",
+                "task": pattern.task,
+                "speed": pattern.speed,
+                "limit": round(trained.limit, 3),
+                "held_out_log_loss": round(trained.loss, 4),
+                "healthy_cycles": 0,
+                "named_in_vain": 0,
+            }
+        )
+    if wanted.recordings:
+        recording = recording_of(list(frames_of_files(wanted.recordings)), wanted.arm, wanted.power)
+        judge = NetworkJudge(known.patterns, tuple(networks))
+        for match in find_cycles(recording, find_runs(recording), known.patterns):
+            reports[match.pattern]["healthy_cycles"] += 1
+            reports[match.pattern]["named_in_vain"] += bool(judge.whole(recording, match).faults)
+    yield from reports
+
+
+def _known(reference: Reference, robot: Path) -> Known:
+    """The arm and the whole cycles of a reference; the arm as described where its power was never fitted."""
+    from cellwatt_plugins.faults.cycles.arm import nominal
+    from cellwatt_plugins.faults.cycles.identify import Arm
+    from cellwatt_plugins.faults.cycles.known import Known, body_of, restored
+    from cellwatt_plugins.robot import load_robot
+
+    description = load_robot(robot)
+    if len(description.joints) != reference.joints:
+        raise ModelError(f"robot {robot} has {len(description.joints)} joints, the reference {reference.joints}")
+    if reference.power_model is not None:
+        return restored(reference.power_model, reference.cycles, description)
+    body = body_of(description)
+    parameters = nominal(description, body)
+    return Known(Arm(body, parameters, np.zeros((len(parameters.packed()),) * 2)), ())
+
+
+def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:
+    """Recordings by the joint (from 1) whose fault they show. Raises ``ConfigError``."""
+    out: defaultdict[int, list[Path]] = defaultdict(list)
+    for given in faulty:
+        joint, _, name = given.partition("=")
+        if not joint.isdigit() or not 1 <= int(joint) <= joints or not name:
+            raise ConfigError(f"--fault {given}: expected JOINT=RECORDING with a joint from 1 to {joints}")
+        if not Path(name).exists():
+            raise ConfigError(f"--fault {given}: there is no {name}")
+        out[int(joint)].append(Path(name))
+    return out
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--out {folder}: cannot be made: {why(error)}") from error
+
+
+def _write(folder: Path, name: str, content: bytes) -> Path:
+    path = folder / name
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise ConfigError(f"--out {path}: cannot be written: {why(error)}") from error
+    return path
+
+
+def _in_words(report: Sequence[Mapping[str, Any]]) -> str:
+    return "\n".join(line for network in report for line in _lines(network))
+
+
+def _lines(network: Mapping[str, Any]) -> Iterator[str]:
+    """What is said of one network."""
+    where = network["file"] or "no network of codes, as no fault moves the power beyond its tolerance"
+    yield f"{where}: {network['task']} at speed {network['speed']:.2f}"
+    if network["kind"] == "codes":
+        rows = zip(*network["table"], strict=True)
+        for joint, (column, codes) in enumerate(zip(network["columns"], rows, strict=True), start=1):
+            shown = " ".join(f"{code:+d}" if code else " 0" for code in codes)
+            count = column["cycles"]
+            origin = (
+                "at rest" if column["origin"] == "at rest" else f"{count} {column['origin']} cycle{'s' * (count > 1)}"
+            )
+            yield f"  joint {joint}: {shown}   {origin}"
+        for group in network["named_together"]:
+            yield f"  joints {', '.join(map(str, group))} have the same codes and are named together"
+    else:
+        yield f"  a fault of power is told from a probability of {network['limit']:.2f} on"
+    if network["healthy_cycles"]:
+        yield f"  {network['named_in_vain']} of {network['healthy_cycles']} healthy cycles give a name in vain"

@@ -1,0 +1,220 @@
+"""The paper's physical model, fitted by nonlinear least squares: its equations (10) to (14).
+
+Torque by (11) with Stribeck friction, current by (12), power by (13); (10) is solved by Gauss–Newton in a trust region.
+The torque constant k_m is one number in (12) and (13), as printed. Inductances, resistances and friction stay within
+what a motor can have; where the data ask for more, the number stands for something that the equations lack, and
+``doubts`` says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
+from cellwatt_plugins.models.power.shown import Shown, spacing
+from cellwatt_plugins.models.power.terms import Motion
+from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.law import column
+
+Float = NDArray[np.float64]
+
+JOINT_NUMBERS: Final = ("k_m", "inertia", "viscous", "coulomb", "excess", "stribeck_velocity", "offset")
+"""Of each joint: Nm/A, kg m², Nm s/rad, Nm, Nm, rad/s, Nm."""
+MOST: Final = 3.0
+"""Bound of each friction number, as a multiple of the torque's size."""
+STRIBECK: Final = (0.01, 1.0)
+"""rad/s: bounds of the Stribeck velocity."""
+HENRY: Final = 0.1
+"""Bound of a winding's inductance."""
+OHM: Final = (1e-3, 20.0)
+"""Bounds of a winding's resistance where none is stated; else half and twice what is."""
+APART: Final = 0.1
+"""Share by which power alone may want another k_m than currents do."""
+AT_BOUND: Final = 1e-3
+"""Share of the width between its bounds within which a number is at one."""
+
+
+@dataclass(frozen=True)
+class Nls:
+    """The fitted model of n joints."""
+
+    joints: Float
+    """(n, 7): see ``JOINT_NUMBERS``."""
+    power: Float
+    """(1 + 2 n,): P_c (with all k_d, which are constants too) W, then L in H, then R in Ω of every joint."""
+    errors: tuple[Float, Float]
+    """Standard errors of both."""
+    doubts: tuple[str, ...]
+    """Numbers that stand for something else, a line each."""
+
+    @classmethod
+    def fit(cls, moves: Moves, seen: Seen, robot: RobotDescription) -> Nls:
+        """Currents first, joint by joint; then power with what the currents say of k_m; then currents with that k_m."""
+        kept = np.arange(0, len(moves), max(1, len(moves) // ROWS))
+        alone = [_joint(moves.current[kept, j], _part(seen.motion, kept, j), robot, j) for j in range(moves.joints)]
+        joints, errors = (np.array(each) for each in zip(*alone, strict=True))
+        every = spacing(moves, ROWS, len(moves))
+        shown = Shown.of(moves, np.arange(0, len(moves), every))
+        n = moves.joints
+        if not len(shown.power):
+            unknown = np.full(1 + 2 * n, np.nan)
+            return cls(joints, unknown, (errors, unknown), _doubts_of_joints(joints, robot, moves))
+        known = shown.seen(_columns(_current(joints, seen.motion), seen)[::every])
+        low, high = _bounds(robot)
+        free, _ = _solved(lambda x: known @ x - shown.power, lambda x: known, _start(shown, robot), low, high)
+        noise = float(np.std(known @ free - shown.power)) + 1e-9
+        believed = np.where(np.isfinite(errors[:, 0]), np.maximum(errors[:, 0], 1e-9), np.inf)
+        rows = np.concatenate([known / noise, np.eye(1 + 3 * n)[1 + 2 * n :] / believed[:, None]])
+        target = np.concatenate([shown.power / noise, np.nan_to_num(joints[:, 0]) / believed])
+        power, spread = _solved(lambda x: rows @ x - target, lambda x: rows, _start(shown, robot), low, high)
+        constants = power[1 + 2 * n :]
+        again = [_joint(moves.current[kept, j], _part(seen.motion, kept, j), robot, j, constants[j]) for j in range(n)]
+        values, deviations = (np.array(each) for each in zip(*again, strict=True))
+        deviations[:, 0] = spread[1 + 2 * n :]
+        doubts = _doubts_of_joints(values, robot, moves) + _doubts_of_power(power, free, joints[:, 0], (low, high))
+        return cls(values, power[: 1 + 2 * n], (deviations, spread[: 1 + 2 * n]), doubts)
+
+    def predict(self, seen: Seen) -> tuple[Float, Float]:
+        """Power (N,) W and currents (N, n) A."""
+        current = _current(self.joints, seen.motion)
+        return self._supply(current, seen.rate(current), seen.motion.qd)[:, 0], current
+
+    def content(self, traced: Traced) -> bytes:
+        """The model file, from positions and velocities to power, where it was measured, and currents."""
+        current = _current(self.joints, traced.motion)
+        here = traced.here(current)
+        power = None
+        if np.isfinite(self.power).all():
+            power = self._supply(here, traced.rate(current), traced.here(traced.motion.qd))
+        return traced.model(power, here)
+
+    def _supply(self, current: Any, rate: Any, qd: Any) -> Any:
+        """Equation (13): (N, 1) W from current A, its rate A/s and velocity rad/s of every joint."""
+        inductance, resistance = self.power[1:].reshape(2, -1)
+        drawn = current * (rate * inductance + current * resistance + qd * self.joints[:, 0])
+        return drawn.sum(axis=-1, keepdims=True) + self.power[0]
+
+
+def _current(joints: Float, m: Motion) -> Any:
+    """Equations (11) and (12): currents, A, of the joints whose numbers (n, 7) are given."""
+    constant, inertia, viscous, coulomb, excess, speed, offset = joints.T
+    slowness = m.qd * (1 / speed)
+    friction = (coulomb + excess * np.exp(-(slowness * slowness))) * m.sign + viscous * m.qd + offset
+    return (m.load + inertia * m.qdd + friction) * (1 / constant)
+
+
+def _part(m: Motion, rows: NDArray[np.intp], j: int) -> Motion:
+    return Motion(m.q[rows, j], m.qd[rows, j], m.qdd[rows, j], m.load[rows, j], m.sign[rows, j])
+
+
+def _joint(
+    current: Float, motion: Motion, robot: RobotDescription, j: int, constant: float | None = None
+) -> tuple[Float, Float]:
+    """The numbers (7,) of one joint and their standard errors, with this k_m where it is given."""
+    known = np.isfinite(current)
+    if not known.any():
+        return np.full(7, np.nan), np.full(7, np.nan)
+    start, low, high = _joint_bounds(robot, j, float(np.std(current[known])))
+    rows = Motion(*(each[known] for each in (motion.q, motion.qd, motion.qdd, motion.load, motion.sign)))
+
+    def left(x: Float) -> Float:
+        given = x if constant is None else np.concatenate([[constant], x])
+        return np.asarray(_current(given, rows)) - current[known]
+
+    if constant is None:
+        return _solved(left, "2-point", start, low, high)
+    values, errors = _solved(left, "2-point", start[1:], low[1:], high[1:])
+    return np.concatenate([[constant], values]), np.concatenate([[np.nan], errors])
+
+
+def _joint_bounds(robot: RobotDescription, j: int, spread: float) -> tuple[Float, Float, Float]:
+    """Where to start with the numbers of a joint whose current varies by ``spread`` A, and their bounds."""
+    constant, rotor = robot.joints[j].torque_constant, robot.joints[j].rotor_inertia
+    size = constant * spread + 1e-6
+    most = MOST * size
+    start = np.array([constant, rotor, 0.1 * size, 0.3 * size, 0.05 * size, 0.1, 0.0])
+    low = np.array([0.5 * constant, 0.0, 0.0, 0.0, -most, STRIBECK[0], -most])
+    high = np.array([2 * constant, 3 * rotor + size, most, most, most, STRIBECK[1], most])
+    return start, low, high
+
+
+def _columns(current: Float, seen: Seen) -> Float:
+    """Of equation (13): 1, i di/dt, i², q̇ i; (N, 1 + 3 n)."""
+    ones = np.ones((len(current), 1))
+    return np.concatenate([ones, current * seen.rate(current), current**2, seen.motion.qd * current], axis=1)
+
+
+def _start(shown: Shown, robot: RobotDescription) -> Float:
+    resistance = column(robot, "winding_resistance")
+    median = [float(np.median(shown.power))]
+    return np.concatenate([median, 0 * resistance, resistance, column(robot, "torque_constant")])
+
+
+def _bounds(robot: RobotDescription) -> tuple[Float, Float]:
+    """Of P_c, L, R, k_m."""
+    constant, resistance = column(robot, "torque_constant"), column(robot, "winding_resistance")
+    stated = resistance > 0
+    low = [np.zeros(1), 0 * constant, np.where(stated, 0.5 * resistance, OHM[0]), 0.5 * constant]
+    high = [np.full(1, np.inf), np.full_like(constant, HENRY), np.where(stated, 2 * resistance, OHM[1]), 2 * constant]
+    return np.concatenate(low), np.concatenate(high)
+
+
+def _solved(
+    function: Callable[[Float], Float], jacobian: Any, start: Float, low: Float, high: Float
+) -> tuple[Float, Float]:
+    """Bounded least squares by trust-region Gauss–Newton; values and standard errors."""
+    inside = np.clip(start, low + 1e-9, np.where(np.isfinite(high), high - 1e-9, start + 1))
+    found = least_squares(function, inside, jacobian, (low, high), x_scale="jac", max_nfev=100)
+    variance = 2 * found.cost / max(1, len(found.fun) - len(start))
+    slopes = np.asarray(found.jac, np.float64)
+    return found.x, np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes)) * variance)
+
+
+def _at(value: float, low: float, high: float) -> bool:
+    width = AT_BOUND * (high - low) if np.isfinite(high) else AT_BOUND
+    return bool(value - low < width or high - value < width)
+
+
+def _doubts_of_joints(joints: Float, robot: RobotDescription, moves: Moves) -> tuple[str, ...]:
+    """Numbers of equation (11) at a bound where a motor's or gear's would not be."""
+    found = []
+    for j, values in enumerate(joints):
+        if not np.isfinite(values).all():
+            continue
+        _, low, high = _joint_bounds(robot, j, float(np.nanstd(moves.current[:, j])))
+        told = [
+            f"{name} ({values[k]:.3g})"
+            for k, name in enumerate(JOINT_NUMBERS)
+            if name not in ("k_m", "stribeck_velocity") and _at(values[k], low[k], high[k])
+        ]
+        if told:
+            found.append(f"{robot.joints[j].name}: {', '.join(told)}: at a bound, the motion does not tell it")
+    return tuple(found)
+
+
+def _doubts_of_power(power: Float, free: Float, by_current: Float, bounds: tuple[Float, Float]) -> tuple[str, ...]:
+    """Numbers of equation (13) that the data want beyond what a motor has, or otherwise than (12) does."""
+    n = len(by_current)
+    low, high = bounds
+    found = []
+    for k, (name, unit) in enumerate((("inductance", "H"), ("resistance", "Ω"))):
+        first = 1 + k * n
+        at = [_at(power[first + j], low[first + j], high[first + j]) for j in range(n)]
+        if any(at):
+            which = ", ".join(f"{j + 1} ({power[first + j]:.2g} {unit})" for j in range(n) if at[j])
+            found.append(f"{name} of joint {which}: at its bound; beyond, it would stand for what equation (13) lacks")
+    for j in range(n):
+        wanted = free[1 + 2 * n + j]
+        if np.isfinite(by_current[j]) and abs(wanted / by_current[j] - 1) > APART:
+            found.append(
+                f"k_m of joint {j + 1}: currents say {by_current[j]:.3g}, power alone {wanted:.3g} Nm/A: masses of the "
+                "URDF are off, or the supply loses what equation (13) lacks"
+            )
+    return tuple(found)

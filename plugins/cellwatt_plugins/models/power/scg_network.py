@@ -1,0 +1,94 @@
+"""The paper's networks, trained by scaled conjugate gradient: its equations (6) to (9), see ``scg``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.models.graph import beside, pick
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
+from cellwatt_plugins.models.power.perceptron import Perceptron
+from cellwatt_plugins.models.power.shown import Shown
+from cellwatt_plugins.models.power.terms import Motion
+
+Float = NDArray[np.float64]
+
+NEURONS: Final = 8
+ITERATIONS: Final = 400
+HELD: Final = 0.15
+"""Share of the rows that tell SCG when to stop; whole moves."""
+ALIKE: Final = 0.3
+"""An input of a joint's network counts as spread by at least this share of what it is in the median joint."""
+
+
+@dataclass(frozen=True)
+class Scg:
+    """A network a joint, from its motion and load to its current, and one from equation (13)'s terms to power."""
+
+    currents: tuple[Perceptron, ...]
+    supply: Perceptron | None
+    constant: Float
+    """(n,) Nm/A, as stated."""
+
+    @classmethod
+    def fit(cls, moves: Moves, seen: Seen, seed: int) -> Scg:
+        """Every seventh move or so tells when to stop."""
+        every = max(2, round(1 / HELD))
+
+        def train(x: Float, y: Float, least: Float) -> Perceptron:
+            kept = np.flatnonzero(np.isfinite(y).all(axis=1))
+            kept = kept[:: max(1, len(kept) // ROWS)]
+            held = moves.move[kept] % every == every - 1 if moves.count >= every else np.zeros(len(kept), bool)
+            return Perceptron.train(x[kept], y[kept], held, NEURONS, ITERATIONS, seed, least)
+
+        inputs = [_joint_inputs(seen.motion, j) for j in range(moves.joints)]
+        least = ALIKE * np.median([each.std(axis=0) for each in inputs], axis=0)
+        currents = tuple(train(each, moves.current[:, [j]], least) for j, each in enumerate(inputs))
+        found = cls(currents, None, seen.constant)
+        if not np.isfinite(moves.power).any():
+            return found
+        terms = found._terms(found._currents(seen.motion), seen.motion.qd)
+        groups = terms.std(axis=0).reshape(-1, moves.joints + 1)
+        least = ALIKE * np.repeat(np.median(groups, axis=1), moves.joints + 1)
+        if moves.meter is None:
+            return cls(currents, train(terms, moves.power[:, None], least), seen.constant)
+        shown = Shown.of(moves, np.arange(len(moves)))
+        held = moves.move[shown.at] % every == every - 1
+        rows = shown.seen(terms)
+        supply = Perceptron.train(rows, shown.power[:, None], held, NEURONS, ITERATIONS, seed, least)
+        return cls(currents, supply, seen.constant)
+
+    def predict(self, seen: Seen) -> tuple[Float, Float]:
+        """Power (N,) W and currents (N, n) A."""
+        current = self._currents(seen.motion)
+        if self.supply is None:
+            return np.full(len(current), np.nan), current
+        return self.supply(self._terms(current, seen.motion.qd))[:, 0], current
+
+    def content(self, traced: Traced) -> bytes:
+        """The model file, from positions and velocities to power, where it was measured, and currents."""
+        current = traced.here(self._currents(traced.motion))
+        if self.supply is None:
+            return traced.model(None, current)
+        return traced.model(self.supply(self._terms(current, traced.here(traced.motion.qd))), current)
+
+    def _currents(self, motion: Motion) -> Any:
+        return beside([network(_joint_inputs(motion, j)) for j, network in enumerate(self.currents)])
+
+    def _terms(self, current: Any, qd: Any) -> Any:
+        """Copper and mechanical terms of equation (13) by joint and in sum, the latter also without their sign.
+
+        What a drive gives back is not worth what it takes: with |x| beside x both have a weight of their own.
+        """
+        copper = current * current
+        work = self.constant * qd * current
+        total = work.sum(axis=-1, keepdims=True)
+        return beside([copper, copper.sum(axis=-1, keepdims=True), work, total, np.abs(work), np.abs(total)])
+
+
+def _joint_inputs(motion: Motion, j: int) -> Any:
+    return beside([pick(each, j) for each in (motion.load, motion.qd, motion.qdd, motion.sign)])

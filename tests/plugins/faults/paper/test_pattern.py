@@ -1,0 +1,133 @@
+"""The power equation in place of the mean pattern: made by `cellwatt train pattern`, used by `faults_by_paper`."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.paper.pattern import cycle_pattern
+from cellwatt_plugins.faults.paper.train_pattern import Fitted, _fitted, _in_words
+from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.models.command import train
+from tests.plugins.faults.paper.frames import frames_of
+from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, period, run
+from tests.plugins.faults.paper.test_stage import BELT, CREEP, CUT, plan, watch
+from tests.plugins.faults.watching import learned
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """Polishing, and its equations of 44 poles in the folder beside."""
+    folder = tmp_path_factory.mktemp("pattern")
+    path = learned(folder / "reference.yaml", frames_of(run(Run(POLISHING, 6, rate=50.0, lead=1.0, seed=1))))
+    (folder / "told.json").write_text(made(path, folder / "equations", "--json").stdout)
+    return path
+
+
+def made(reference: Path, out: Path, *words):
+    return CliRunner().invoke(train, ["pattern", str(reference), "--out", str(out), *words], catch_exceptions=False)
+
+
+def test_the_pattern_is_the_power_of_a_whole_cycle(reference):
+    """Motions and rests between, against what the plant draws without noise."""
+    t, power = cycle_pattern(load(reference).tasks[0].variants[0])
+    true = run(Run(POLISHING, 2, rate=500.0, noise=0.0))
+    length = period(POLISHING) - POLISHING[-1].rest
+    assert t[-1] == pytest.approx(length, abs=0.1)
+    late = min(np.linspace(-0.1, 0.1, 41), key=lambda s: _off(t + s, power, true))
+    assert _off(t + late, power, true) < 0.06 * np.std(power)
+
+
+def _off(t, power, true):
+    return float(np.sqrt(np.mean((np.interp(t + period(POLISHING), true.t, true.power) - power) ** 2)))
+
+
+def test_the_command_shows_the_fit_beside_its_four_rivals(reference):
+    (told,) = json.loads((reference.parent / "told.json").read_text())
+    ours = [told["rms"].pop(f"BEVF {order}") for order in (24, 34, 44)]
+    assert ours == sorted(ours, reverse=True)
+    assert sorted(told["rms"]) == ["Fourier 8", "Gaussian 8", "polynomial 9", "sum of sines 8"]
+    assert min(told["rms"].values()) > ours[-1]
+    t, power = cycle_pattern(load(reference).tasks[0].variants[0])
+    file = yaml.safe_load(Path(told["file"]).read_text())
+    p, r = (np.array([complex(*pair) for pair in file[name]]) for name in "pr")
+    by_hand = np.abs(file["K"] + (r / (1j * t[:, None] - p)).sum(axis=1))
+    assert np.sqrt(np.mean((by_hand - power) ** 2)) == pytest.approx(ours[-1], rel=1e-3)
+    assert (file["task"], file["speed"]) == ("task_1", 1.0)
+
+
+def test_words_name_the_papers_figures(reference):
+    said = _in_words(Fitted(**json.loads((reference.parent / "told.json").read_text())[0]))
+    for part in ("task_1 at speed 1.00", "BEVF 44", "(0.27)", "Gaussian 8", "written to"):
+        assert part in said
+
+
+@pytest.mark.parametrize(
+    ("faults", "expected"),
+    [
+        ((), set()),
+        ((CUT, BELT), {(2, "joint_fault"), (5, "joint_fault")}),
+        ((CUT, BELT, CREEP), {(2, "joint_and_encoder_fault"), (5, "joint_fault")}),
+        ((Fault("encoder_offset", 6, 0.05),), {(6, "encoder_fault")}),
+        ((Fault("friction", 5, 20.0),), {(5, "joint_fault")}),
+    ],
+)
+def test_the_model_as_reference_names_the_same_faults(reference, faults, expected):
+    alarms = watch(reference, plan(1.0, *faults), equations=Path("equations"))
+    assert {(alarm.joint, alarm.kind) for alarm in alarms if alarm.active} == expected
+
+
+def test_it_is_the_equation_that_power_is_compared_with(reference, tmp_path):
+    """30 % more of it than was measured, and healthy cycles are faulty."""
+    folder = tmp_path / "equations"
+    shutil.copytree(reference.parent / "equations", folder)
+    (file,) = folder.glob("*.yaml")
+    told = yaml.safe_load(file.read_text())
+    told["K"] *= 1.3
+    told["r"] = [[1.3 * re, 1.3 * im] for re, im in told["r"]]
+    file.write_text(yaml.safe_dump(told))
+    assert watch(reference, plan(1.0), equations=folder) != []
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"task": "task_9"}, "none is of task_1 at speed 1; make them with `cellwatt train pattern`"),
+        ({"duration": 3.0}, "is 3.00 s long, the task .* s: it is of another reference"),
+        ({"task": None}, "does not say of which task"),
+        (None, "none there"),
+    ],
+)
+def test_equations_of_something_else_are_refused(reference, tmp_path, change, problem):
+    folder = tmp_path / "equations"
+    shutil.copytree(reference.parent / "equations", folder)
+    (file,) = folder.glob("*.yaml")
+    if change is None:
+        file.unlink()
+    else:
+        file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | change))
+    with pytest.raises(ModelError, match=problem):
+        watch(reference, plan(1.0), equations=folder)
+
+
+def test_an_odd_order_is_refused(reference, tmp_path):
+    with pytest.raises(ModelError, match=r"order 45 .*expected an even number"):
+        made(reference, tmp_path / "out", "--order", "45")
+
+
+def test_a_folder_that_cannot_be_made_is_told(reference):
+    with pytest.raises(ModelError, match=r"--out .*told\.json/out: cannot be made"):
+        made(reference, reference.parent / "told.json" / "out")
+
+
+def test_a_tasks_name_names_no_place_outside_the_folder(reference, tmp_path):
+    """A reference may come from anybody."""
+    file = tmp_path / "______task_1-1.yaml"
+    variant = load(reference).tasks[0].variants[0]
+    assert _fitted("../../task_1", variant, 24, tmp_path).file == str(file)
+    assert list(tmp_path.iterdir()) == [file]

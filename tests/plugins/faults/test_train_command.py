@@ -1,0 +1,125 @@
+"""`cellwatt faults train`: fault tables and the paper's network, from recorded and emulated faults."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.command import faults, reference
+from cellwatt_plugins.faults.paper.columns import column_of, emulated
+from cellwatt_plugins.faults.paper.network import FaultNetwork
+from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
+from cellwatt_plugins.segment import SegmentSettings, SegmentStage
+from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, run
+
+DEMO = Path(__file__).resolve().parents[3] / "examples" / "demo-reference.yaml"
+
+
+def table(path, *faults_, seed, cycles=3):
+    told = run(Run(POLISHING, cycles, 1.0, faults_, rate=50.0, lead=1.0, seed=seed))
+    columns = {f"q_{j}": told.q[:, j - 1] for j in range(1, 7)}
+    pq.write_table(pa.table({"t": told.t, **columns, "power": told.power}), path)
+    return path
+
+
+def called(command, *arguments):
+    return CliRunner().invoke(command, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    where = tmp_path_factory.mktemp("train")
+    healthy = table(where / "healthy.parquet", seed=1, cycles=4)
+    assert called(reference, healthy, "--out", where / "reference.yaml").exit_code == 0
+    for joint in range(1, 7):
+        table(where / f"rubs_{joint}.parquet", Fault("friction", joint, 25.0), seed=20 + joint)
+    return where
+
+
+def train(folder, *more):
+    return called(faults, "train", "--reference", folder / "reference.yaml", "--out", folder / "nets", *more)
+
+
+def recorded(folder):
+    return [word for j in range(1, 7) for word in ("--fault", f"{j}={folder / f'rubs_{j}.parquet'}")]
+
+
+def test_a_table_is_learnt_from_recorded_faults_and_its_network_knows_others_like_them(folder):
+    calm = table(folder / "calm.parquet", seed=3)
+    done = train(folder, *recorded(folder), calm, "--json")
+    assert done.exit_code == 0, done.exception
+    (network,) = json.loads(done.output)["networks"]
+    assert all(column == {"origin": "recorded", "cycles": 3} for column in network["columns"])
+    assert (network["healthy_cycles"], network["named_in_vain"]) == (3, 0)
+    learnt = FaultNetwork(Path(network["file"]))
+    assert learnt.signed
+    assert learnt.task is not None
+    assert learnt.task.joints == 6
+    moving = np.array([[j in move.by for j in range(1, 7)] for move in POLISHING])
+    assert (learnt.table[~moving] == 0).all()  # friction shows only where its joint moves
+    assert (learnt.table[:, 4] == np.array([1, 0, 0, 0, 0, 0, 0, 0])).all()
+
+
+def test_a_joint_without_a_fault_is_told_in_one_line(folder):
+    done = train(folder, *recorded(folder)[:-2])
+    assert isinstance(done.exception, ModelError)
+    assert "no cycle with a fault of joint 6: give --fault 6=RECORDING" in str(done.exception)
+    assert "\n" not in str(done.exception)
+
+
+@pytest.mark.parametrize("given", ["7=x.parquet", "0=x.parquet", "x", "3=", "3=nowhere.parquet"])
+def test_what_is_no_joint_or_no_file_is_refused(folder, given):
+    done = train(folder, "--fault", given)
+    assert isinstance(done.exception, ConfigError)
+    assert f"--fault {given}" in str(done.exception)
+
+
+def test_a_recording_of_another_task_is_refused(folder, tmp_path):
+    still = run(Run(POLISHING, 1, 1.0, rate=50.0, seed=2))
+    columns = {f"q_{j}": np.full(len(still.t), 0.1) for j in range(1, 7)}
+    pq.write_table(pa.table({"t": still.t, **columns, "power": still.power}), tmp_path / "still.parquet")
+    done = train(folder, "--fault", f"3={tmp_path / 'still.parquet'}")
+    assert isinstance(done.exception, ModelError)
+    assert "--fault 3: no whole cycle" in str(done.exception)
+
+
+def test_a_task_that_the_emulated_arm_does_not_do_is_refused(folder):
+    done = train(folder, "--emulated")
+    assert isinstance(done.exception, ModelError)
+    assert "is none of the emulated arm's" in str(done.exception)
+
+
+@pytest.mark.parametrize("stiffness", [45.0, 80.0])
+def test_the_table_of_the_emulated_arm_names_springs_that_it_was_not_trained_on(tmp_path, stiffness):
+    done = called(faults, "train", "--reference", DEMO, "--emulated", "--out", tmp_path)
+    assert done.exit_code == 0, done.exception
+    assert "joint 4:  0  0  0  0  0  0  0  0   at rest" in done.output
+    (file,) = tmp_path.glob("*.onnx")
+    for joint in (2, 3, 5):
+        assert named(file, joint, stiffness) == {joint}
+
+
+def test_the_network_of_the_example_names_the_elbow():
+    assert named(DEMO.parent / "fault-networks", 3, 80.0) == {3}
+
+
+def named(network, joint, stiffness):
+    """Joints of which alarms were raised on the emulated arm of the demo with a spring on a joint."""
+    frames = next(emulated(joint, 1.0, stiffness=stiffness, seed=99))
+    cell = CellInfo("demo", "demo", None, DEMO.parent)
+    segment = SegmentStage("segment", SegmentSettings(), frames.layout, cell)
+    chosen = PaperFaultsSettings(reference=DEMO, network=network, arm="table", power="supply.power")
+    stage = PaperFaultsStage("faults", chosen, frames.layout, cell)
+    alarms = stage.process(frames, segment.process(frames, ()))
+    return {alarm.joint for alarm in alarms if alarm.active}
+
+
+def test_a_column_is_what_most_cycles_say():
+    cycles = [np.array(codes, np.int8) for codes in ([1, 0, -1, 1], [1, -1, -1, 0], [1, 1, 0, -1])]
+    assert column_of(cycles).tolist() == [1, 0, -1, 0]
