@@ -15,7 +15,7 @@ from cellwatt_plugins.energy.fixed import AtRest
 from cellwatt_plugins.energy.identify import Belief, Identified, Observed, begin, identify, modelled, observe, residual
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
-from cellwatt_plugins.energy.rigid import RigidFit, fit_rigid
+from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
 from cellwatt_plugins.energy.runs import run_energy
 from cellwatt_plugins.energy.split import edges, total_energy
 
@@ -177,10 +177,13 @@ def _drives(arm: Arm, identified: Identified) -> tuple[JointDrive, ...]:
 
 
 def _friction(arm: Arm, rigid: RigidFit) -> tuple[JointFriction, ...]:
-    return tuple(
-        JointFriction(joint.name, *(float(value) for value in row))
-        for joint, row in zip(arm.description.joints, rigid.friction, strict=True)
-    )
+    out = []
+    for i, joint in enumerate(arm.description.joints):
+        found = {law: float(each[i]) for law, each in rigid.friction.items()}
+        viscous, coulomb = found.pop("viscous_friction"), found.pop("coulomb_friction")
+        offset, windage = found.pop(OFFSET), found.pop("nonlinear_viscous_friction")
+        out.append(JointFriction(joint.name, viscous, coulomb, offset, windage, found))
+    return tuple(out)
 
 
 def _notes(arm: Arm, identified: Identified) -> tuple[str, ...]:

@@ -40,6 +40,8 @@ class JointFriction:
     """Nm."""
     windage: float
     """Nm s²/rad²."""
+    further: Mapping[str, float] = field(default_factory=dict)
+    """Coefficient of each other law of friction that was fitted."""
 
 
 @dataclass(frozen=True)

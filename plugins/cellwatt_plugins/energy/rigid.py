@@ -9,7 +9,7 @@ fixes h where inertias alone would leave it within their tolerance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,9 @@ from scipy.signal import savgol_filter
 
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.robot.effects import FRICTION
+from cellwatt_plugins.robot.effects.friction import Sliding
+from cellwatt_plugins.robot.law import SIGN_WIDTH
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
@@ -41,21 +44,23 @@ REACH = 0.3
 """m: scale of a link's size, for what 1 % of a first moment is …"""
 TOOL = 0.1
 """… and of how far the payload's centre may be from the flange."""
-FRICTION = 4
-"""Parameters a joint: viscous, Coulomb, offset, windage."""
-TURN = 0.02
-"""rad/s: Coulomb friction turns over within this velocity."""
+SLOWEST = 0.01
+"""rad/s: a slower arm stands."""
+LAWS = {law.name: (law, *law.split) for law in FRICTION if law.split}
+"""Laws of friction that are fitted, with the spread of each coefficient before the data and the law's shape."""
+OFFSET = "offset"
+"""Nm that stand beside friction: 1 Nm before the data."""
 
 
 @dataclass(frozen=True)
 class RigidFit:
-    """Factors and friction of each joint, (n,) and (n, 4)."""
+    """Factors and friction of each joint."""
 
     torque: Float
     """h: what the given torque is to be multiplied by."""
     uncertainty: Float
-    friction: Float
-    """Viscous Nm s/rad, Coulomb Nm, offset Nm, windage Nm s²/rad²."""
+    friction: Mapping[str, Float]
+    """Coefficient of each of ``LAWS``, and ``OFFSET`` Nm, (n,) each."""
 
 
 @dataclass(frozen=True)
@@ -88,10 +93,10 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
     spread = sigma * np.sqrt(np.diag(covariance))
     lower = np.full(len(sigma), -np.inf)
     # Friction takes energy: all but the offset only ever brakes.
-    lower[-FRICTION * n :].reshape(FRICTION, n)[[0, 1, 3]] = 0.0
+    lower[-(len(LAWS) + 1) * n : -n] = 0.0
     bounded = mean + sigma * lsq_linear(whole, right, (lower, np.inf), method="bvls").x
-    friction = bounded[-FRICTION * n :].reshape(FRICTION, n) / given
-    return RigidFit(1.0 / given, spread[:n] / given**2, friction.T)
+    friction = bounded[-(len(LAWS) + 1) * n :].reshape(-1, n) / given
+    return RigidFit(1.0 / given, spread[:n] / given**2, dict(zip((*LAWS, OFFSET), friction, strict=True)))
 
 
 def _missed(residual: Float) -> Float:
@@ -104,7 +109,7 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
     parts: list[tuple[Float, Float, Float, Float, Float]] = []
     for run in runs:
         motion = run.motion
-        moving = np.flatnonzero(np.abs(motion.velocity).max(axis=1) > TURN / 2)
+        moving = np.flatnonzero(np.abs(motion.velocity).max(axis=1) > SLOWEST)
         if len(moving) < SAMPLES:
             continue
         window = int(np.clip(len(moving) // 200, *WINDOW)) | 1
@@ -124,7 +129,8 @@ def _equations(arm: Arm, samples: _Samples, given: Float) -> Float:
     known = regressor @ arm.body.parameters() + arm.column("rotor_inertia") * samples.acceleration
     known = known + last[:, :, 0] * samples.payload[:, None]
     velocity = samples.velocity
-    own = [velocity, np.tanh(velocity / TURN), np.ones_like(velocity), velocity * np.abs(velocity)]
+    sliding = Sliding(velocity, np.tanh(velocity / SIGN_WIDTH), known)
+    own = [*(law.torque(sliding, shape) for law, _, shape in LAWS.values()), np.ones_like(velocity)]
     loaded = (samples.payload > 0).astype(np.float64)[:, None, None]
     deviations = [regressor, _diagonal(samples.acceleration), last[:, :, 1:] * loaded]
     columns = [_diagonal(known), *(part * given[:, None] for part in deviations), *(_diagonal(f) for f in own)]
@@ -144,7 +150,7 @@ def _priors(arm: Arm, payload: float, expected: Float, uncertainty: Float) -> tu
     mass = np.maximum(np.abs(links[:, :1]), 1e-2)
     size = np.hstack([mass, np.repeat(mass * REACH, 3, axis=1), np.abs(links[:, 4:]) + 0.1 * mass * REACH**2])
     rotor = tolerance.rotor_inertia * np.maximum(arm.column("rotor_inertia"), 1e-3)
-    friction = np.repeat([10.0, 10.0, 1.0, 0.5], n)
+    friction = np.repeat([*(wide for _, wide, _ in LAWS.values()), 1.0], n)
     shape = max(payload, 1e-3) * np.array([TOOL] * 3 + [TOOL**2] * 6)
     sigma = np.concatenate([uncertainty, tolerance.link * size.reshape(-1), rotor, shape, friction])
     mean = np.zeros_like(sigma)

@@ -13,7 +13,6 @@ from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.effects.states import states_of
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
@@ -134,7 +133,7 @@ def simulate(model: Path, motion: Path, simulation: Path | None, out: Path) -> N
     loaded = load_model(model)
     with threadpool_limits(1):
         run, known = read_motion(motion, simulation, loaded.robot)
-        predicted = predict_states(loaded, states_of(run, -1, loaded.baseline, known))
+        predicted = predict_states(loaded, loaded.baseline.states(run, -1, known))
     write_prediction(predicted, out)
     click.echo(f"written to {out}: {len(predicted.time)} samples")
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.states import States, states_of
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
@@ -25,6 +24,7 @@ from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Ver
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def explain(
     What is not found after ``seconds`` of this process's time is not looked for; ``progress`` is told what it is at.
     """
     until = time.process_time() + seconds
-    states = [states_of(run, i, base) for i, run in enumerate(runs)]
+    states = [base.states(run, i) for i, run in enumerate(runs)]
     body = base.body
     progress("fitting the nominal parameters")
     nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt.yaml_file import read_yaml
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
-from cellwatt_plugins.mismatch.input.motion import exact
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import copper_loss
+from cellwatt_plugins.robot.motion import exact
 
 Float = NDArray[np.float64]
 

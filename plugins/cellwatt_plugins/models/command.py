@@ -13,6 +13,7 @@ from cellwatt.errors import CellwattError
 
 KINDS: Final = {
     "collect": "cellwatt_plugins.models.static.command:collect",
+    "pattern": "cellwatt_plugins.faults.paper.train_pattern:train_pattern",
     "plan-poses": "cellwatt_plugins.models.static.command:plan_poses",
     "power": "cellwatt_plugins.models.power.command:train_power",
     "static": "cellwatt_plugins.models.static.command:train_static",
@@ -44,7 +45,7 @@ class _Kinds(click.Group):
 
 @click.group(cls=_Kinds)
 def train() -> None:
-    """Make a model of a robot from recordings: its energy at rest, or its power in motion."""
+    """Make a model of a robot from recordings: its energy at rest, its power in motion, or that of a task."""
 
 
 @click.command()

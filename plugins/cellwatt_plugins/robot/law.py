@@ -26,11 +26,16 @@ def nominal_torque(robot: RobotDescription, body: RigidBody, q: Float, qd: Float
     return body.inverse_dynamics(q, qd, qdd) + rotor + coulomb + column(robot, "viscous_friction") * qd
 
 
+def copper_gain(robot: RobotDescription) -> Float:
+    """Heat in each winding for a torque of 1 Nm, (n,) W/Nm²: R / K²; 0 where either is unknown."""
+    constant = column(robot, "torque_constant")
+    resistance = column(robot, "winding_resistance")
+    return np.divide(resistance, constant**2, out=np.zeros_like(constant), where=constant > 0)
+
+
 def copper_loss(robot: RobotDescription, torque: Float) -> Float:
     """Heat (N, n) W in each winding: R (torque / torque constant)²; 0 where either is unknown."""
-    constant = column(robot, "torque_constant")
-    gain = np.divide(column(robot, "winding_resistance"), constant**2, out=np.zeros_like(constant), where=constant > 0)
-    return np.asarray(torque**2 * gain)
+    return np.asarray(torque**2 * copper_gain(robot))
 
 
 def nominal_power(robot: RobotDescription, torque: Float, qd: Float) -> Float:

@@ -23,6 +23,9 @@ def test_friction_of_the_big_joints(measured):
     fit = fit_rigid(arm, read_runs(folder / "runs", arm.joints), np.ones(6), np.full(6, 0.15))
     true = make_arm(case)
     at = 0.5  # rad/s: viscous, Coulomb and windage are told apart less well than their sum
-    found = fit.friction[:3, 0] * at + fit.friction[:3, 1] + fit.friction[:3, 3] * at**2
+    viscous, coulomb, windage = (
+        fit.friction[law] for law in ("viscous_friction", "coulomb_friction", "nonlinear_viscous_friction")
+    )
+    found = (viscous * at + coulomb + windage * at**2)[:3]
     assert found == pytest.approx((true.viscous * at + true.coulomb)[:3], rel=0.2)
-    assert np.all(fit.friction[:, [0, 1, 3]] >= 0)
+    assert min(viscous.min(), coulomb.min(), windage.min()) >= 0

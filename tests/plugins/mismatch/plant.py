@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.input.motion import exact
-from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
+from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import Plan, exact
 
 JOINTS = 3
 G = 9.81

@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
+from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot.motion import Plan
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 OFFSETS = ("0 0 0.3", "0.1 0 0.1", "0 0 0.6", "0.3 0 0.1", "0.3 0 0", "0.08 0 0")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Parameter
 from cellwatt_plugins.mismatch.fit.solution import Trial
 from cellwatt_plugins.mismatch.input.run import Float
 from cellwatt_plugins.mismatch.report import Trace
@@ -18,6 +17,7 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     UnexplainedChannel,
     Where,
 )
+from cellwatt_plugins.robot.effects.effect import Parameter
 
 NOISE, POWER_NOISE = 0.6, 4.0
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from cellwatt_plugins.mismatch.input.run import Motion, Plan, Run, Simulated
+from cellwatt_plugins.mismatch.input.run import Motion, Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot.motion import Plan
 from tests.plugins.robot import planar_arm
 
 COULOMB, VISCOUS = np.array([2.0, 1.0]), np.array([3.0, 1.5])

@@ -5,10 +5,10 @@ import pytest
 import yaml
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict, save_model
+from cellwatt_plugins.robot.effects import BY_NAME
 from tests.plugins.mismatch import plant
 
 MASS, REACH = 1.7, 0.3

@@ -16,15 +16,16 @@ from cellwatt.frames import FrameChannel, Layout
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Prediction
 from cellwatt.stage import CellInfo
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.input.motion import QUICK_OCTAVES, moved
+from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.live.settings import BandSettings, MismatchSettings
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, predict_states, save_model
 from cellwatt_plugins.mismatch.stage import MismatchStage
 from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import QUICK_OCTAVES
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.mismatch.emulated_arm import ARM, START, cut, frames, layout, recorded
 from tests.plugins.mismatch.recorded_arm import COULOMB, ROTOR, write_robot

@@ -15,12 +15,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.effect import Shape
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.fit.problem import STOP, Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.effect import Shape
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.experiments.limits import Limits
 from cellwatt_plugins.mismatch.experiments.trajectory import Hold, Piece, Trajectory, harmonics, move, replay, through
 from cellwatt_plugins.mismatch.input.run import Motion
+from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 

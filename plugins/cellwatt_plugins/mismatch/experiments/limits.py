@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 

@@ -9,9 +9,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects import EFFECTS
-from cellwatt_plugins.mismatch.effects.effect import Effect
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.experiments.expected_evidence import ExpectedEvidence
 from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states
 from cellwatt_plugins.mismatch.experiments.library import Experiment, arm_experiments
@@ -21,6 +18,9 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.findings import Finding
+from cellwatt_plugins.robot.effects import EFFECTS
+from cellwatt_plugins.robot.effects.effect import Effect
+from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states
 from cellwatt_plugins.mismatch.experiments.library import Experiment, arm_experiments, joint_experiments
 from cellwatt_plugins.mismatch.experiments.limits import Limits, limits_of
@@ -18,6 +17,7 @@ from cellwatt_plugins.mismatch.experiments.objectives import SURE, ExpectedRun, 
 from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.input.run import Motion
+from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Shape
 from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.robot.effects.effect import Shape
 
 DECADES = 30.0
 """Ratio of its bounds from which a shape parameter is searched by its logarithm."""

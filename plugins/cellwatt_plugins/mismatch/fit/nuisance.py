@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.states import States
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import column, copper_loss
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Block, Prior

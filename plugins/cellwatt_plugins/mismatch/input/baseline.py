@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from cellwatt_plugins.mismatch.input.motion import later, servo_lag
-from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
+from cellwatt_plugins.mismatch.input.moved import later, moved, servo_lag
+from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import SIGN_WIDTH, column, nominal_power, nominal_torque
+from cellwatt_plugins.robot.motion import Moved, Plan
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
 from cellwatt_plugins.robot.rigid_body import PER_LINK
@@ -51,6 +53,12 @@ class Baseline:
 
     robot: RobotDescription
     body: RigidBody
+
+    def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
+        """The arm along a run, number ``index`` of those explained, as its simulation has it."""
+        torque, power = self.beyond(run)
+        motion = moved(run) if motion is None else motion
+        return States(run.name, index, run.time, motion, self.robot, self.body, run.temperature, torque, power)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""

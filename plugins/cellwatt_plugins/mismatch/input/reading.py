@@ -12,12 +12,13 @@ from scipy.interpolate import CubicHermiteSpline
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
-from cellwatt_plugins.mismatch.input.motion import Moved, exact, moved
-from cellwatt_plugins.mismatch.input.run import Plan, Run, Simulated
+from cellwatt_plugins.mismatch.input.moved import moved
+from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
 from cellwatt_plugins.mismatch.simulators import Simulator, is_simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import power_beside, with_meters
+from cellwatt_plugins.robot.motion import Moved, Plan, exact
 
 Float = NDArray[np.float64]
 

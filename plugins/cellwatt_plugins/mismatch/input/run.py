@@ -8,23 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.robot.motion import Plan
+
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
-
-FAST = 24.0
-"""Samples a second that it takes to see what is quick in a drive."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """The motion that was commanded, (N, n) each."""
-
-    position: Float
-    """rad."""
-    velocity: Float
-    """rad/s."""
-    acceleration: Float
-    """rad/s²."""
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt_plugins.mismatch.input.columns import PLAIN, Columns, Quantity, columns_of, listed
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
-from cellwatt_plugins.mismatch.input.motion import OWN_BANDWIDTH, differentiate, smooth
 from cellwatt_plugins.mismatch.input.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.meter import held, onto
+from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]

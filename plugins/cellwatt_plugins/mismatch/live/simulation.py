@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.effects.states import States
-from cellwatt_plugins.mismatch.input.motion import QUICK_OCTAVES, exact, moved
+from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
 from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact
 
 Float = NDArray[np.float64]
 

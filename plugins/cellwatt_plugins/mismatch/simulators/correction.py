@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem
@@ -28,6 +27,7 @@ from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urd
 from cellwatt_plugins.mismatch.simulators.written import Applied, Written
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
 from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 

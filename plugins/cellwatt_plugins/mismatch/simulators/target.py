@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.simulators.correction import Correction
 from cellwatt_plugins.mismatch.simulators.inertia import moved, nearest, physical
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing
+from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import SIGN_WIDTH
 
 Float = NDArray[np.float64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from cellwatt_plugins.mismatch.effects.effect import Parameter
 from cellwatt_plugins.mismatch.fit.solution import Trial
+from cellwatt_plugins.robot.effects.effect import Parameter
 
 Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
 Kind = Literal["missing", "mistuned"]

@@ -21,6 +21,7 @@ _NODES: Final[dict[Any, str]] = {
     np.minimum: "Min",
     np.multiply: "Mul",
     np.negative: "Neg",
+    np.power: "Pow",
     np.sin: "Sin",
     np.subtract: "Sub",
     np.tanh: "Tanh",
@@ -52,3 +53,10 @@ def beside(parts: Sequence[Any]) -> Any:
     if isinstance(first, Tensor):
         return Tensor(first.graph, first.graph.concat([part.name for part in parts]))
     return np.concatenate(parts, axis=-1)
+
+
+def pick(x: Any, column: int) -> Any:
+    """One column (N, 1) of an array or a tensor (N, n)."""
+    if isinstance(x, Tensor):
+        return Tensor(x.graph, x.graph.slice(x.name, column, column + 1))
+    return x[:, [column]]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.smoothing import Smoother
-from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, STRIBECK_SPEEDS, TORQUE, WARM, Motion
+from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, LAWS, TORQUE, WARM, Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.rigid_body import PER_LINK
@@ -27,7 +27,7 @@ REACH: Final = 0.1
 """m: how far from the flange a payload's centre of mass may be."""
 ROTOR_SPREAD: Final = 0.1
 """Share of a stated rotor inertia by which it may be off."""
-SHARES: Final = {"gain": 0.1, "load": 0.1, "viscous load": 0.1}
+SHARES: Final = {"gain": 0.1, "friction by load": 0.1, "viscous load": 0.1}
 """Spreads of terms that are shares of the load."""
 PER_WARMTH: Final = 10.0
 """K of joint temperature that count as 1."""
@@ -171,12 +171,8 @@ def possible(rows: Rows, width: float) -> dict[str, tuple[str, ...]]:
     """The effects that these rows can show."""
     known = {name: terms for name, terms in EFFECTS.items() if name != WARM or rows.warmth is not None}
     fastest = float(np.quantile(np.abs(rows.qd), 0.99))
-    speeds = {f"stribeck {speed}": speed for speed in STRIBECK_SPEEDS}
-    return {
-        name: terms
-        for name, terms in known.items()
-        if not any(term in speeds and not 2 * width < speeds[term] < fastest for term in terms)
-    }
+    hidden = {words for words, (law, shape) in LAWS.items() if not law.shown(shape, 2 * width, fastest)}
+    return {name: terms for name, terms in known.items() if name not in hidden}
 
 
 def all_terms(effects: dict[str, tuple[str, ...]]) -> tuple[str, ...]:

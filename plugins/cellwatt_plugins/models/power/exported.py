@@ -1,4 +1,4 @@
-"""A fitted model as a model file."""
+"""Fitted models as model files."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from cellwatt_plugins.models.graph import Chain
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
 from cellwatt_plugins.models.power.fitting import Fitted
 from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.nls import Nls
+from cellwatt_plugins.models.power.paper import BESIDE, Traced
+from cellwatt_plugins.models.power.scg_network import Scg
+from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import RigidBody
 
 
@@ -32,12 +36,11 @@ def write(
     if model.temperature is not None and moves.temperature is not None:
         inputs += joint_inputs(joints, "temperature")
         table.append(moves.temperature)
-    power = () if model.supply is None else (Output("power", "W"),)
     metadata = Metadata(
         name=f"{robot}-power",
         robot=robot,
         inputs=tuple(inputs),
-        outputs=(*power, *(Output(f"current_{i + 1}", "A") for i in range(joints))),
+        outputs=_outputs(joints, model.supply is not None),
         rate_hz=round(1 / moves.step, 3),
         window=model.smoother.window,
         delay=model.smoother.delay,
@@ -45,3 +48,26 @@ def write(
     )
     write_model(path, model.content(Chain.of(body)), metadata)
     return metadata
+
+
+def write_published(
+    path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, body: RigidBody, robot: str
+) -> Metadata:
+    """The same for one of the paper's two models; inputs are positions and velocities. Raises ``ModelError``."""
+    metadata = Metadata(
+        name=f"{robot}-power-{type(model).__name__.lower()}",
+        robot=robot,
+        inputs=joint_inputs(moves.joints, "position", "velocity"),
+        outputs=_outputs(moves.joints, bool(np.isfinite(moves.power).any())),
+        rate_hz=round(1 / moves.step, 3),
+        window=tuning.smoother.window + 2 * BESIDE,
+        delay=tuning.smoother.delay + BESIDE,
+        training=Training.of(np.concatenate([moves.q, moves.qd], axis=1)),
+    )
+    write_model(path, model.content(Traced.of(Chain.of(body), tuning.smoother, tuning.width, moves.step)), metadata)
+    return metadata
+
+
+def _outputs(joints: int, power: bool) -> tuple[Output, ...]:
+    currents = tuple(Output(f"current_{i + 1}", "A") for i in range(joints))
+    return (Output("power", "W"), *currents) if power else currents

@@ -87,9 +87,12 @@ class Smoother:
             out[:, first:end] = (self.weights @ seen).transpose(1, 0, 2)
         return out[0], out[1], out[2]
 
-    def trace(self, graph: Graph, joints: int, columns: int) -> list[Tensor]:
-        """The same in a model file whose rows hold n positions, n velocities and more: q, q̇, q̈ (N, n)."""
-        seen = graph.input
+    def trace(self, graph: Graph, joints: int, columns: int, seen: str | None = None) -> list[Tensor]:
+        """The same in a model file whose rows hold n positions, n velocities and more: q, q̇, q̈ (N, n).
+
+        ``seen`` are the windows, where they are not the file's input itself.
+        """
+        seen = graph.input if seen is None else seen
         if columns > 2 * joints:
             seen = graph.slice(seen, 0, 2 * joints)
         estimates = graph.op("MatMul", self.weights, graph.reshape(seen, (-1, 2 * self.window, joints)))

@@ -11,6 +11,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from cellwatt_plugins.robot.effects import FRICTION
+from cellwatt_plugins.robot.effects.effect import Shape
+from cellwatt_plugins.robot.effects.friction import Friction, Sliding
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -32,13 +36,12 @@ class Motion:
 
 Formula = Callable[[Motion], Any]
 
+LAWS: Final = {words: (law, shape) for law in FRICTION for words, shape in law.trained.items()}
+"""Laws of friction that may be found, by the words that tell them, each with its shape."""
 
-STRIBECK_SPEEDS: Final = (0.03, 0.06, 0.1, 0.16, 0.25)
-"""rad/s at which Stribeck friction has fallen to 1/e."""
 
-
-def _stribeck(speed: float) -> Formula:
-    return lambda m: m.sign * np.exp(-(m.qd * m.qd) / speed**2)
+def _rubbing(law: Friction, shape: Shape) -> Formula:
+    return lambda m: law.torque(Sliding(m.qd, m.sign, m.load), shape)
 
 
 HARMONICS: Final = tuple(range(1, 13))
@@ -57,11 +60,8 @@ TORQUE: Final[Mapping[str, Formula]] = {
     "rotor": lambda m: m.qdd,
     "coulomb": lambda m: m.sign,
     "viscous": lambda m: m.qd,
-    **{f"stribeck {speed}": _stribeck(speed) for speed in STRIBECK_SPEEDS},
-    "quadratic": lambda m: m.qd * np.abs(m.qd),
-    "cubic": lambda m: m.qd * m.qd * m.qd,
+    **{words: _rubbing(*law) for words, law in LAWS.items()},
     "saturating": lambda m: np.tanh(m.qd / 0.5),
-    "load": lambda m: m.sign * np.abs(m.load),
     "viscous load": lambda m: m.qd * np.abs(m.load),
     "gain": lambda m: m.load,
     "direction": lambda m: np.abs(m.sign),
@@ -77,11 +77,8 @@ TORQUE: Final[Mapping[str, Formula]] = {
 
 ALWAYS: Final = ("rotor", "coulomb", "viscous")
 EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
-    **{f"Stribeck friction ({speed} rad/s)": (f"stribeck {speed}",) for speed in STRIBECK_SPEEDS},
-    "quadratic viscous friction": ("quadratic",),
-    "cubic viscous friction": ("cubic",),
+    **{words: (words,) for words in LAWS},
     "viscous friction that saturates": ("saturating",),
-    "friction by load": ("load",),
     "viscous friction by load": ("viscous load",),
     "torque constant": ("gain",),
     "friction by direction": ("direction", "viscous direction"),

@@ -14,7 +14,9 @@ from cellwatt_plugins.models.power.design import Rows
 from cellwatt_plugins.models.power.fitting import Fitted, Structure, fit, structure_of
 from cellwatt_plugins.models.power.folds import FEW, TURNS, folds_of
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.paper import Nls, Scg, Seen
+from cellwatt_plugins.models.power.nls import Nls
+from cellwatt_plugins.models.power.paper import Seen
+from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.smoothing import noise_of
@@ -39,7 +41,8 @@ class Trained:
 
     fitted: Fitted
     nls: Nls | None
-    """None where no current was measured."""
+    """None where no current was measured, as the next."""
+    scg: Scg | None
     tuning: Tuning
     predictions: dict[str, tuple[Float, Float]]
     """Power (N,) and currents (N, n) by method, each row by a model that has not seen its move."""
@@ -82,11 +85,12 @@ def train(
             predictions[method][0][held], predictions[method][1][held] = power, current
     tell(0.1, "the model")
     fitted = fit(moves, robot, body, tuning, structure)
-    nls = Nls.fit(moves, Seen.of(moves, robot, body, tuning), robot) if "NLS" in methods else None
+    seen = Seen.of(moves, robot, body, tuning) if methods == METHODS else None
     many = moves.count >= FEW
     return Trained(
         fitted=fitted,
-        nls=nls,
+        nls=None if seen is None else Nls.fit(moves, seen, robot),
+        scg=None if seen is None else Scg.fit(moves, seen, seed),
         tuning=tuning,
         predictions=predictions,
         scores=_scores(moves, predictions, np.ones(len(moves), bool)),

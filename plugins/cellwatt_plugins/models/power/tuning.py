@@ -28,7 +28,7 @@ SPANS: Final = (3, 5, 7, 9, 11, 15, 21, 27, 35, 45, 61)
 """Rows of a window."""
 WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
 """rad/s."""
-TERMS: Final = ("rotor", "coulomb", "viscous", "stribeck 0.1", "offset")
+TERMS: Final = ("rotor", "coulomb", "viscous", "Stribeck friction (0.1 rad/s)", "offset")
 DOUBT: Final = 0.1
 """Share of the links' parameters."""
 

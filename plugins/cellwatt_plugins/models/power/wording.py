@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.models.power.paper import JOINT_NUMBERS, Nls
+from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
 from cellwatt_plugins.models.power.scores import PoseTable, Score
 from cellwatt_plugins.models.power.training import BEST, Trained
 
@@ -122,6 +122,8 @@ def _findings(trained: Trained) -> list[str]:
             f"  supply: {supply.standby:.1f} W standing by, efficiency {1 / supply.up:.3f}, {100 * share:.0f} % of the "
             f"energy that drives give back is used"
         )
+    if trained.nls is not None:
+        lines += [f"NLS: {doubt}" for doubt in trained.nls.doubts]
     if trained.meter is not None:
         lines.append(f"  power is from a slow meter ({trained.meter.told}): compared with means over the same times")
     if np.isfinite(trained.power_noise):
@@ -148,15 +150,15 @@ def _table(moves: Moves, score: Score) -> dict[str, Any]:
 
 
 def _nls(nls: Nls) -> dict[str, Any]:
-    """Parameters with their standard errors, by joint and of equation (13)."""
+    """Parameters with their standard errors, by joint and of equation (13), and which stand for something else."""
     n = len(nls.joints)
-    names = [JOINT_NUMBERS, ("P_c", *(f"{name}_{i + 1}" for name in ("L", "R", "k_m") for i in range(n)))]
+    names = [JOINT_NUMBERS, ("P_c", *(f"{name}_{i + 1}" for name in ("L", "R") for i in range(n)))]
     joints = [
         {name: [_number(v), _number(e)] for name, v, e in zip(names[0], values, errors, strict=True)}
         for values, errors in zip(nls.joints, nls.errors[0], strict=True)
     ]
     power = {name: [_number(v), _number(e)] for name, v, e in zip(names[1], nls.power, nls.errors[1], strict=True)}
-    return {"joints": joints, "power": power}
+    return {"joints": joints, "power": power, "doubts": list(nls.doubts)}
 
 
 def _shown(value: float | None, form: str) -> str:

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.command import explain as explain_command
-from cellwatt_plugins.mismatch.effects import BY_NAME
 from cellwatt_plugins.mismatch.experiments.expected_evidence import ExpectedEvidence
 from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states, velocity_spread
 from cellwatt_plugins.mismatch.experiments.library import arm_experiments, joint_experiments, loaded_poses
@@ -27,6 +26,7 @@ from cellwatt_plugins.mismatch.input.baseline import baseline
 from cellwatt_plugins.mismatch.input.reading import read_motion
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import predict
+from cellwatt_plugins.robot.effects import BY_NAME
 from tests.plugins.mismatch.slow_and_loaded import arm, program, recorded
 from tests.plugins.robot import planar_arm
 

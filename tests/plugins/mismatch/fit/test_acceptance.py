@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.acceptance import lowers_held_out_error
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.moved import moved
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 OFFSET = Term(BY_NAME["torque_offset"], 0, ())

@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.cross_validation import (
     BLOCK,
     FOLDS,
@@ -12,7 +10,9 @@ from cellwatt_plugins.mismatch.fit.cross_validation import (
     rms,
 )
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.moved import moved
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 OFFSET = Term(BY_NAME["torque_offset"], 0, ())

@@ -3,15 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.acceptance import collinear, tension
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound, climb
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, supply_problem, torque_problem
 from cellwatt_plugins.mismatch.fit.rows import Thinned
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.moved import moved
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 

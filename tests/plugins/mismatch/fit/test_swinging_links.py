@@ -4,8 +4,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.fit.swinging_links import (
@@ -14,8 +12,10 @@ from cellwatt_plugins.mismatch.fit.swinging_links import (
     swinging_channels,
     swinging_torque,
 )
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import lack_of_fit
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 SWINGS = Term(BY_NAME["joint_elasticity"], 1, (900.0, 0.5, 0.0))

@@ -9,14 +9,14 @@ import pytest
 import yaml
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.effects.backlash import Backlash
-from cellwatt_plugins.mismatch.effects.joint_elasticity import JointElasticity
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.input.admission import examine
-from cellwatt_plugins.mismatch.input.motion import exact
 from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.effects.backlash import Backlash
+from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import exact
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
 
 

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.effects import BY_NAME
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import Term
-from cellwatt_plugins.mismatch.input.motion import exact
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.mismatch.simulators import load_simulator
 from cellwatt_plugins.mismatch.simulators.correction import correction
@@ -19,6 +16,9 @@ from cellwatt_plugins.mismatch.simulators.placing import placing
 from cellwatt_plugins.mismatch.simulators.target import target
 from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urdf
 from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import exact
 from tests.plugins.mismatch.simulators.arms import FULL, G, TwoLinks, moves
 
 pytest.importorskip("mujoco")

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.mismatch.effects.states import States
 from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import Limits, lack_of_fit, unexplained_channel
+from cellwatt_plugins.robot.effects.states import States
 from tests.plugins.mismatch import plant
 
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.effects.effect import Shape
 from cellwatt_plugins.mismatch.fit.acceptance import physical
 from cellwatt_plugins.mismatch.fit.coordinate_search import climb
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.robot.effects.effect import Shape
 
 ROUNDS = 4
 """Times that a schedule is found anew with the coefficients that the last one gave."""

@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects.effect import Effect
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Thresholds, Trial
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.effect import Effect
 from cellwatt_plugins.robot.regression import Block
 
 Float = NDArray[np.float64]

@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.effects import EFFECTS
-from cellwatt_plugins.mismatch.effects.effect import Effect
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_minor,
@@ -27,6 +25,8 @@ from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState, start
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Candidate, Solution, Thresholds, Trial
+from cellwatt_plugins.robot.effects import EFFECTS
+from cellwatt_plugins.robot.effects.effect import Effect
 
 Float = NDArray[np.float64]
 

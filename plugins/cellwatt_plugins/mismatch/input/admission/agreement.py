@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt_plugins.mismatch.input.admission.factors import usable
-from cellwatt_plugins.mismatch.input.motion import Moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column, nominal_torque
+from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]

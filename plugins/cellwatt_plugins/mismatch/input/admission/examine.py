@@ -13,7 +13,7 @@ from cellwatt_plugins.mismatch.input.admission.power import check_power, check_s
 from cellwatt_plugins.mismatch.input.admission.remarks import remarks
 from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, check_torque
 from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
-from cellwatt_plugins.mismatch.input.motion import moved
+from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 

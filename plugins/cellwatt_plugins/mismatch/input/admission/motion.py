@@ -11,9 +11,9 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, RPM, order_text, recognised, times_text, usable
-from cellwatt_plugins.mismatch.input.motion import OWN_BANDWIDTH, differentiate, smooth
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]

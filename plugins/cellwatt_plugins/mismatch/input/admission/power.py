@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.factors import times_text, usable
-from cellwatt_plugins.mismatch.input.motion import Moved
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.input.admission.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
-from cellwatt_plugins.mismatch.input.run import FAST, Run
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot.motion import FAST
 
 Float = NDArray[np.float64]
 

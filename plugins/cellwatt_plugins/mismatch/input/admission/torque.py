@@ -13,10 +13,10 @@ from scipy.optimize import linear_sum_assignment
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, sample_of
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
-from cellwatt_plugins.mismatch.input.motion import Moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]

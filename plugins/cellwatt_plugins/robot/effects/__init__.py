@@ -1,0 +1,25 @@
+"""The physics that an arm can have beyond its description, one module each. To add an effect, write its module."""
+
+import importlib
+import pkgutil
+
+from cellwatt_plugins.robot.effects.effect import Effect
+from cellwatt_plugins.robot.effects.friction import Friction
+
+
+def _written_here() -> list[Effect]:
+    """One of each kind of effect that a module of this folder defines, by name."""
+    modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
+    kinds = {
+        kind
+        for module in modules
+        for kind in vars(module).values()
+        if isinstance(kind, type) and issubclass(kind, Effect) and kind.__module__ == module.__name__
+    }
+    return sorted((kind() for kind in kinds - {Effect, Friction}), key=lambda effect: effect.name)
+
+
+EFFECTS: tuple[Effect, ...] = tuple(_written_here())
+BY_NAME = {effect.name: effect for effect in EFFECTS}
+FRICTION: tuple[Friction, ...] = tuple(effect for effect in EFFECTS if isinstance(effect, Friction))
+"""The laws of friction."""

@@ -1,0 +1,46 @@
+"""Friction that differs by direction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Confusion, Form
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.law import column
+
+BOTH, UP, DOWN = 0.0, 1.0, -1.0
+
+
+class AsymmetricFriction(Effect):
+    """More friction one way than the other: half the difference each way, or all of it one way."""
+
+    name = "asymmetric_friction"
+    acts_on = "friction"
+    form = Form(reverses=True)
+    confusions = (
+        Confusion("torque_offset", "hold the arm still: an offset stays, friction goes"),
+        Confusion("load_dependent_friction", "sweep where gravity loads the joint the other way"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        described = column(runs[0].robot, "coulomb_friction")[joint or 0]
+        # Friction one way only is half of it both ways and an offset: not where friction itself is to be found.
+        return [(BOTH,), (UP,), (DOWN,)] if described > 0 else [(BOTH,)]
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        sign = run.sign[:, joint]
+        if shape[0] == BOTH:
+            return (0.5 * np.abs(sign))[:, None]
+        return (np.maximum(shape[0] * sign, 0.0) * shape[0])[:, None]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"difference": estimate.coefficient(0, "N*m", -1.0 if estimate.shape[0] == DOWN else 1.0)}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        more = "positive" if parameters["difference"].value > 0 else "negative"
+        size = Parameter(abs(parameters["difference"].value), parameters["difference"].std, "N*m")
+        return f"{who} has {said(size)} more friction in {more} direction than in the other: friction is asymmetric."

@@ -1,0 +1,54 @@
+"""A delay between torque and position that grows with time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.effects.time_delay import SHARE, shifted
+from cellwatt_plugins.robot.motion import FAST
+
+APART = tuple(sign * float(s) for s in np.geomspace(0.004, 0.15, 10) for sign in (1, -1))
+"""s by which the clocks have come apart at the end of the longest run: drifts that are tried, so near to each other
+that one of them is within the scale that is accepted."""
+
+
+class ClockDrift(Effect):
+    """Torque of t - rate · (t - start of the run)."""
+
+    name = "clock_drift"
+    acts_on = "reading"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(least_rate=FAST, several_channels=True)
+    confusions = (Confusion("time_delay", "record for longer: a delay stays, a drift grows"),)
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        longest = max(float(run.time[-1] - run.time[0]) for run in runs)
+        return [(apart / longest,) for apart in APART]
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        longest = max(float(run.time[-1] - run.time[0]) for run in runs)
+        return not any(run.unplanned for run in runs) or abs(shape[0]) * longest > SHARE * runs[0].step
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return (shifted(run.time, run.torque, shape[0] * (run.time - run.time[0])) - run.torque)[:, :, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        slow, fast = 0.3 * shape[0], 3.0 * shape[0]
+        return [(min(slow, fast), max(slow, fast))]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"rate": estimate.scaled("s/s")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        rate = parameters["rate"]
+        return (
+            f"Torque and position drift apart by {1000 * rate.value:.3g} ± {1000 * rate.std:.2g} ms a second: "
+            "the two clocks drift."
+        )

@@ -1,0 +1,58 @@
+"""Supply power that is drive power over an efficiency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.law import copper_loss
+
+ALL, MOTORING, BOTH_WAYS = 0.0, 1.0, 2.0
+BACK = 0.9
+"""About the efficiency with which power comes back, where it is lossy both ways."""
+
+
+class ConverterEfficiency(Effect):
+    """(1/efficiency - 1) · drive power; of all drive power, only while motoring, or lost both ways."""
+
+    name = "converter_efficiency"
+    acts_on = "supply"
+    depends_on = "fitted torque"
+    acceptance = Acceptance(above=0.015)
+    confusions = (
+        Confusion("copper_loss", "hold the arm at several loads: at rest only copper heats"),
+        Confusion("torque_gain", "compare with torque from gravity at rest: an efficiency leaves it alone"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [(ALL,), (MOTORING,), (BOTH_WAYS,)]
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        drive = drive_power(run)
+        total = np.asarray(np.sum(drive, axis=1))
+        if shape[0] == ALL:
+            return total[:, None]
+        back = BACK * np.maximum(-total, 0.0) if shape[0] == BOTH_WAYS else 0.0
+        return np.asarray(np.maximum(total, 0.0) + back)[:, None]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        more = estimate.coefficients[0]
+        std = float(np.sqrt(estimate.covariance[0, 0])) / (1 + more) ** 2
+        return {"efficiency": Parameter(float(1 / (1 + more)), std, "")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        share = parameters["efficiency"]
+        return (
+            f"Between supply and drives only {100 * share.value:.1f} ± {100 * share.std:.1f} % of the power arrives: "
+            "the converter's efficiency is missing."
+        )
+
+
+def drive_power(run: States) -> Float:
+    """Electrical power (N, n) W of each drive: mechanical power and copper loss."""
+    return run.torque * run.qd + copper_loss(run.robot, run.torque)

@@ -1,0 +1,170 @@
+"""What an effect is: a physical kind with its columns, parameters, confusions and the experiment that separates."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import (
+    Acceptance,
+    ActsOn,
+    Confusion,
+    DependsOn,
+    Form,
+    Place,
+    Relations,
+    Uncertainty,
+)
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.regression import Prior
+
+Float = NDArray[np.float64]
+Shape = tuple[float, ...]
+"""Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
+UNIT_SPREAD = 0.05
+"""How far the coefficient of an effect that is simulated to scale may be from 1."""
+INHERITED = 0.01
+"""Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the model with its standard deviation."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated numbers of a term: coefficients (m,) and shape (k,), with the covariance (m + k, m + k) of both."""
+
+    coefficients: Float
+    shape: Float
+    covariance: Float
+
+    def coefficient(self, i: int, unit: str, sign: float = 1.0) -> Parameter:
+        """A coefficient as a parameter."""
+        return Parameter(float(sign * self.coefficients[i]), float(np.sqrt(self.covariance[i, i])), unit)
+
+    def shaped(self, i: int, unit: str) -> Parameter:
+        """A shape parameter."""
+        k = len(self.coefficients) + i
+        return Parameter(float(self.shape[i]), float(np.sqrt(self.covariance[k, k])), unit)
+
+    def scaled(self, unit: str) -> Parameter:
+        """The first shape parameter times the first coefficient, where columns are nearly linear in that shape."""
+        k, factor, value = len(self.coefficients), self.coefficients[0], self.shape[0]
+        slope = np.zeros(len(self.covariance))
+        slope[0], slope[k] = value, factor
+        return Parameter(float(factor * value), float(np.sqrt(slope @ self.covariance @ slope)), unit)
+
+
+class Effect(ABC):
+    """One kind of physics that a simulation may lack."""
+
+    name: ClassVar[str]
+    acts_on: ClassVar[ActsOn] = "joint"
+    whole_arm: ClassVar[bool] = False
+    """One term for all joints, not one for each."""
+    depends_on: ClassVar[DependsOn] = "motion"
+    nominal: ClassVar[str] = ""
+    """The parameter of the description that it stands for: where that is not 0, it is mistuned rather than missing."""
+    form: ClassVar[Form] = Form()
+    acceptance: ClassVar[Acceptance] = Acceptance()
+    relations: ClassVar[Relations] = Relations()
+    uncertainty: ClassVar[Uncertainty] = Uncertainty()
+    confusions: ClassVar[tuple[Confusion, ...]] = ()
+
+    @property
+    def place(self) -> Place:
+        """Where it is: at a joint, in the whole robot, or in the supply."""
+        if self.acts_on == "supply":
+            return "supply"
+        return "robot" if self.whole_arm else "joint"
+
+    @property
+    def by_motion_alone(self) -> bool:
+        """Whether its columns and shapes stay as they are whatever is fitted."""
+        return self.acts_on != "reading" and self.depends_on == "motion"
+
+    def described(self, robot: RobotDescription, joint: int | None) -> float:
+        """The value that the description has for it, 0 where it has none (0-based joint)."""
+        if not self.nominal:
+            return 0.0
+        return float(getattr(robot if joint is None else robot.joints[joint], self.nominal))
+
+    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+        """Whether coefficients (m,) are this effect rather than a plainer fact that looks the same (0-based joint)."""
+        return True
+
+    def possible(self, robot: RobotDescription, joint: int | None) -> bool:
+        """Whether the simulation lacks it at all (0-based joint)."""
+        return True
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        """Shapes to try, given each run's states and what is left unexplained there, (N, C) each."""
+        return [()]
+
+    def reshaped(self, runs: Sequence[States], joint: int | None, course: Sequence[Float], own: Float) -> Shape | None:
+        """The shape anew, now that coefficients ``own`` (m,) are known; ``course`` (N, C): what is left without it.
+
+        None where an effect's shape does not depend on them.
+        """
+        return None
+
+    @abstractmethod
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        """What one unit of each coefficient adds: (N, m) for a joint or the supply, (N, n, m) for the robot."""
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        """Whether these recordings can show such a shape at all, or only what their sampling makes of motion."""
+        return True
+
+    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
+        """Columns of several shapes; effects that are simulated do all at once."""
+        return [self.columns(run, joint, shape) for shape in shapes]
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """Prior of the coefficients: each column may add about ``size`` (C,) of its channel's unit."""
+        if self.form.to_scale:
+            return Prior.spread(np.full(columns.shape[-1], UNIT_SPREAD), 1.0)
+        if columns.ndim == 3:
+            strength = np.sqrt(np.max(np.mean(np.square(columns), axis=0) / np.square(size)[:, None], axis=0))
+        else:
+            strength = np.sqrt(np.mean(np.square(columns), axis=0)) / size[joint or 0]
+        return Prior.spread(1 / np.maximum(strength, 1e-9))
+
+    def charge(self, runs: Sequence[States], shape: Shape) -> float:
+        """nats that the evidence is charged: logarithm of the places and times that this shape was picked from."""
+        return 0.0
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        """Least and greatest value of each shape parameter, for its refinement; () where it is not refined."""
+        return ()
+
+    @abstractmethod
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        """Physical parameters with units."""
+
+    @abstractmethod
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        """One plain sentence; ``who`` names the place, e.g. ``Joint 2``."""
+
+
+def said(parameter: Parameter) -> str:
+    """A value with its uncertainty as people write it, e.g. ``4.1 ± 0.2 Nm``."""
+    unit = parameter.unit.replace("N*m", "Nm").replace("*", "·")
+    if not np.isfinite(parameter.std) or parameter.std <= 0:
+        return f"{parameter.value:.3g} {unit}".rstrip()
+    digits = max(
+        0, -int(np.floor(np.log10(parameter.std))) + (parameter.std < 10 ** np.floor(np.log10(parameter.std)) * 2)
+    )
+    return f"{parameter.value:.{digits}f} ± {parameter.std:.{digits}f} {unit}".rstrip()

@@ -1,0 +1,101 @@
+"""A push on a joint at one time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import FAST
+
+WIDTHS = (0.06, 0.12, 0.25, 0.45)
+"""s (standard deviation of the push's course) that are tried."""
+STOPPED, NEAR = 0.02, 0.3
+"""rad/s and s: a joint is about to stop or has just stopped."""
+BLOW = 0.045
+"""s: a collision, tried where stops are kept apart anyway."""
+SHORTEST = 0.05
+"""s: what is shorter may be a stop."""
+OF_FRICTION = 0.5
+"""Share of Coulomb friction that a push must exceed."""
+PEAKS = 2
+"""Places tried per run and width."""
+
+
+class ExternalContact(Effect):
+    """torque · exp(-(t - time)²/(2 width²)) in one run. Shape: run, time, width."""
+
+    name = "external_contact"
+    depends_on = "residual"
+    form = Form(intermittent=True)
+    acceptance = Acceptance(least_rate=FAST, inside_bounds=True)
+    uncertainty = Uncertainty(inherited={"torque": 0.03, "width": 0.08})
+    confusions = (
+        Confusion("unknown", "repeat the same program: a contact does not repeat"),
+        Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),
+    )
+
+    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+        """Less than a share of the friction is how friction turns over at a stop."""
+        return abs(float(coefficients[0])) > OF_FRICTION * robot.joints[joint or 0].coulomb_friction
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [
+            (float(run.index), float(run.time[sample]), width)
+            for run, left in zip(runs, residual, strict=True)
+            for width in ((BLOW, *WIDTHS) if run.unplanned else WIDTHS)
+            for sample in peaks(np.where(_turns(run, joint or 0), 0.0, left[:, joint]), run.step, width)
+        ]
+
+    def charge(self, runs: Sequence[States], shape: Shape) -> float:
+        return float(np.log(sum(float(run.time[-1] - run.time[0]) for run in runs) / shape[2]))
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        if run.index != int(shape[0]):
+            return np.zeros((len(run.time), 1))
+        return np.exp(-0.5 * np.square((run.time - shape[1]) / shape[2]))[:, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        run, time, width = shape
+        least = SHORTEST if width >= SHORTEST else 0.5 * BLOW
+        return [(run, run), (time - 2 * width, time + 2 * width), (least, 0.6)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {
+            "torque": estimate.coefficient(0, "N*m"),
+            "time": estimate.shaped(1, "s"),
+            "width": estimate.shaped(2, "s"),
+        }
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"{who} was pushed once with {said(parameters['torque'])} at {parameters['time'].value:.2f} s: "
+            "an external contact."
+        )
+
+
+def _turns(run: States, joint: int) -> NDArray[np.bool_]:
+    """Samples (N,) near a stop of the joint where the velocity is differentiated: friction looks like a push there."""
+    if not run.unplanned:
+        return np.zeros(len(run.time), np.bool_)
+    slow = np.abs(run.qd[:, joint]) < STOPPED
+    return np.asarray(maximum_filter1d(slow, 2 * round(NEAR / run.step) + 1), np.bool_)
+
+
+def peaks(residual: Float, step: float, width: float) -> list[int]:
+    """Samples where a bump of this width fits best, greatest first and apart from each other."""
+    half = max(1, round(3 * width / step))
+    bump = np.exp(-0.5 * np.square(np.arange(-half, half + 1) * step / width))
+    match = np.abs(np.convolve(residual, bump, mode="same")) / np.sqrt(np.sum(bump**2))
+    out = []
+    for _ in range(PEAKS):
+        top = int(np.argmax(match))
+        out.append(top)
+        match[max(0, top - 2 * half) : top + 2 * half + 1] = 0
+    return out

@@ -1,0 +1,77 @@
+"""Motor and link as two masses on a spring."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.effects.two_mass import coupled, elastic, hanging, swinging, with_others
+from cellwatt_plugins.robot.motion import FAST
+from cellwatt_plugins.robot.regression import Prior
+
+FREQUENCIES = np.geomspace(1.5, 40.0, 110)
+"""Hz of the link on its spring that are tried."""
+DAMPINGS = (0.003, 0.012, 0.05, 0.15)
+"""Shares of critical damping that are tried."""
+MOVES_ALONG, AT_REST = 0.0, 1.0
+
+
+class JointElasticity(Effect):
+    """Stiffness and damping between motor and link; see ``two_mass``."""
+
+    name = "joint_elasticity"
+    form = Form(to_scale=True, sample_by_sample=True)
+    acceptance = Acceptance(least_rate=FAST)
+    relations = Relations(family="two_mass")
+    uncertainty = Uncertainty({"stiffness": 0.03, "damping": 0.1})
+    """It swings with the links: stiffness is as uncertain as their inertia."""
+    confusions = (
+        Confusion("backlash", "tap the link, and reverse slowly at zero load: a spring rings, a gap clacks"),
+        Confusion("time_delay", "move with and without jerk: a spring rings on"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        inertia = swinging(runs, joint or 0)
+        if not inertia:
+            return []
+        turns = 2 * np.pi * FREQUENCIES[0.45 / runs[0].step > FREQUENCIES]
+        moves = any(abs(run.qd[0, joint]) > 0.02 for run in runs)
+        starts = (MOVES_ALONG, AT_REST) if moves else (MOVES_ALONG,)
+        return [
+            (float(inertia * w**2), float(2 * share * inertia * w), start)
+            for start in starts
+            for share in DAMPINGS
+            for w in turns
+        ]
+
+    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
+        table = np.array(shapes)
+        found = elastic(run, joint or 0, table[:, 0], table[:, 1], table[:, 2])
+        return [found[:, i : i + 1] for i in range(len(shapes))]
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        own, at = self.grid(run, joint, [shape])[0][:, 0], joint or 0
+        twist = (run.rigid[:, at] + own) / shape[0]
+        return np.concatenate([with_others(run, at, own), hanging(run, at, twist)], axis=2)
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        if columns.ndim == 2:
+            return super().prior(runs, joint, columns, size)
+        return coupled(super().prior(runs, joint, columns[:, joint or 0, :1], size))
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(0.5 * shape[0], 2.0 * shape[0]), (0.1 * shape[1], 10 * shape[1]), (shape[2], shape[2])]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"stiffness": estimate.shaped(0, "N*m/rad"), "damping": estimate.shaped(1, "N*m*s/rad")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"The link of {who.lower()} swings on a gear of {parameters['stiffness'].value:.3g} Nm/rad: "
+            "joint elasticity is missing."
+        )

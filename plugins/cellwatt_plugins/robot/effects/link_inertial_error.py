@@ -1,0 +1,84 @@
+"""Mass, centre of mass or inertia of a link well off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.regression import Prior
+
+OFF = 0.4
+"""Share of its mass, of its inertia, and of its centre's distance by which a link may be off."""
+NEAR = 0.03
+"""m by which the centre of mass of a link that has it on its axis is thought to be away from there."""
+BESIDES = 0.02
+"""Share of each parameter that may be off by itself."""
+
+
+class LinkInertialError(Effect):
+    """Errors of the ten inertial parameters of the link that a joint moves."""
+
+    name = "link_inertial_error"
+    acts_on = "links"
+    acceptance = Acceptance(prior_deviations=2.5, common=True)
+    confusions = (
+        Confusion("payload", "weigh with the tool off, then on"),
+        Confusion("torque_gain", "compare with the supply's power at constant speed"),
+    )
+
+    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+        # More on the last link looks the same as a payload in every motion, and a payload is what changes in a cell.
+        return joint != len(robot.joints) - 1 or bool(coefficients[0] < 0)
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        first = 10 * (joint or 0)
+        return run.regressor[:, :, first : first + 10]
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """Well off as links are: all of it scaled, its centre of mass elsewhere, its inertia scaled; little besides.
+
+        Ten parameters that were free of one another could stand for the link before or after, too: what a mass adds
+        at this link's centre must come with the mass.
+        """
+        own = runs[0].body.parameters()[10 * (joint or 0) :][:10]
+        mass = max(float(own[0]), 0.1)
+        centre = own[1:4] / mass
+        reach = float(np.linalg.norm(centre)) + NEAR
+        moves = [_moved(mass, centre, step) for step in OFF * reach * np.eye(3)]
+        swelling = np.concatenate([np.zeros(4), own[4:] - mass * _entries(_around(centre, centre))])
+        ways = np.array([OFF * own, *moves, OFF * swelling])
+        turn = float(np.max(np.abs(own[[4, 6, 9]])))
+        besides = [mass, *(3 * [mass * reach]), *(6 * [2 * turn + 1e-3 * mass])]
+        return Prior(np.zeros(10), ways.T @ ways + np.diag(np.square(BESIDES * np.array(besides))))
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        names = ("mass", "moment_x", "moment_y", "moment_z")
+        units = ("kg", "kg*m", "kg*m", "kg*m")
+        return {n: estimate.coefficient(i, u) for i, (n, u) in enumerate(zip(names, units, strict=True))}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        moment = np.array([parameters[f"moment_{axis}"].value for axis in "xyz"])
+        return (
+            f"The link moved by {who.lower()} is well off its description: its mass by {said(parameters['mass'])}, "
+            f"its first moment by ({moment[0]:.3g}, {moment[1]:.3g}, {moment[2]:.3g}) kg m."
+        )
+
+
+def _moved(mass: float, centre: Float, step: Float) -> Float:
+    """What ten parameters (mass, first moment, inertia at the joint) gain where the centre of mass moves by a step."""
+    return np.concatenate([[0.0], mass * step, mass * _entries(_around(centre, step) + _around(step, centre))])
+
+
+def _around(a: Float, b: Float) -> Float:
+    """a·b 1 - a bᵀ, (3, 3): the inertia of a unit mass, for a = b."""
+    return np.asarray((a @ b) * np.eye(3) - np.outer(a, b))
+
+
+def _entries(tensor: Float) -> Float:
+    """A symmetric tensor as xx, xy, yy, xz, yz, zz."""
+    return np.asarray(tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])

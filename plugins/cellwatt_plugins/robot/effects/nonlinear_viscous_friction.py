@@ -1,0 +1,50 @@
+"""Viscous friction that does not grow in proportion to speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.friction import Friction, Sliding
+from cellwatt_plugins.robot.effects.states import States
+
+EXPONENTS = (0.3, 0.5, 0.7, 1.5, 2.0, 2.5, 3.0)
+
+
+class NonlinearViscousFriction(Friction):
+    """c · |w|^a sign(w) with a other than 1."""
+
+    name = "nonlinear_viscous_friction"
+    acts_on = "friction"
+    acceptance = Acceptance(inside_bounds=True)
+    trained = MappingProxyType({"quadratic viscous friction": (2.0,), "cubic viscous friction": (3.0,)})
+    split = 0.5, (2.0,)
+    confusions = (
+        Confusion("stribeck_friction", "sweep at six constant speeds over two decades, up to full speed"),
+        Confusion("temperature_dependent_friction", "repeat the same cycle cold and warm"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [(a,) for a in EXPONENTS]
+
+    def torque(self, sliding: Sliding, shape: Shape) -> Any:
+        return np.abs(sliding.qd) ** shape[0] * sliding.sign
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(0.15, 0.85)] if shape[0] < 1 else [(1.2, 5.0)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"coefficient": estimate.coefficient(0, "N*m"), "exponent": estimate.shaped(0, "")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        grows = "faster" if parameters["exponent"].value > 1 else "slower"
+        return (
+            f"Friction of {who.lower()} grows {grows} than speed: a term "
+            f"{parameters['coefficient'].value:.3g} Nm · w^{parameters['exponent'].value:.2f} is missing."
+        )

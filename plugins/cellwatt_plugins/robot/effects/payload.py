@@ -1,0 +1,65 @@
+"""Mass at the flange that the simulation does not have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations, Uncertainty
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.regression import Prior
+
+HEAVY = 0.15
+"""Share of the arm's own mass that a payload is expected to weigh."""
+REACH = 0.12
+"""m from the last joint's frame within which a payload's centre of mass is expected."""
+
+
+class Payload(Effect):
+    """A rigid body on the last link: mass, first moments and inertia in the last joint's frame."""
+
+    name = "payload"
+    acts_on = "links"
+    whole_arm = True
+    acceptance = Acceptance(above=0.0)
+    relations = Relations(plainer=10.0)
+    uncertainty = Uncertainty(torque_gain=("mass",))
+    confusions = (
+        Confusion("link_inertial_error", "weigh with the tool off, then on: an error of the last link stays"),
+        Confusion("gravity_tilt", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
+    )
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return run.regressor[:, :, -10:]
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        return body_prior(HEAVY * float(np.sum(runs[0].body.parameters()[::10])), REACH)
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return body_parameters(estimate)
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"The flange carries {said(parameters['mass'])} at ({parameters['com_x'].value:.3f}, "
+            f"{parameters['com_y'].value:.3f}, {parameters['com_z'].value:.3f}) m: a payload is missing."
+        )
+
+
+def body_prior(mass: float, reach: float) -> Prior:
+    """Prior of ten inertial coefficients: a body of about ``mass`` kg whose centre is within about ``reach`` m."""
+    return Prior.spread(mass * np.array([1.0, reach, reach, reach, *(6 * [0.4 * reach**2])]))
+
+
+def body_parameters(estimate: Estimate) -> dict[str, Parameter]:
+    """Mass and centre of mass (with their deviations) of ten inertial coefficients."""
+    mass = estimate.coefficients[0]
+    out = {"mass": estimate.coefficient(0, "kg")}
+    for i, axis in enumerate("xyz", start=1):
+        centre = estimate.coefficients[i] / mass
+        slope = np.array([-centre / mass, 1 / mass])
+        own = estimate.covariance[np.ix_([0, i], [0, i])]
+        out[f"com_{axis}"] = Parameter(float(centre), float(np.sqrt(max(0.0, slope @ own @ slope))), "m")
+    return out

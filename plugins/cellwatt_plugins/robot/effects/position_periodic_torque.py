@@ -1,0 +1,64 @@
+"""Torque that repeats over a turn: gear, cogging, bearing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Confusion
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+
+LEAST = 3
+"""Fewer cycles a turn are gravity or a spring."""
+MOST = 60
+"""Cycles a turn that are tried, beside those of the gear."""
+
+
+class PositionPeriodicTorque(Effect):
+    """A sin(n q + phase)."""
+
+    name = "position_periodic_torque"
+    confusions = (
+        Confusion("external_contact", "repeat the same path: a contact does not repeat"),
+        Confusion("link_inertial_error", "move the joint over more than a turn of the ripple"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        span = max(float(np.ptp(run.q[:, joint])) for run in runs)
+        gear = runs[0].robot.joints[joint or 0].gear_ratio
+        tried = {float(n) for n in range(LEAST, MOST + 1)} | {gear, 2 * gear}
+        return [(n,) for n in sorted(tried) if n * span > 2 * np.pi and _seen(runs, joint, n)]
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        angle = shape[0] * run.q[:, joint]
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(max(LEAST - 0.5, shape[0] - 0.5), shape[0] + 0.5)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        a, b = estimate.coefficients[:2]
+        size = float(np.hypot(a, b))
+        to_size, to_phase = np.array([a, b]) / size, np.array([-b, a]) / size**2
+        own = estimate.covariance[:2, :2]
+        return {
+            "amplitude": Parameter(size, float(np.sqrt(to_size @ own @ to_size)), "N*m"),
+            "cycles": estimate.shaped(0, "1/turn"),
+            "phase": Parameter(float(np.arctan2(b, a)), float(np.sqrt(to_phase @ own @ to_phase)), "rad"),
+        }
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"{who} has a ripple of {said(parameters['amplitude'])}, {parameters['cycles'].value:.4g} times a turn: "
+            "a position-periodic torque (gear, cogging or bearing) is missing."
+        )
+
+
+def _seen(runs: Sequence[States], joint: int | None, cycles: float) -> bool:
+    """Whether the sampling resolves the ripple during most of the motion."""
+    speeds = np.concatenate([np.abs(run.qd[:, joint]) for run in runs])
+    moving = speeds[speeds > 0.02]
+    return bool(len(moving)) and cycles * float(np.median(moving)) * runs[0].step < 1.5

@@ -1,0 +1,79 @@
+"""Friction that builds up over a way after reversal instead of at once (Dahl)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import FAST
+
+WAYS = np.geomspace(1.5e-4, 0.3, 16)
+"""rad that are tried."""
+
+RESOLVED = 6.0
+"""Standard deviations of the encoder's noise that a way must be to be told from a sign."""
+
+
+SAMPLES = 2.0
+"""Samples after a reversal in which nobody sees how friction builds up, where the plan is not known."""
+
+
+class PreslidingHysteresis(Effect):
+    """F (z - sign(w)), dz/dq = (1 - z sign(w)) / way: Dahl, Solid Friction Damping of Mechanical Vibrations (1976)."""
+
+    name = "presliding_hysteresis"
+    acts_on = "friction"
+    form = Form(reverses=True)
+    acceptance = Acceptance(least_rate=FAST, above=0.0, inside_bounds=True)
+    uncertainty = Uncertainty({"displacement": 0.05})
+    """The law of the way after a reversal differs from gear to gear."""
+    confusions = (
+        Confusion("stribeck_friction", "reverse slowly at one place: presliding depends on the way since reversal"),
+        Confusion("backlash", "reverse slowly at zero load"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [(float(way),) for way in WAYS]
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        axis = joint or 0
+        least = RESOLVED * max(float(run.moved.resolution[axis]) for run in runs)
+        if any(run.unplanned for run in runs):
+            # What passes between two samples after a reversal is seen as the reversal itself.
+            moving = np.concatenate([run.qdd[run.moving, axis] for run in runs])
+            hasty = float(np.sqrt(np.mean(np.square(moving)))) if len(moving) else 0.0
+            least = max(least, 0.5 * hasty * (SAMPLES * runs[0].step) ** 2)
+        return shape[0] > least
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return (dahl_state(run.q[:, joint], shape[0]) - run.sign[:, joint])[:, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(5e-5, 0.6)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"force": estimate.coefficient(0, "N*m"), "displacement": estimate.shaped(0, "rad")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"Friction of {who.lower()} ({said(parameters['force'])}) builds up over "
+            f"{parameters['displacement'].value:.2g} rad after each reversal: presliding hysteresis is missing."
+        )
+
+
+def dahl_state(position: Float, way: float) -> Float:
+    """State z (N,) from -1 to 1 of a bristle that turns over within ``way`` rad, from rest."""
+    moves = np.diff(position)
+    decay = np.exp(-np.abs(moves) / way)
+    pull = np.sign(moves) * (1 - decay)
+    out = np.empty(len(position))
+    state = out[0] = 0.0
+    for i, (keep, add) in enumerate(zip(decay.tolist(), pull.tolist(), strict=True), start=1):
+        state = keep * state + add
+        out[i] = state
+    return out

@@ -1,0 +1,111 @@
+"""Two-level schedules: when something was on, found from a noisy course of its size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot.effects.states import States
+
+Float = NDArray[np.float64]
+
+BLOCK = 0.04
+"""s that are averaged before the search."""
+
+
+def levels(
+    courses: Sequence[Float], weights: Sequence[Float], steps: Sequence[float], shortest: float
+) -> list[tuple[int, int, int]]:
+    """Stretches (run, first, last sample) where the courses (N,) sit at the higher of two levels.
+
+    The two levels and the switching are found together: Viterbi's path between them with a cost for each switch,
+    levels updated until they stay (two-state segmental k-means). Stretches under ``shortest`` s do not count unless the
+    recording cuts them; [] where there are no two levels.
+    """
+    blocks = [_blocks(c, w, max(1, round(BLOCK / s))) for c, w, s in zip(courses, weights, steps, strict=True)]
+    values = np.concatenate([v for v, _ in blocks])
+    weight = np.concatenate([w for _, w in blocks])
+    usual = float(np.median(weight))
+    # A few samples that would tell a lot must not decide alone.
+    blocks = [(v, np.minimum(w, 2 * usual)) for v, w in blocks]
+    weight = np.minimum(weight, 2 * usual)
+    usable = weight > 0.2 * usual
+    if np.count_nonzero(usable) < 10:
+        return []
+    low, high = np.quantile(values[usable], [0.1, 0.9])
+    paths: list[NDArray[np.bool_]] = []
+    for _ in range(12):
+        spread = _spread(values, weight, low, high)
+        paths = [_path(v, w, low, high, spread) for v, w in blocks]
+        path = np.concatenate(paths)
+        if path.all() or not path.any():
+            return []
+        new = np.average(values[~path], weights=weight[~path]), np.average(values[path], weights=weight[path])
+        if np.allclose(new, (low, high), rtol=1e-3, atol=1e-9):
+            break
+        low, high = float(new[0]), float(new[1])
+    out = []
+    for i, (path, course, step) in enumerate(zip(paths, courses, steps, strict=True)):
+        width = max(1, round(BLOCK / step))
+        for first, last in _stretches(path):
+            cut = first == 0 or last == len(path) - 1
+            if cut or (last - first + 1) * width * step >= shortest:
+                start = _edge(course, first * width, 2 * width, (low, high))
+                end = _edge(course, min((last + 1) * width, len(course)), 2 * width, (high, low))
+                out.append((i, start, end - 1))
+    return out
+
+
+def _edge(course: Float, about: int, width: int, sides: tuple[float, float]) -> int:
+    """First sample of the right side of a step ``about`` there, where the course fits its two ``sides`` best."""
+    if about <= 0 or about >= len(course):
+        return about
+    begin, end = max(0, about - width), min(len(course), about + width)
+    part = course[begin:end]
+    left = np.concatenate([[0.0], np.cumsum(np.square(part - sides[0]))])
+    right = np.concatenate([np.cumsum(np.square(part - sides[1])[::-1])[::-1], [0.0]])
+    return begin + int(np.argmin(left + right))
+
+
+def switching_charge(runs: Sequence[States], switches: int) -> float:
+    """nats for picking so many instants of switching from all of the time."""
+    total = sum(float(run.time[-1] - run.time[0]) for run in runs)
+    return switches * float(np.log(max(total / BLOCK, 1.0)))
+
+
+def _blocks(course: Float, weight: Float, width: int) -> tuple[Float, Float]:
+    edges = np.arange(0, len(course), width)
+    total = np.add.reduceat(weight, edges)
+    return np.add.reduceat(course * weight, edges) / np.maximum(total, 1e-300), total
+
+
+def _spread(values: Float, weight: Float, low: float, high: float) -> float:
+    """Weighted square distance to the nearer level: what one unit of weight is worth."""
+    off = np.minimum(np.square(values - low), np.square(values - high)) * weight
+    return float(np.mean(off)) + 1e-12
+
+
+def _path(values: Float, weight: Float, low: float, high: float, spread: float) -> NDArray[np.bool_]:
+    """Most likely path (True: high) with a cost of switching of 12 nats."""
+    cost = np.column_stack([weight * np.square(values - low), weight * np.square(values - high)]) / (2 * spread)
+    cost = np.minimum(cost, 8.0)
+    best = cost[0].copy()
+    came = np.zeros((len(values), 2), np.int8)
+    for i in range(1, len(values)):
+        stay, switch = best, best[::-1] + 12.0
+        came[i] = switch < stay
+        best = np.minimum(stay, switch) + cost[i]
+    path = np.zeros(len(values), np.bool_)
+    state = int(np.argmin(best))
+    for i in range(len(values) - 1, -1, -1):
+        path[i] = bool(state)
+        if came[i, state]:
+            state = 1 - state
+    return path
+
+
+def _stretches(path: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], path, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -1,0 +1,142 @@
+"""What an effect may depend on: the states of the arm along one run, measured values left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.law import column, nominal_power
+from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.rigid_body import RigidBody
+
+Float = NDArray[np.float64]
+
+REST = 0.3
+"""s for which a joint must not move to be at rest."""
+MOVING = 0.002
+"""rad/s from which a joint counts as moving."""
+
+
+@dataclass(frozen=True)
+class States:
+    """The arm along one run: N samples, n joints; everything that an effect's torque or power is computed from."""
+
+    name: str
+    """The run's name."""
+    index: int
+    """Its place among the runs explained; -1 for a motion that is only predicted."""
+    time: Float
+    """(N,) s."""
+    moved: Moved
+    robot: RobotDescription
+    body: RigidBody
+    temperature: Float | None = None
+    """(N, n) °C where recorded."""
+    beyond: Float | None = None
+    """(N, n) Nm that the simulation has beyond the description's law."""
+    beyond_power: Float | None = None
+    """(N,) W, likewise."""
+    fitted: Float | None = None
+    """(N, n) Nm: motor torque as the model of the moment has it; the nominal law's before there is one."""
+    carried: Float | None = None
+    """(N, n) Nm that the links need beyond the nominal, as the model of the moment has it."""
+    supplied: Float | None = None
+    """(N,) W: supply power as the model of the moment has it."""
+
+    @property
+    def step(self) -> float:
+        """Seconds between samples."""
+        return float((self.time[-1] - self.time[0]) / max(1, len(self.time) - 1))
+
+    @property
+    def q(self) -> Float:
+        """Position (N, n) rad."""
+        return self.moved.position
+
+    @property
+    def qd(self) -> Float:
+        """Velocity (N, n) rad/s."""
+        return self.moved.velocity
+
+    @property
+    def qdd(self) -> Float:
+        """Acceleration (N, n) rad/s²."""
+        return self.moved.acceleration
+
+    @property
+    def sign(self) -> Float:
+        """Expected sign of the velocity (N, n), smooth within 4 mrad/s."""
+        return self.moved.sign
+
+    @cached_property
+    def regressor(self) -> Float:
+        """Inertial regressor (N, n, 10 n)."""
+        return self.body.regressor(self.q, self.qd, self.qdd)
+
+    @cached_property
+    def rigid(self) -> Float:
+        """Torque (N, n) Nm of the nominal rigid body: what the links need."""
+        return self.regressor @ self.body.parameters()
+
+    @property
+    def unplanned(self) -> bool:
+        """Whether the motion had to be differentiated from encoders."""
+        return bool(self.moved.acceleration_spread.any())
+
+    @property
+    def load(self) -> Float:
+        """Torque (N, n) Nm that the links and what they carry need, as the model of the moment has it."""
+        return self.rigid if self.carried is None else self.rigid + self.carried
+
+    @cached_property
+    def own_inertia(self) -> Float:
+        """Diagonal of the mass matrix (N, n) kg m²."""
+        return self.body.own_inertia(self.q)
+
+    @cached_property
+    def friction(self) -> Float:
+        """Nominal friction torque (N, n) Nm."""
+        coulomb = column(self.robot, "coulomb_friction") * self.sign
+        return coulomb + column(self.robot, "viscous_friction") * self.qd
+
+    @cached_property
+    def nominal(self) -> Float:
+        """Motor torque (N, n) Nm that the simulation says."""
+        law = self.rigid + column(self.robot, "rotor_inertia") * self.qdd + self.friction
+        return law if self.beyond is None else law + self.beyond
+
+    @property
+    def nominal_power(self) -> Float:
+        """Supply power (N,) W that the simulation says, with the torque that the model of the moment has."""
+        law = nominal_power(self.robot, self.torque, self.qd)
+        return law if self.beyond_power is None else law + self.beyond_power
+
+    @property
+    def torque(self) -> Float:
+        """Motor torque (N, n) Nm as the model of the moment has it."""
+        return self.nominal if self.fitted is None else self.fitted
+
+    @cached_property
+    def held_still(self) -> Float:
+        """(N, n) 1 where a joint rests and its plan is not known, else 0: stiction may hold any torque there."""
+        unplanned = self.moved.acceleration_spread > 0
+        resting = minimum_filter1d(np.abs(self.qd) < MOVING, max(1, round(REST / self.step)), axis=0)
+        return np.asarray(resting & unplanned, np.float64)
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """(N,) true while any joint moves."""
+        return np.asarray(np.any(np.abs(self.qd) > MOVING, axis=1))
+
+    def with_torque(self, torque: Float, carried: Float | None = None) -> States:
+        """The same run with another fitted torque (and load, where given); what is cached stays."""
+        new = replace(self, fitted=torque, carried=self.carried if carried is None else carried)
+        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving", "held_still"):
+            if name in self.__dict__:
+                new.__dict__[name] = self.__dict__[name]
+        return new

@@ -1,0 +1,60 @@
+"""Stribeck friction: more at low speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape, said
+from cellwatt_plugins.robot.effects.friction import Friction, Sliding
+from cellwatt_plugins.robot.effects.states import States
+
+FASTEST = 0.5
+"""rad/s: what falls off more slowly is no boundary lubrication of a gear but a bent viscous friction."""
+SPEEDS = np.geomspace(0.008, 0.4, 12)
+"""rad/s that are tried."""
+TRAINED = (0.03, 0.06, 0.1, 0.16, 0.25)
+"""rad/s that a power model is trained with."""
+
+
+class StribeckFriction(Friction):
+    """excess · exp(-(w/ws)²) sign(w) on top of Coulomb and viscous friction."""
+
+    name = "stribeck_friction"
+    acts_on = "friction"
+    form = Form(reverses=True)
+    acceptance = Acceptance(above=0.0, inside_bounds=True)
+    trained = MappingProxyType({f"Stribeck friction ({speed} rad/s)": (speed,) for speed in TRAINED})
+    doubt = 0.2, (0.08,)
+    confusions = (
+        Confusion("presliding_hysteresis", "reverse slowly at one place: presliding depends on the way since reversal"),
+        Confusion("load_dependent_friction", "sweep slowly at two loads: Stribeck friction does not change with load"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        fastest = max(float(np.max(np.abs(run.qd[:, joint]))) for run in runs)
+        return [(float(speed),) for speed in SPEEDS if speed < 0.6 * fastest]
+
+    def torque(self, sliding: Sliding, shape: Shape) -> Any:
+        share = sliding.qd / shape[0]
+        return sliding.sign * np.exp(-(share * share))
+
+    def shown(self, shape: Shape, slowest: float, fastest: float) -> bool:
+        return slowest < shape[0] < fastest
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(0.006, FASTEST)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"excess": estimate.coefficient(0, "N*m"), "velocity": estimate.shaped(0, "rad/s")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return (
+            f"{who} needs {said(parameters['excess'])} more below about {parameters['velocity'].value:.2g} rad/s than "
+            "Coulomb and viscous friction give: Stribeck friction is missing."
+        )

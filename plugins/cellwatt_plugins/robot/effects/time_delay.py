@@ -1,0 +1,65 @@
+"""Torque and position channels that are not of the same instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import FAST
+
+DELAYS = tuple(sign * float(d) for d in np.geomspace(0.002, 0.1, 11) for sign in (1, -1))
+"""s, so near to each other that one of them is within the scale that is accepted."""
+
+SHARE = 0.5
+"""Of a sample: a delay as short as that is how encoders were differentiated, where the plan is not known."""
+LEAST = 0.1
+"""Of a sample: a delay as short as that is how torque was sampled."""
+
+
+class TimeDelay(Effect):
+    """Torque of t - delay; a negative delay is torque that comes first."""
+
+    name = "time_delay"
+    acts_on = "reading"
+    whole_arm = True
+    form = Form(to_scale=True)
+    acceptance = Acceptance(least_rate=FAST, several_channels=True)
+    confusions = (
+        Confusion("rotor_inertia", "run the same path at two speeds: a delay shows with the change of torque"),
+        Confusion("clock_drift", "record for longer: a drift grows"),
+    )
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        return [(d,) for d in DELAYS]
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        least = SHARE if any(run.unplanned for run in runs) else LEAST
+        return abs(shape[0]) > least * runs[0].step
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return (shifted(run.time, run.torque, shape[0]) - run.torque)[:, :, None]
+
+    def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
+        return [(-0.2, 0.2)]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"delay": estimate.scaled("s")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        delay = parameters["delay"]
+        way = "behind" if delay.value > 0 else "ahead of"
+        return (
+            f"The torque channels run {1000 * abs(delay.value):.1f} ± {1000 * delay.std:.1f} ms {way} the positions: "
+            "a time delay is missing."
+        )
+
+
+def shifted(time: Float, values: Float, delay: float | Float) -> Float:
+    """Values (N, n) as they were ``delay`` s before, a number or (N,), by cubic splines; the ends are held."""
+    return np.asarray(CubicSpline(time, values)(np.clip(time - delay, time[0], time[-1])))

@@ -1,0 +1,37 @@
+"""Measured torque off by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.declaration import Confusion
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+
+
+class TorqueGain(Effect):
+    """measured = (1 + gain) · true."""
+
+    name = "torque_gain"
+    acts_on = "reading"
+    confusions = (
+        Confusion(
+            "link_inertial_error", "compare with the supply's power at constant speed: a wrong gain draws no power"
+        ),
+        Confusion("load_dependent_friction", "hold the arm still at several loads"),
+    )
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        return run.torque[:, joint][:, None]
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {"gain": estimate.coefficient(0, "")}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        gain = parameters["gain"]
+        way = "high" if gain.value > 0 else "low"
+        return (
+            f"The torque measured at {who.lower()} reads {100 * abs(gain.value):.1f} ± {100 * gain.std:.1f} % {way}: "
+            "the torque constant or its scaling is wrong."
+        )

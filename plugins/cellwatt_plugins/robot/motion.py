@@ -1,0 +1,262 @@
+"""The motion that really took place: position, velocity and acceleration, and how well the velocity is known.
+
+Near a stop, Coulomb friction turns over within 4 mrad/s, less than what differentiated encoders resolve: a sign that
+is not known must not be taken for an effect. So the velocity comes with its standard deviation, and friction is
+judged by the expected sign and the spread of that sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter1d
+
+from cellwatt_plugins.robot.law import SIGN_WIDTH
+
+Float = NDArray[np.float64]
+
+FAST = 24.0
+"""Samples a second that it takes to see what is quick in a drive."""
+ORDER = 3
+"""The smoother penalises third differences (jerk)."""
+ERROR_OCTAVES = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Hz up to which the tracking error, recorded minus planned motion, is told from noise; of the last octave only how
+much there is."""
+OWN_OCTAVES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""The same of a motion whose plan is not known; the first is kept as it is."""
+QUICK_OCTAVES = (10.0, 20.0)
+"""The same for who cannot wait: what is slow enough to be told from noise takes seconds before and after."""
+FASTEST_BAND = 0.35
+"""Bandwidth times step of the fastest octave that the sampling has."""
+SURE = 2.0
+"""Times its noise by which an octave's power must exceed 0 to be kept at all."""
+TURNS = 0.0004
+"""rad/s to which it is known where friction turns over: at rest it is not as simple as the law."""
+CLEAR = 1.0
+"""Times its noise from which an octave that is not kept is doubt."""
+OWN_BANDWIDTH = 10.0
+"""Hz kept where a file's derivatives are missing."""
+SHORTEST_WINDOW, PERIODS = 0.4, 1.0
+"""s, and periods of an octave, over which it is judged to be there or to be encoder noise."""
+# Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
+_NODES = np.linspace(-4.0, 4.0, 33)
+_NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
+_WHOLE = float(np.cumsum(_NODE_WEIGHTS)[-1])
+SURE_SIGN = 22.0
+"""From here on tanh is 1 to the last bit."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The motion that was commanded, (N, n) each."""
+
+    position: Float
+    """rad."""
+    velocity: Float
+    """rad/s."""
+    acceleration: Float
+    """rad/s²."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """What the joints did, (N, n) each."""
+
+    position: Float
+    velocity: Float
+    acceleration: Float
+    sign: Float
+    """Expected tanh(velocity / 0.004)."""
+    sign_spread: Float
+    """Standard deviation of that sign, from what the encoders leave open."""
+    resolution: Float
+    """Noise (n,) of the encoders, rad; 0 where the motion is known."""
+    velocity_spread: Float
+    """Standard deviation of the velocity, rad/s."""
+    acceleration_spread: Float
+    """Standard deviation of the acceleration, rad/s², where it had to be differentiated from encoders alone."""
+
+
+def about_plan(position: Float, plan: Plan, step: float) -> Moved:
+    """Motion of encoders ``position`` (N, n) rad that follow a ``plan``: the plan and the smoothed tracking error."""
+    error = position - plan.position
+    noise = encoder_noise(error)
+    kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES))
+    position, velocity = plan.position + kept.position, plan.velocity + kept.velocity
+    acceleration = plan.acceleration + kept.acceleration
+    sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, np.zeros_like(velocity))
+
+
+def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
+    """Motion of ``encoders`` (N, n) rad alone, smoothed in ``octaves`` Hz."""
+    noise = encoder_noise(encoders)
+    octaves = _octaves(step, octaves)
+    base = smooth(encoders, step, octaves[0])
+    kept = _in_octaves(encoders, noise, step, octaves, base)
+    speed, gain = differentiate(base, step)
+    position, velocity, acceleration = base + kept.position, speed + kept.velocity, gain + kept.acceleration
+    sign, doubt, spread = _sign(velocity, acceleration, kept.velocity_spread, step)
+    return Moved(position, velocity, acceleration, sign, doubt, noise, spread, kept.acceleration_spread)
+
+
+def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
+    """A motion that is known exactly, e.g. a planned one."""
+    return Moved(
+        position,
+        velocity,
+        acceleration,
+        np.tanh(velocity / SIGN_WIDTH),
+        np.zeros_like(velocity),
+        np.zeros(velocity.shape[1]),
+        np.zeros_like(velocity),
+        np.zeros_like(velocity),
+    )
+
+
+def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
+    """Mean and standard deviation of tanh(v / 0.004) for a normal velocity with standard deviation ``spread``."""
+    # Nearly all of a motion is so quick that the sign is sure: one sum for all of it, and nodes for the rest.
+    unsure = ~(np.abs(velocity) >= SURE_SIGN * SIGN_WIDTH + _NODES[-1] * np.abs(spread))
+    mean, square = np.sign(velocity) * _WHOLE, np.full_like(velocity, _WHOLE)
+    if unsure.any():
+        mean[unsure], square[unsure] = _by_nodes(velocity[unsure], np.broadcast_to(spread, velocity.shape)[unsure])
+    return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
+    """Mean of the sign and of its square."""
+    mean, square = np.zeros_like(velocity), np.zeros_like(velocity)
+    for node, weight in zip(_NODES, _NODE_WEIGHTS, strict=True):
+        sign = np.tanh((velocity + spread * node) / SIGN_WIDTH)
+        mean += weight * sign
+        square += weight * sign**2
+    return mean, square
+
+
+def encoder_noise(position: Float) -> Float:
+    """White noise (n,) of positions (N, n), from third differences; at least a rounding error."""
+    third = np.diff(position, n=3, axis=0)
+    rms = np.sqrt(np.mean(np.square(third), axis=0)) / np.sqrt(20.0)
+    middle = np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0)
+    return np.asarray(np.maximum(np.where(middle > 0, middle, rms), 1e-9))
+
+
+def smooth(values: Float, step: float, bandwidth: float) -> Float:
+    """Values (N, n) without what is above ``bandwidth`` Hz: minimises |x - values|² + λ |third differences|²."""
+    strength = _strength(step, bandwidth)
+    if strength < 1e-3:
+        return values.copy()
+    return _solve(values, strength)
+
+
+def differentiate(values: Float, step: float) -> tuple[Float, Float]:
+    """First and second derivative (N, n) of evenly spaced values (N, n), central differences."""
+    first = np.gradient(values, step, axis=0)
+    second = np.zeros_like(values)
+    second[1:-1] = (values[2:] - 2 * values[1:-1] + values[:-2]) / step**2
+    second[0], second[-1] = second[1], second[-2]
+    return first, second
+
+
+def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> tuple[Float, Float, Float]:
+    """Expected sign of a velocity, the sign's spread, and the velocity's.
+
+    Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
+    """
+    wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
+    doubt = expected_sign(velocity, np.hypot(wide, TURNS))[1]
+    return expected_sign(velocity, spread)[0], doubt, wide
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What is no encoder noise of a course, (N, n) each."""
+
+    position: Float
+    velocity: Float
+    acceleration: Float
+    velocity_spread: Float
+    acceleration_spread: Float
+
+
+def _in_octaves(values: Float, noise: Float, step: float, octaves: Sequence[float], base: Float | None = None) -> _Kept:
+    """Values and their derivatives octave by octave, each shrunk where and when it is no more than encoder noise.
+
+    Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
+    last octave leaves out is none of the motion and counts as doubt. ``base``: what the first octave keeps of the
+    values, where that is taken as it is.
+    """
+    parts = [np.zeros_like(values) for _ in range(3)]
+    squares = [np.zeros_like(values) for _ in range(3)]
+    lower = np.zeros_like(values) if base is None else base
+    for i, bandwidth in enumerate(octaves):
+        if i == 0 and base is not None:
+            continue
+        upper = smooth(values, step, bandwidth)
+        band = (upper - lower, *differentiate(upper - lower, step))
+        gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
+        width = _samples(max(SHORTEST_WINDOW, PERIODS / bandwidth), step)
+        for order, (part, gain) in enumerate(zip(band, gains, strict=True)):
+            own, power = np.square(gain * noise), _average(part**2, width)
+            last = i == len(octaves) - 1
+            share = np.zeros_like(part) if last else np.clip(1 - SURE * own / np.maximum(power, 1e-300), 0.0, 1.0)
+            parts[order] += share * part
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - CLEAR * own, 0.0)
+        lower = upper
+    return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
+
+
+def _octaves(step: float, octaves: Sequence[float]) -> list[float]:
+    """Those that the sampling has; two at least."""
+    there = [bandwidth for bandwidth in octaves if bandwidth * step < FASTEST_BAND]
+    return there if len(there) > 1 else [0.5 * FASTEST_BAND / step, FASTEST_BAND / step]
+
+
+def _within_sample(acceleration: Float, step: float) -> Float:
+    """Variance (N, n) of a velocity over the time within one step at which, or over which, the torque was taken."""
+    return np.square(acceleration * step) / 12
+
+
+@lru_cache(maxsize=256)
+def _band_gains(step: float, lower: float | None, upper: float) -> tuple[float, float, float]:
+    """How much of white position noise is in the position, velocity and acceleration between two bandwidths, Hz."""
+    half = max(50, _samples(4 / (lower or upper), step))
+    impulse = np.zeros((2 * half + 1, 1))
+    impulse[half] = 1.0
+    kept = smooth(impulse, step, upper)
+    if lower is not None:
+        kept = kept - smooth(impulse, step, lower)
+    gains = [float(np.sqrt(np.sum(part**2))) for part in (kept, *differentiate(kept, step))]
+    return gains[0], gains[1], gains[2]
+
+
+def _strength(step: float, bandwidth: float) -> float:
+    angle = min(2 * np.pi * bandwidth * step, np.pi)
+    return float((2 * np.sin(angle / 2)) ** (-2 * ORDER))
+
+
+def _samples(seconds: float, step: float) -> int:
+    return max(3, round(seconds / step))
+
+
+def _average(squares: Float, width: int) -> Float:
+    """Running average (N, n) of squares; rounding of the running sum must not make it negative."""
+    return np.asarray(np.maximum(uniform_filter1d(squares, width, axis=0, mode="nearest"), 0.0))
+
+
+def _solve(values: Float, strength: float) -> Float:
+    count = len(values)
+    stencil = np.array([-1.0, 3.0, -3.0, 1.0])
+    banded = np.zeros((ORDER + 1, count))
+    for row in range(ORDER + 1):
+        for a in range(ORDER + 1 - row):
+            first = a + row
+            banded[ORDER - row, first : first + count - ORDER] += strength * stencil[a] * stencil[a + row]
+    banded[ORDER] += 1.0
+    return np.asarray(solveh_banded(banded, values), np.float64)

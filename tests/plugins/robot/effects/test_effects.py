@@ -1,0 +1,460 @@
+"""Every effect by one table, and each against the plant's closed form or the definition in the contract."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.mismatch.fit.acceptance import OFF_SCALE
+from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
+from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, said
+from cellwatt_plugins.robot.effects.presliding_hysteresis import dahl_state
+from cellwatt_plugins.robot.effects.thermal import warmth
+from tests.plugins.mismatch import plant
+
+JOINT = 1
+"""0-based: the shoulder, which gravity loads."""
+
+CONTRACT = """
+coulomb_friction viscous_friction stribeck_friction load_dependent_friction asymmetric_friction
+nonlinear_viscous_friction temperature_dependent_friction presliding_hysteresis payload* payload_change*
+link_inertial_error gravity_tilt* spring_load position_periodic_torque rotor_inertia joint_elasticity backlash
+external_contact torque_gain torque_offset torque_drift time_delay* clock_drift* torque_saturation standby_power*
+brake_power* copper_loss* winding_temperature* iron_loss* converter_efficiency* regeneration_dissipated*
+fan_switching*
+"""
+"""The names that the output's contract has; * acts on the whole robot or the supply."""
+
+TWO_MASS = ("joint_elasticity", "backlash")
+
+ACTS_AT_REST = {
+    "payload",
+    "payload_change",
+    "link_inertial_error",
+    "gravity_tilt",
+    "spring_load",
+    "position_periodic_torque",
+    "joint_elasticity",
+    "external_contact",
+    "torque_gain",
+    "torque_offset",
+    "torque_drift",
+    "torque_saturation",
+    "standby_power",
+    "copper_loss",
+    "winding_temperature",
+    "converter_efficiency",
+    "fan_switching",
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Two runs of an arm whose simulation lacks an effect, and what is left unexplained there."""
+
+    runs: list
+    still: object
+    residual: list
+    joint: int | None
+    shapes: list
+
+
+@pytest.fixture(scope="module")
+def arms(tmp_path_factory):
+    """One description with all terms, one with none of those that may be left out."""
+    bare = {"coulomb_friction": 0.0, "viscous_friction": 0.0, "rotor_inertia": 0.0, "winding_resistance": 0.0}
+    full = plant.load(plant.write_robot(tmp_path_factory.mktemp("full")))
+    return full, plant.load(plant.write_robot(tmp_path_factory.mktemp("bare"), standby_power=0.0, **bare))
+
+
+@pytest.fixture(scope="module")
+def full_runs(arms):
+    return [plant.states(*arms[0], seed=1, index=0), plant.states(*arms[0], seed=2, index=1)]
+
+
+@pytest.fixture(params=EFFECTS, ids=[e.name for e in EFFECTS])
+def effect(request):
+    return request.param
+
+
+@pytest.fixture
+def setting(effect, arms):
+    joint = None
+    if effect.place == "joint":
+        # A gap shows where the load turns over: not at the shoulder, which gravity holds on one flank.
+        joint = 0 if effect.name == "backlash" else JOINT
+    robot, body = next(arm for arm in arms if effect.possible(arm[0], joint))
+    runs = [plant.states(robot, body, seed=1, index=0), plant.states(robot, body, seed=2, index=1)]
+    still = plant.states(robot, body, seed=1, still=True)
+    random = np.random.default_rng(0)
+    residual = []
+    for run in runs:
+        on = (run.time > 2.0) & (run.time < 5.0)
+        if effect.place == "supply":
+            residual.append(25.0 * on[:, None] + random.standard_normal((len(on), 1)))
+        else:
+            carried = 2.0 * run.regressor[:, :, -10] * on[:, None]
+            residual.append(carried + 0.1 * random.standard_normal(run.q.shape))
+        if effect.name == "torque_saturation":
+            clipped = np.clip(run.torque, -0.8 * np.max(run.torque, axis=0), 0.8 * np.max(run.torque, axis=0))
+            residual[-1] = clipped - run.torque
+    return Setting(runs, still, residual, joint, list(effect.shapes(runs, joint, residual)))
+
+
+def some(shapes):
+    """First, middle and last."""
+    return [shapes[i] for i in sorted({0, len(shapes) // 2, len(shapes) - 1})]
+
+
+def test_the_names_are_those_of_the_contract():
+    words = CONTRACT.split()
+    assert {e.name: e.place != "joint" for e in EFFECTS} == {w.rstrip("*"): w.endswith("*") for w in words}
+    assert {name: e for name, e in BY_NAME.items() if e.name == name} == {e.name: e for e in EFFECTS}
+
+
+def test_columns_are_numbers_of_the_right_shape(effect, setting):
+    for run in setting.runs:
+        for shape in some(setting.shapes):
+            columns = effect.columns(run, setting.joint, shape)
+            assert columns.shape[0] == len(run.time)
+            assert np.isfinite(columns).all()
+            if effect.place == "robot":
+                assert columns.ndim == 3
+            if columns.ndim == 3:
+                assert columns.shape[1] == plant.JOINTS
+            assert effect.place != "supply" or columns.ndim == 2
+
+
+def test_some_shape_adds_something_to_some_run(effect, setting):
+    assert any(np.any(effect.columns(run, setting.joint, s)) for s in setting.shapes for run in setting.runs)
+
+
+def test_columns_of_several_shapes_are_those_of_each(effect, setting):
+    shapes = some(setting.shapes)
+    for columns, shape in zip(effect.grid(setting.runs[0], setting.joint, shapes), shapes, strict=True):
+        alone = effect.columns(setting.runs[0], setting.joint, shape)
+        if effect.name in TWO_MASS:  # at its own joint; what the others feel comes with the term
+            alone = alone[:, setting.joint, :1]
+        assert columns.shape == alone.shape
+        assert np.sqrt(np.mean((columns - alone) ** 2)) <= 0.1 * np.sqrt(np.mean(alone**2)) + 1e-9
+
+
+def test_other_joints_feel_a_swinging_link(full_runs):
+    """What a joint needs more for its link's acceleration, the others need by the mass matrix."""
+    run = full_runs[0]
+    columns = BY_NAME["joint_elasticity"].columns(run, 1, (900.0, 2.0, 0.0))
+    still, pushed = np.zeros_like(run.qd), np.zeros_like(run.qd)
+    pushed[:, 1] = 1.0
+    mass = plant.links(plant.NOMINAL, run.q, still, pushed) - plant.links(plant.NOMINAL, run.q, still, still)
+    more = columns[:, 1, 0] / mass[:, 1]
+    assert np.any(columns[:, 2, 1])
+    assert np.allclose(columns[:, [0, 2], 1], mass[:, [0, 2]] * more[:, None], atol=1e-6)
+    assert not columns[:, [0, 2], 0].any()
+    assert not columns[:, 1, 1].any()
+
+
+def test_a_link_that_hangs_behind_its_motor_turns_what_it_carries(full_runs):
+    run, stiffness = full_runs[0], 3000.0
+    columns = BY_NAME["joint_elasticity"].columns(run, 1, (stiffness, 2.0, 0.0))
+    twist = (plant.links(plant.NOMINAL, run.q, run.qd, run.qdd)[:, 1] + columns[:, 1, 0]) / stiffness
+    still, hanging = np.zeros_like(run.qd), run.q.copy()
+    hanging[:, 1] -= twist
+    change = plant.links(plant.NOMINAL, hanging, still, still) - plant.links(plant.NOMINAL, run.q, still, still)
+    assert np.max(np.abs(change)) > 0.05
+    assert np.allclose(columns[:, :, 2], change, atol=0.05 * np.max(np.abs(change)))
+
+
+def test_at_rest_there_is_nothing_unless_the_effect_acts_there(effect, setting):
+    sizes = [np.max(np.abs(effect.columns(setting.still, setting.joint, s))) for s in some(setting.shapes)]
+    assert (max(sizes) > 1e-6) == (effect.name in ACTS_AT_REST)
+
+
+def test_priors_are_covariances_of_all_coefficients(effect, setting):
+    for shape in some(setting.shapes):
+        columns = np.concatenate([effect.columns(run, setting.joint, shape) for run in setting.runs])
+        size = np.full(1 if effect.place == "supply" else plant.JOINTS, 3.0)
+        prior = effect.prior(setting.runs, setting.joint, columns, size)
+        assert prior.mean.shape == (columns.shape[-1],)
+        assert np.linalg.eigvalsh(prior.covariance)[0] > 0
+
+
+def test_shapes_lie_within_their_bounds_and_are_charged(effect, setting):
+    for shape in some(setting.shapes):
+        bounds = effect.bounds(shape)
+        assert len(bounds) in (0, len(shape))
+        for value, (low, high) in zip(shape, bounds, strict=False):
+            assert low <= value <= high
+        assert effect.charge(setting.runs, shape) >= 0
+
+
+def test_an_estimate_becomes_parameters_with_units_and_one_sentence(effect, setting):
+    for shape in some(setting.shapes):
+        count = effect.columns(setting.runs[0], setting.joint, shape).shape[-1]
+        size = count + len(shape)
+        coefficients = np.linspace(1.0, 1.5, count)
+        estimate = Estimate(coefficients, np.array(shape), 0.01 * np.eye(size))
+        parameters = effect.parameters(estimate, setting.runs[0].robot, setting.joint)
+        assert parameters
+        for name, parameter in parameters.items():
+            assert name.isidentifier()
+            assert np.isfinite(parameter.value)
+            assert isinstance(parameter.unit, str)
+            assert not parameter.std < 0
+        place = "The robot" if setting.joint is None else f"Joint {setting.joint + 1}"
+        sentence = effect.statement(place, parameters)
+        assert sentence[0].isupper() or sentence[0].isdigit()
+        assert sentence.endswith(".")
+        assert "\n" not in sentence
+        assert "nan" not in sentence
+        assert setting.joint is None or place.lower() in sentence.lower()
+
+
+def test_what_it_can_be_confused_with_is_known_and_comes_with_an_experiment(effect):
+    assert effect.confusions
+    for confusion in effect.confusions:
+        assert confusion.effect in {*BY_NAME, "unknown"} - {effect.name}
+        assert len(confusion.experiment.split()) >= 4
+
+
+def added(name, run, shape, coefficients, joint=JOINT):
+    effect = BY_NAME[name]
+    return effect.columns(run, None if effect.place != "joint" else joint, shape) @ np.array(coefficients)
+
+
+def shoulder(run):
+    return run.q[:, JOINT], run.qd[:, JOINT], run.sign[:, JOINT]
+
+
+FRICTION = {
+    "coulomb_friction": ((), [3.0], lambda q, w, s: 3.0 * s),
+    "viscous_friction": ((), [2.0], lambda q, w, s: 2.0 * w),
+    "stribeck_friction": ((0.2,), [4.0], lambda q, w, s: 4.0 * np.exp(-((w / 0.2) ** 2)) * s),
+    "nonlinear_viscous_friction": ((3.0,), [1.5], lambda q, w, s: 1.5 * w**3),
+    "asymmetric_friction up": ((1.0,), [2.0], lambda q, w, s: np.where(w > 0, 2.0 * s, 0.0)),
+    "asymmetric_friction down": ((-1.0,), [2.0], lambda q, w, s: np.where(w < 0, 2.0 * s, 0.0)),
+    "asymmetric_friction both": ((0.0,), [2.0], lambda q, w, s: np.abs(s)),
+    "spring_load": ((), [20.0, 6.0], lambda q, w, s: 20.0 * (q + 0.3)),
+    "position_periodic_torque": ((9.0,), [3.0, 4.0], lambda q, w, s: 5.0 * np.sin(9 * q + np.arctan2(4, 3))),
+    "torque_offset": ((), [1.2], lambda q, w, s: np.full_like(q, 1.2)),
+}
+
+
+@pytest.mark.parametrize("name", FRICTION)
+def test_columns_are_what_the_contract_defines(full_runs, name):
+    shape, coefficients, truth = FRICTION[name]
+    run = full_runs[0]
+    assert np.allclose(added(name.split()[0], run, shape, coefficients), truth(*shoulder(run)), atol=1e-6)
+
+
+def test_friction_grows_with_what_the_links_need(full_runs):
+    run = full_runs[0]
+    load = plant.links(plant.NOMINAL, run.q, run.qd, run.qdd)[:, JOINT]
+    assert np.allclose(added("load_dependent_friction", run, (), [0.1]), 0.1 * np.abs(load) * run.sign[:, JOINT])
+
+
+def test_an_absent_rotor_is_felt_with_acceleration(full_runs):
+    assert np.allclose(added("rotor_inertia", full_runs[0], (), [0.4]), 0.4 * full_runs[0].qdd[:, JOINT])
+
+
+@pytest.mark.parametrize("name", ["payload", "link_inertial_error", "payload_change"])
+def test_a_mass_on_the_last_link_is_what_the_closed_form_needs_more(full_runs, name):
+    run = full_runs[0]
+    mass, reach = 1.7, 0.3
+    place = [mass, mass * reach, 0, 0, 0, 0, mass * reach**2, 0, 0, mass * reach**2]
+    more = plant.links(plant.loaded(plant.NOMINAL, mass, reach), run.q, run.qd, run.qdd) - run.rigid
+    shape = (0.0, 1.0, 3.0) if name == "payload_change" else ()
+    if name == "payload_change":
+        more = more * ((run.time >= 1.0) & (run.time <= 3.0))[:, None]
+    assert np.allclose(added(name, run, shape, place, joint=2), more, atol=1e-9)
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.02, 0.0), (0.0, 0.02), (0.015, -0.02)])
+def test_a_tilted_base_turns_gravity(full_runs, roll, pitch):
+    """Against the slope of the potential energy of the two centres of mass under the turned gravity."""
+    run = full_runs[0]
+    (m2, m3), (c2, c3) = plant.NOMINAL.masses, plant.NOMINAL.centres
+
+    def energy(q, gravity):
+        a, b = q[:, 1], q[:, 1] + q[:, 2]
+        elbow = plant.NOMINAL.length
+        out = c2 * np.cos(a), elbow * np.cos(a) + c3 * np.cos(b)
+        up = -c2 * np.sin(a), -elbow * np.sin(a) - c3 * np.sin(b)
+        places = [np.stack([r * np.cos(q[:, 0]), r * np.sin(q[:, 0]), z], axis=1) for r, z in zip(out, up, strict=True)]
+        return -(m2 * places[0] + m3 * places[1]) @ gravity
+
+    def torque(gravity):
+        steps = 1e-5 * np.eye(3)
+        return np.stack([(energy(run.q + s, gravity) - energy(run.q - s, gravity)) / 2e-5 for s in steps], axis=1)
+
+    about_x = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
+    about_y = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
+    level = np.array([0, 0, -plant.G])
+    expected = torque((about_y @ about_x).T @ level) - torque(level)
+    got = added("gravity_tilt", run, (), [roll, pitch])
+    assert np.max(np.abs(got - expected)) < 0.03 * np.max(np.abs(expected))
+
+
+@pytest.mark.parametrize("name", ["time_delay", "clock_drift"])
+def test_late_torque_is_that_of_the_motion_before(full_runs, name):
+    run = full_runs[0]
+    late = 0.03 if name == "time_delay" else 0.002 * run.time
+    before = plant.motors(plant.NOMINAL, *plant.moves(1, 8.0)(run.time - late))
+    got = added(name, run, (0.03 if name == "time_delay" else 0.002,), [1.0])
+    inner = slice(20, None)
+    difference = (before - run.torque)[inner]
+    assert np.sqrt(np.mean((got[inner] - difference) ** 2)) < 0.1 * np.sqrt(np.mean(difference**2))
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("time_delay", 0.002, 0.1), ("clock_drift", 0.004, 0.15)])
+def test_what_is_tried_lies_so_near_that_none_is_missed_between(full_runs, name, least, most):
+    longest = max(run.time[-1] - run.time[0] for run in full_runs) if name == "clock_drift" else 1.0
+    tried = np.array([shape[0] * longest for shape in BY_NAME[name].shapes(full_runs, None, [])])
+    for true in np.geomspace(least, most, 100):
+        for sign in (1, -1):
+            # The scale is taken along a line; a large shift bends, so that there must be room.
+            assert np.min(np.abs(sign * true / tried - 1)) < 0.7 * OFF_SCALE
+
+
+def test_a_limit_is_tried_where_the_greatest_torques_read(full_runs):
+    """Narrow peaks, clipped, of which only every third sample was fitted."""
+    time = np.arange(6000) / 200
+    asked = np.zeros((6000, 2))
+    asked[:, JOINT] = 4 * np.sin(time) + 6 * np.exp(-(((time % 3.0) - 1.5) ** 2) / 2e-4)
+    clipped, fitted = np.clip(asked, -7.0, 7.0), np.arange(0, 6000, 3)
+    left = np.stack([np.interp(np.arange(6000), fitted, one) for one in (clipped - asked)[fitted].T], axis=1)
+    levels = [shape[0] for shape in BY_NAME["torque_saturation"].shapes([Asked(asked)], JOINT, [left])]
+    assert min(abs(level - 7.0) for level in levels) < 0.1
+
+
+@dataclass
+class Asked:
+    """All of a run that the search for a limit looks at."""
+
+    torque: np.ndarray
+
+
+def test_errors_of_the_measurement_see_the_torque(full_runs):
+    run = full_runs[0]
+    torque = plant.motors(plant.NOMINAL, run.q, run.qd, run.qdd)[:, JOINT]
+    assert np.allclose(added("torque_gain", run, (), [0.1]), 0.1 * torque)
+    limit = 0.7 * np.max(np.abs(torque))
+    clipped = np.sign(torque) * np.minimum(np.abs(torque), limit)
+    assert np.allclose(added("torque_saturation", run, (limit,), [1.0]), clipped - torque)
+
+
+def test_a_drift_is_steady_or_settles(full_runs):
+    run = full_runs[0]
+    assert np.allclose(added("torque_drift", run, (0.0,), [3.0]), 3.0 * run.time / 60)
+    assert np.allclose(added("torque_drift", run, (10.0,), [3.0]), 3.0 * (1 - np.exp(-run.time / 10)))
+
+
+def test_a_push_is_in_its_run_alone(full_runs):
+    shape = (1.0, 4.0, 0.2)
+    assert not added("external_contact", full_runs[0], shape, [8.0]).any()
+    push = added("external_contact", full_runs[1], shape, [8.0])
+    assert push.max() == pytest.approx(8.0)
+    assert full_runs[1].time[np.argmax(push)] == pytest.approx(4.0)
+
+
+def test_supply_columns_are_what_the_plant_draws_more(full_runs):
+    run = full_runs[0]
+    torque = plant.motors(plant.NOMINAL, run.q, run.qd, run.qdd)
+    copper = plant.heat(plant.NOMINAL, torque)
+    drive = np.sum(torque * run.qd + copper, axis=1)
+    assert np.allclose(added("converter_efficiency", run, (0.0,), [0.25]), 0.25 * drive)
+    assert np.allclose(added("converter_efficiency", run, (1.0,), [0.25]), 0.25 * np.maximum(drive, 0))
+    assert np.allclose(added("regeneration_dissipated", run, (0.0,), [1.0]), np.maximum(-drive, 0))
+    assert np.allclose(added("iron_loss", run, (1.5,), [7.0, 2.0, 0.5]), np.abs(run.qd) ** 1.5 @ [7.0, 2.0, 0.5])
+    assert np.allclose(added("copper_loss", run, (), plant.NOMINAL.resistance), np.sum(copper, axis=1))
+    assert np.allclose(added("standby_power", run, (), [30.0]), 30.0)
+
+
+def test_brakes_draw_from_before_motion_until_after_it(full_runs):
+    """The first move begins at 0.6 s, very gently; then all joints rest for half a second."""
+    run = full_runs[0]
+    turning = np.any(np.abs(run.qd) > 1e-9, axis=1)
+    end = run.time[(run.time > 0.6) & ~turning][1]
+    leads = added("brake_power", run, (0.0, 0.25), [1.0])
+    assert not leads[run.time < 0.33].any()
+    assert leads[(run.time > 0.5) & (run.time < end - 0.2)].all()
+    stays = added("brake_power", run, (0.3, 0.0), [1.0])
+    assert not stays[run.time < 0.58].any()
+    assert stays[(run.time > 0.8) & (run.time < end + 0.05)].all()
+    assert not stays[(run.time > end + 0.32) & (run.time < end + 0.48)].any()
+
+
+def test_a_fan_keeps_its_cycle(full_runs):
+    run = full_runs[0]
+    on = added("fan_switching", run, (1.0, 2.0, 3.0), [40.0])
+    expected = [(t >= 1.0) and ((t - 1.0) % 5.0 < 2.0) for t in run.time]
+    assert np.mean((on > 0) != expected) < 0.005
+
+
+def test_a_fan_of_the_same_cycle_in_all_runs_is_seen_as_that(full_runs):
+    random = np.random.default_rng(3)
+    runs = [plant.states(r.robot, r.body, seed=4, seconds=30.0, index=r.index) for r in full_runs]
+    residual = [
+        (35.0 * (((r.time - 2) % 9 < 4) & (r.time >= 2)) + random.standard_normal(len(r.time)))[:, None] for r in runs
+    ]
+    shapes = BY_NAME["fan_switching"].shapes(runs, None, residual)
+    assert any(np.allclose(shape, (2.0, 4.0, 5.0), atol=0.1) for shape in shapes if len(shape) == 3)
+
+
+def test_recorded_temperature_lowers_friction_by_e_over_its_scale(arms):
+    robot, body = arms[0]
+    cold = plant.states(robot, body)
+    warm = [20.0, 32.0]
+    sizes = []
+    for temperature in warm:
+        run = type(cold)(cold.name, 0, cold.time, cold.moved, robot, body, np.full_like(cold.q, temperature))
+        sizes.append(np.max(np.abs(added("temperature_dependent_friction", run, (12.0, 0.0), [1.0]))))
+    assert sizes[1] / sizes[0] == pytest.approx(np.exp(-1), rel=1e-6)
+
+
+def test_a_bristle_turns_over_exponentially():
+    """Dahl's state from rest, and after a reversal, in closed form."""
+    way = 0.01
+    out, back = np.linspace(0, 0.025, 500), np.linspace(0.025, -0.02, 900)[1:]
+    state = dahl_state(np.concatenate([out, back]), way)
+    assert np.allclose(state[:500], 1 - np.exp(-out / way), atol=1e-12)
+    turned = state[499]
+    assert np.allclose(state[500:], -1 + (1 + turned) * np.exp(-(0.025 - back) / way), atol=1e-12)
+
+
+def test_a_bristle_does_not_care_how_fast_it_goes():
+    way, path = 0.003, np.concatenate([np.linspace(0, 0.01, 40), np.linspace(0.01, 0.0, 40)])
+    slow = dahl_state(np.repeat(path, 3), way)[::3]
+    assert np.allclose(slow, dahl_state(path, way))
+
+
+@pytest.mark.parametrize("time_constant", [0.5, 8.0, 300.0])
+def test_warmth_answers_a_step_as_a_first_order_lag(time_constant):
+    step = 0.02
+    time = np.arange(3000) * step
+    rise = warmth(np.full((3000, 2), [5.0, 1.0]), step, time_constant)
+    expected = 1 - np.exp(-time / time_constant)
+    assert np.allclose(rise, np.outer(expected, [5.0, 1.0]), atol=1e-9)
+
+
+def test_warmth_of_a_swinging_loss_lags_and_shrinks():
+    time_constant, w, step = 3.0, 0.8, 0.01
+    time = np.arange(8000) * step
+    rise = warmth(np.sin(w * time), step, time_constant)
+    phase = np.arctan(w * time_constant)
+    expected = np.cos(phase) * np.sin(w * time - phase)
+    settled = time > 30
+    assert np.max(np.abs(rise - expected)[settled]) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("parameter", "text"),
+    [
+        (Parameter(4.123, 0.21, "N*m"), "4.1 ± 0.2 Nm"),
+        (Parameter(0.1534, 0.0121, "rad/s"), "0.153 ± 0.012 rad/s"),
+        (Parameter(1234.5, 30.0, "W"), "1234 ± 30 W"),
+        (Parameter(2.0, float("nan"), "s"), "2 s"),
+        (Parameter(0.5, 0.0, ""), "0.5"),
+    ],
+)
+def test_values_are_said_with_the_digits_that_are_known(parameter, text):
+    assert said(parameter) == text

@@ -1,0 +1,160 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cellwatt_plugins.mismatch.input.moved import moved
+from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot.motion import Plan, _by_nodes, differentiate, encoder_noise, exact, expected_sign, smooth
+from tests.plugins.mismatch import plant
+
+STEP = 0.008
+BANDWIDTH = 6.0
+
+
+def transfer(angle):
+    """Of the smoother that penalises third differences, one half at its bandwidth; ``angle`` in rad a sample."""
+    return 1 / (1 + (np.sin(angle / 2) / np.sin(np.pi * BANDWIDTH * STEP)) ** 6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.tuples(*3 * [st.floats(-50, 50)]), st.sampled_from([0.002, 0.008, 0.02]), st.floats(4, 20))
+def test_smoothing_leaves_a_parabola_as_it_is(coefficients, step, bandwidth):
+    t = np.arange(300) * step
+    parabola = np.polyval(coefficients, t)[:, None]
+    assert np.allclose(smooth(parabola, step, bandwidth), parabola, atol=1e-5 * max(1, np.max(np.abs(parabola))))
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 5.0, 6.0, 8.0, 15.0])
+def test_smoothing_passes_a_sine_as_its_transfer_function_says(frequency):
+    t = np.arange(4000) * STEP
+    sine = np.sin(2 * np.pi * frequency * t)[:, None]
+    middle = slice(1000, 3000)
+    passed = smooth(sine, STEP, BANDWIDTH)[middle, 0] @ sine[middle, 0] / (sine[middle, 0] @ sine[middle, 0])
+    assert passed == pytest.approx(transfer(2 * np.pi * frequency * STEP), rel=2e-3, abs=1e-4)
+
+
+def test_noise_left_in_position_velocity_and_acceleration_is_what_the_transfer_function_leaves():
+    noise = np.random.default_rng(0).standard_normal((20000, 4))
+    kept = smooth(noise, STEP, BANDWIDTH)
+    angle = np.linspace(0, np.pi, 20001)[1:]
+    slopes = np.ones_like(angle), np.sin(angle) / STEP, (2 * np.sin(angle / 2)) ** 2 / STEP**2
+    for part, slope in zip((kept, *differentiate(kept, STEP)), slopes, strict=True):
+        expected = np.sqrt(np.mean((transfer(angle) * slope) ** 2))
+        assert np.std(part) == pytest.approx(expected, rel=0.03)
+
+
+def test_derivatives_of_a_parabola_are_exact():
+    t = np.arange(50) * STEP
+    first, second = differentiate(np.column_stack([3 * t**2 - 2 * t, -(t**2)]), STEP)
+    assert np.allclose(first[1:-1], np.column_stack([6 * t - 2, -2 * t])[1:-1])
+    assert np.allclose(second, [6, -2])
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.001, 0.004, 0.01, 0.03])
+@pytest.mark.parametrize("velocity", [0.0, 0.002, -0.006, 0.02, 0.05])
+def test_the_expected_sign_and_its_spread_are_those_of_drawn_velocities(velocity, spread):
+    drawn = np.tanh((velocity + spread * np.random.default_rng(1).standard_normal(400_000)) / 0.004)
+    mean, deviation = expected_sign(np.array([velocity]), np.array([spread]))
+    assert mean[0] == pytest.approx(np.mean(drawn), abs=0.02)
+    assert deviation[0] == pytest.approx(np.std(drawn), abs=0.02)
+
+
+def test_a_sign_that_is_sure_is_what_its_nodes_say():
+    draw = np.random.default_rng(2)
+    velocity = draw.standard_normal((2000, 3)) * [1e-3, 0.1, 2.0]
+    spread = 0.02 * np.abs(draw.standard_normal((2000, 3)))
+    mean, deviation = expected_sign(velocity, spread)
+    plain, square = _by_nodes(velocity, spread)
+    np.testing.assert_array_equal(mean, plain)
+    np.testing.assert_array_equal(deviation, np.sqrt(np.maximum(square - plain**2, 0.0)))
+
+
+@given(st.floats(-1, 1), st.floats(0, 0.2))
+def test_the_expected_sign_is_odd_and_within_one(velocity, spread):
+    (mean,), (deviation,) = expected_sign(np.array([velocity]), np.array([spread]))
+    (other,), _ = expected_sign(np.array([-velocity]), np.array([spread]))
+    assert mean == pytest.approx(-other, abs=1e-12)
+    assert abs(mean) <= 1 + 1e-12
+    assert mean**2 + deviation**2 <= 1 + 1e-9
+
+
+@pytest.mark.parametrize("sigma", [1e-6, 5e-5, 2e-3])
+def test_encoder_noise_is_found_beneath_the_motion(sigma):
+    t = np.arange(5000) * STEP
+    motion = np.column_stack([np.sin(t), 2 * np.cos(0.7 * t)])
+    noise = sigma * np.random.default_rng(2).standard_normal(motion.shape)
+    assert encoder_noise(motion + noise) == pytest.approx([sigma, sigma], rel=0.08)
+
+
+def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
+    t = np.arange(5000) * STEP
+    step = 1e-3
+    rounded = step * np.round(np.sin(t)[:, None] / step)
+    assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
+
+
+def test_noise_is_never_nothing():
+    assert encoder_noise(np.zeros((100, 2))) == pytest.approx([1e-9, 1e-9])
+
+
+def test_an_exact_motion_leaves_no_doubt():
+    q = np.zeros((3, 1))
+    known = exact(q, np.array([[0.0], [0.002], [-1.0]]), q)
+    assert known.sign[:, 0] == pytest.approx([0.0, np.tanh(0.5), -1.0])
+    assert not known.sign_spread.any()
+
+
+def test_the_motion_without_a_plan_is_that_of_the_arm():
+    run = plant.record("run_01", 3, plan=False)
+    q, qd, qdd = plant.moves(3, 24.0)(run.time - plant.LAG)
+    found = moved(run)
+    assert np.std(found.position - q) < plant.ENCODER_NOISE
+    assert np.std(found.velocity - qd) < 0.05 * np.std(qd)
+    assert np.std(found.acceleration - qdd) < 0.2 * np.std(qdd)
+
+
+def test_the_motion_with_a_plan_follows_the_arm_and_not_the_plan():
+    """The arm swings about its plan at 1 Hz, by more than the encoders' noise."""
+    time = np.arange(2000) / 100
+    q, qd, qdd = plant.moves(4, 20.0)(time)
+    swing = 0.02 * np.sin(2 * np.pi * time)[:, None]
+    off = 0.02 * 2 * np.pi * np.cos(2 * np.pi * time)[:, None]
+    noise = 2e-5 * np.random.default_rng(4).standard_normal(q.shape)
+    run = Run("run_01", time, q + swing + noise, None, np.zeros_like(q), plan=Plan(q, qd, qdd))
+    found = moved(run)
+    assert np.std(found.velocity - (qd + off)) < 0.05 * np.std(off)
+    assert np.std(found.acceleration - (qdd - (2 * np.pi) ** 2 * swing)) < 0.1 * np.std((2 * np.pi) ** 2 * swing)
+
+
+def test_where_only_encoder_noise_differs_the_plan_stands():
+    time = np.arange(2000) / 100
+    q, qd, qdd = plant.moves(5, 20.0)(time)
+    noise = 1e-4 * np.random.default_rng(5).standard_normal(q.shape)
+    found = moved(Run("run_01", time, q + noise, None, np.zeros_like(q), plan=Plan(q, qd, qdd)))
+    plain = moved(Run("run_01", time, q + noise, None, np.zeros_like(q)))
+    assert np.std(found.velocity - qd) < 0.25 * np.std(plain.velocity - qd)
+    assert np.std(found.velocity - qd) < 0.02 * np.std(np.gradient(noise, STEP, axis=0))
+
+
+def test_the_sign_is_doubtful_at_stops_and_certain_at_speed():
+    run = plant.record("run_01", 6, plan=False)
+    _, qd, _ = plant.moves(6, 24.0)(run.time - plant.LAG)
+    found = moved(run)
+    fast, still = np.abs(qd) > 0.2, np.abs(qd) < 1e-4
+    assert np.mean(found.sign_spread[still]) > 10 * np.mean(found.sign_spread[fast])
+    assert np.mean(np.abs(found.sign[still])) < 0.2
+    assert np.mean(found.sign_spread[fast]) < 0.01
+    assert np.array_equal(np.sign(found.sign[fast]), np.sign(qd[fast]))
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.004, 0.013, 0.03])
+def test_a_servo_that_lags_behind_moves_as_planned_but_later(lag):
+    course = plant.moves(3, 20.0)
+    time = np.arange(2500) * STEP
+    plan, really = course(time), course(time - lag)
+    noise = 2e-5 * np.random.default_rng(0).standard_normal(plan[0].shape)
+    run = Run("run_01", time, really[0] + noise, None, plan[1], None, None, Plan(*plan))
+    found = moved(run)
+    assert np.sqrt(np.mean((found.velocity - really[1]) ** 2)) < 0.002
+    assert np.sqrt(np.mean((found.acceleration - really[2]) ** 2)) < 0.03 * np.std(really[2])
