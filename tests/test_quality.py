@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
+import grimp
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,6 +29,12 @@ SOURCES = ["daemon", "drivers", "plugins", "tests", "bench", "examples", "fuzz"]
 def test_tool_is_content(tool: list[str]) -> None:
     done = subprocess.run([sys.executable, *tool], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    graph = grimp.build_graph("cellwatt", "cellwatt_drivers", "cellwatt_plugins", cache_dir=None)
+    imports = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+    TopologicalSorter(imports).prepare()  # raises CycleError with the modules of a circle
 
 
 def test_pinned_files_name_no_host() -> None:

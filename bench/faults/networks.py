@@ -28,8 +28,8 @@ from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.network_file import Opened
 from cellwatt_plugins.faults.paper.columns import column_of, simulated
+from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, fault_table
-from cellwatt_plugins.faults.paper.following import Course
 from cellwatt_plugins.faults.paper.judging import Isolation, by_agreement
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING

@@ -19,8 +19,8 @@ from cellwatt.emulation import EmulatorProcess
 from cellwatt.registry import available
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.criteria import Tolerance
+from cellwatt_plugins.faults.paper.course import Course, courses_of
 from cellwatt_plugins.faults.paper.expected import Readings
-from cellwatt_plugins.faults.paper.following import Course, courses_of
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor

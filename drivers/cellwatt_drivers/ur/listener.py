@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS, INPUTS
 from cellwatt_drivers.ur.timeline import Encoder
-from cellwatt_drivers.ur.wire import Kind
-
-if TYPE_CHECKING:
-    from cellwatt_drivers.ur.emulator import UrEmulator
+from cellwatt_drivers.ur.wire import ControllerVersion, Kind
 
 OUTPUTS = 1
 """Id of the one output recipe of a connection."""
@@ -38,7 +36,7 @@ class Place:
 
     @property
     def lost(self) -> bool:
-        """Whether nobody hears what is made for this place."""
+        """True if nobody hears what is made for this place."""
         return self.client is None or not self.client.listening
 
     def forget(self) -> None:
@@ -46,11 +44,36 @@ class Place:
         self.made = b""
 
 
+class Controller(Protocol):
+    """The emulated controller as its connections see it."""
+
+    version: ControllerVersion
+    clients: set[Listener]
+    tally: Counter[str]
+
+    @property
+    def down(self) -> bool:
+        """True while connections are refused."""
+        ...
+
+    def start(self, client: Listener) -> None:
+        """Send the client its packages from now on."""
+        ...
+
+    def stop(self, client: Listener) -> None:
+        """Send the client no more packages."""
+        ...
+
+    def lost(self, client: Listener) -> None:
+        """Forget a client whose connection is gone."""
+        ...
+
+
 class Listener(asyncio.Protocol):
     """One connection to the emulated controller."""
 
-    def __init__(self, emulator: UrEmulator) -> None:
-        self._emulator = emulator
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
         self._rest = b""
         self._spoken = 1  # protocol version
         self._held: list[tuple[bytes, int]] = []
@@ -69,14 +92,14 @@ class Listener(asyncio.Protocol):
         """Take the connection, or refuse it while the controller is away."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        if self._emulator.down:
+        if self._controller.down:
             transport.abort()
         else:
-            self._emulator.clients.add(self)
+            self._controller.clients.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The client left."""
-        self._emulator.lost(self)
+        self._controller.lost(self)
 
     def data_received(self, data: bytes) -> None:
         """Answer all whole requests; a client that does not speak RTDE is thrown out."""
@@ -98,7 +121,7 @@ class Listener(asyncio.Protocol):
                 self._spoken = wire.PROTOCOL if accepted else self._spoken
                 self.put(wire.accept_reply(kind, accepted))
             case Kind.CONTROLLER_VERSION:
-                self.put(wire.controller_reply(self._emulator.version))
+                self.put(wire.controller_reply(self._controller.version))
             case Kind.SETUP_OUTPUTS:
                 self._set_up_outputs(payload)
             case Kind.SETUP_INPUTS:
@@ -107,9 +130,9 @@ class Listener(asyncio.Protocol):
                 ready = self.encoder.size > len("U") + 3
                 self.put(wire.accept_reply(kind, ready))
                 if ready and self.place is None:
-                    self._emulator.start(self)
+                    self._controller.start(self)
             case Kind.PAUSE:
-                self._emulator.stop(self)
+                self._controller.stop(self)
                 self.put(wire.accept_reply(kind, True))
             case Kind.DATA_PACKAGE:
                 self._take_inputs(payload)
@@ -119,9 +142,9 @@ class Listener(asyncio.Protocol):
     def _set_up_outputs(self, payload: bytes) -> None:
         if self._spoken != wire.PROTOCOL:
             raise ProtocolError("protocol version 1 is not emulated")
-        self._emulator.stop(self)
+        self._controller.stop(self)
         self.rate, names = wire.parse_ask_outputs(payload)
-        version = self._emulator.version
+        version = self._controller.version
         known = [n in FIELDS and FIELDS[n].served_by(version) for n in names]
         types = [FIELDS[n].type if k else wire.NOT_FOUND for n, k in zip(names, known, strict=True)]
         self.encoder = Encoder(OUTPUTS, names if all(known) else ())
@@ -130,7 +153,7 @@ class Listener(asyncio.Protocol):
 
     def _set_up_inputs(self, payload: bytes) -> None:
         names = wire.parse_ask_inputs(payload)
-        taken = frozenset[str]().union(*(c.inputs for c in self._emulator.clients if c is not self))
+        taken = frozenset[str]().union(*(c.inputs for c in self._controller.clients if c is not self))
         types = [wire.IN_USE if n in taken else INPUTS.get(n, wire.NOT_FOUND) for n in names]
         good = all(t in wire.ELEMENTS for t in types) and len(self._input_sizes) < MOST_INPUT_RECIPES
         if good:
@@ -142,7 +165,7 @@ class Listener(asyncio.Protocol):
         """Inputs have no effect; what fits none of the recipes is not taken."""
         recipe = payload[0]
         good = 1 <= recipe <= len(self._input_sizes) and len(payload) == 1 + self._input_sizes[recipe - 1]
-        self._emulator.tally["inputs" if good else "strange inputs"] += 1
+        self._controller.tally["inputs" if good else "strange inputs"] += 1
 
     @property
     def unread(self) -> int:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import ConfigError, ModelError, why
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
-from cellwatt_plugins.faults.paper.following import Key, courses_of
+from cellwatt_plugins.faults.paper.course import Key, courses_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.training import CodeNetwork, Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files

@@ -18,8 +18,9 @@ from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.arm import Motion, drive_power, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
-from cellwatt_plugins.faults.paper.following import Course, CycleFollower, CyclesSeen, Key
+from cellwatt_plugins.faults.paper.following import CycleFollower, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.trace import Trace

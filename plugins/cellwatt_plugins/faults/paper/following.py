@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -12,19 +11,13 @@ from numpy.typing import NDArray
 from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.codes import Residual
-from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, from_variant, resampled
+from cellwatt_plugins.faults.paper.course import FAR, Course
+from cellwatt_plugins.faults.paper.expected import Readings
 from cellwatt_plugins.faults.paper.judging import IntervalVerdict, judge_interval
-from cellwatt_plugins.faults.reference import Reference
 from cellwatt_plugins.faults.trace import Trace
 
 Float = NDArray[np.float64]
 
-POSE = math.radians(3.0)
-"""A joint starts a cycle where the reference does up to this, rad …"""
-ELSEWHERE = 2
-"""… but for so many joints, whose encoders may be faulty."""
-FAR = 0.1
-"""rad; a motion in which half of the joints are as far off is none of the reference."""
 AFTER = 0.12
 """An interval is judged when it has been over for so long, s."""
 BEFORE = 0.2
@@ -33,37 +26,6 @@ GAP = 0.1
 """Nor is one in which frames are missing for longer than this, s."""
 MARGIN = 2 * 10**9
 """Frames kept before the cycle under way, ns."""
-
-Key = tuple[str, float]
-"""Name and speed of a task."""
-
-
-@dataclass(frozen=True)
-class Course:
-    """A task at one speed, as it is expected to run."""
-
-    task: str
-    speed: float
-    intervals: tuple[ExpectedInterval, ...]
-
-    @property
-    def key(self) -> Key:
-        """Which task it is, at which speed."""
-        return self.task, self.speed
-
-    def begins_with(self, interval: Interval) -> bool:
-        """Whether a motion may be the first of this course: from its pose, with none but its joints."""
-        first = self.intervals[0]
-        off = np.abs(np.asarray(interval.pose) - first.readings.q[0]) > POSE
-        return bool(interval.moving) and set(interval.moving) <= set(first.moving) and int(off.sum()) <= ELSEWHERE
-
-    def misfit(self, readings: Readings, until: float) -> float:
-        """Sum over all joints of the mean distance, rad, to this course from its start to ``until`` s, each at most
-        ``FAR``: a faulty encoder does not decide."""
-        expected = self.intervals[0].readings
-        t = expected.t[expected.t <= until]
-        off = np.abs(resampled(readings, t).q - expected.q[: len(t)]).mean(axis=0)
-        return float(np.minimum(off, FAR).sum())
 
 
 @dataclass(frozen=True)
@@ -185,10 +147,3 @@ def _known(readings: Readings, start: float, end: float) -> bool:
     """Whether no stretch longer than ``GAP`` is missing between two times, s."""
     inside = readings.t[(readings.t > start) & (readings.t < end)]
     return bool(np.diff(np.concatenate([[start], inside, [end]])).max() <= GAP)
-
-
-def courses_of(reference: Reference) -> list[Course]:
-    """Every task of a reference at every speed that was learned."""
-    return [
-        Course(task.name, variant.speed, from_variant(variant)) for task in reference.tasks for variant in task.variants
-    ]

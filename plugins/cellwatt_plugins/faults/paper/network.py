@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt_plugins.faults.network_file import Ends, Opened, perceptron, versions
+from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor, not_the_motion
-
-if TYPE_CHECKING:
-    from cellwatt_plugins.faults.paper.following import Course
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt_plugins.faults.network_file import MOTION, Opened
-from cellwatt_plugins.faults.paper.following import Course, Key, courses_of
+from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.reference import Reference
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.bevf import PowerEquation
-from cellwatt_plugins.faults.paper.following import Course, Key
+from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.reference import LEAD, TAIL, Variant
 
 Float = NDArray[np.float64]

@@ -15,8 +15,9 @@ from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.paper.codes import Residual
+from cellwatt_plugins.faults.paper.course import Course, courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.following import Course, CycleFollower, CycleSoFar, CyclesSeen, courses_of
+from cellwatt_plugins.faults.paper.following import CycleFollower, CycleSoFar, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import (
     IntervalVerdict,
     Isolation,

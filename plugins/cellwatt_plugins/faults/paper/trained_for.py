@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
 
-if TYPE_CHECKING:
-    from cellwatt_plugins.faults.paper.following import Course
+from cellwatt_plugins.faults.paper.course import Course
 
 Codes = NDArray[np.int8]
 

@@ -13,8 +13,8 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.identify import Arm
 from cellwatt_plugins.faults.paper.columns import column_of, emulated, recorded, simulated
+from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.following import Course, Key
 from cellwatt_plugins.faults.paper.network import groups_of, train
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 

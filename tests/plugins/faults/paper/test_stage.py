@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from cellwatt.commands.check import command as check
 from cellwatt.errors import ModelError
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.paper.course import courses_of
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.following import courses_of
 from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor

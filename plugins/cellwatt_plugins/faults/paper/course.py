@@ -1,0 +1,57 @@
+"""A task at one speed, as it is expected to run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.results import Interval
+from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, from_variant, resampled
+from cellwatt_plugins.faults.reference import Reference
+
+POSE = math.radians(3.0)
+"""A joint starts a cycle where the reference does up to this, rad …"""
+ELSEWHERE = 2
+"""… but for so many joints, whose encoders may be faulty."""
+FAR = 0.1
+"""rad; a motion in which half of the joints are as far off is none of the reference."""
+
+Key = tuple[str, float]
+"""Name and speed of a task."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A task at one speed, as it is expected to run."""
+
+    task: str
+    speed: float
+    intervals: tuple[ExpectedInterval, ...]
+
+    @property
+    def key(self) -> Key:
+        """Name and speed of the task."""
+        return self.task, self.speed
+
+    def begins_with(self, interval: Interval) -> bool:
+        """True if a motion may be the first of this course: it starts in its pose and moves none but its joints."""
+        first = self.intervals[0]
+        off = np.abs(np.asarray(interval.pose) - first.readings.q[0]) > POSE
+        return bool(interval.moving) and set(interval.moving) <= set(first.moving) and int(off.sum()) <= ELSEWHERE
+
+    def misfit(self, readings: Readings, until: float) -> float:
+        """Sum over all joints of the mean distance, rad, to this course from its start to ``until`` s, each at most
+        ``FAR``: a faulty encoder does not decide."""
+        expected = self.intervals[0].readings
+        t = expected.t[expected.t <= until]
+        off = np.abs(resampled(readings, t).q - expected.q[: len(t)]).mean(axis=0)
+        return float(np.minimum(off, FAR).sum())
+
+
+def courses_of(reference: Reference) -> list[Course]:
+    """Every task of a reference at every speed that was learned."""
+    return [
+        Course(task.name, variant.speed, from_variant(variant)) for task in reference.tasks for variant in task.variants
+    ]
