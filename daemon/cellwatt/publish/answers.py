@@ -1,4 +1,4 @@
-"""Answers the questions that a consumer may ask of a running cell.
+"""Answers the questions that consumers ask a running cell.
 
     @/status  @/config  @/schema  @/recordings                        one JSON answer each
     @/history?source=arm;stream=samples;session=…;first=…;count=…     recorded samples, one Arrow message
@@ -6,9 +6,9 @@
     @/results?kind=alarm;session=…;first=…;count=…                    results or events, one JSON list
     alarm/**?cleared=N                                                alarms active now and the last N cleared
 
-A question about the past gets one bounded piece of it: ask again from its end. Where nothing is there, or the
-question is wrong, the answer is a Zenoh error with ``{"error": text}``. Whoever reaches the port may ask anything:
-no question ends the thread that answers, or is kept when it is large.
+A question about the past gets one bounded piece: ask again from its end. If nothing is there, or the question is
+wrong, the answer is a Zenoh error with ``{"error": text}``. Anyone who reaches the port may ask anything: no question
+ends the answering thread, and large questions are not queued.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ STUCK: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer; ``path`` is the key within the cell that it would have as a message of the past."""
+    """One answer; ``path`` is its key within the cell as a back-filled message."""
 
     payload: bytes
     encoding: str = JSON
@@ -118,11 +118,11 @@ class Answers:
 
     @property
     def dead(self) -> bool:
-        """Whether the thread has ended though nobody stopped it."""
+        """True if the thread has ended without ``stop``."""
         return self._thread is not None and not self._thread.is_alive()
 
     def trouble(self) -> str | None:
-        """Why nobody is answered now; ``None`` where all is well."""
+        """Reason why questions are not answered now; ``None`` if they are."""
         since = self._busy_since
         if self.dead:
             return "the thread that answers questions has ended"
@@ -131,13 +131,13 @@ class Answers:
         return None
 
     def about(self, name: str, asked: Mapping[str, str]) -> Answer:
-        """The answer to one question. Raises ``CellwattError`` where it is wrong or nothing is there."""
+        """Answer one question. Raises ``CellwattError`` if the question is wrong or nothing is there."""
         if name not in self._known:
             raise QuestionError(f"there is no question {short(name)}; there are: {', '.join(self._known)}")
         return self._known[name](asked)
 
     def alarms(self, asked: Mapping[str, str]) -> list[tuple[Mark, Alarm]]:
-        """The alarms active now, after the last ``cleared`` that are over."""
+        """The last ``cleared`` alarms that were cleared, then all active ones."""
         return [*self._backlog.cleared(min(number_of(asked, "cleared", 0), MOST_RESULTS)), *self._backlog.active()]
 
     @staticmethod
@@ -182,7 +182,7 @@ class Answers:
     # Zenoh ------------------------------------------------------------------------------------------
 
     def _enqueue(self, query: zenoh.Query, reply: Callable[[zenoh.Query], None]) -> None:
-        """Runs in Zenoh's thread: must not block."""
+        """Queue a question. Runs in Zenoh's thread, so it must not block."""
         reason = "too many wait" if self._questions.qsize() >= _WAITING else None
         if reason is None and _size(query) > LARGEST:
             reason = "too large"
@@ -208,7 +208,7 @@ class Answers:
                 self._busy_since = None
 
     def _failed(self, what: str, error: Exception) -> None:
-        """Count what only a mistake of ours, or a broken record, can cause; each kind is logged once."""
+        """Count a failure that only a bug or a damaged record can cause; log each kind once."""
         self._count("questions failed")
         kind = f"{what.partition('?')[0]} {type(error).__name__}"
         if kind not in self._told and len(self._told) < _WAITING:
@@ -225,7 +225,7 @@ class Answers:
 
     @contextmanager
     def _refusing(self, query: zenoh.Query) -> Iterator[None]:
-        """What is wrong with the question is the answer to it."""
+        """Answer a question that is wrong with its error."""
         import zenoh
 
         try:

@@ -1,4 +1,4 @@
-"""What a consumer asks a cell for; pure."""
+"""The questions of a consumer about missing messages. Pure."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from cellwatt.results import Event, Result
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """The messages of a topic that are missing."""
+    """A request for the missing messages of a topic."""
 
     topic: str
     hole: Hole
 
     def selector(self, keys: CellKeys) -> str:
-        """The question as Zenoh carries it."""
+        """The question as a Zenoh selector."""
         address = parse(keys.live(self.topic))
         asked: dict[str, object] = {"session": self.hole.session, "first": self.hole.first}
         if self.hole.count is not None:
@@ -38,7 +38,7 @@ class Question:
         return f"{keys.question(name)}?{parameters}"
 
     def check(self, parts: Sequence[tuple[Mark, Batch | Frames | Result | Event]]) -> None:
-        """Raises ``ProtocolError`` where an answer is about something else."""
+        """Raise ``ProtocolError`` if an answer is about other messages."""
         hole = self.hole
         end = math.inf if hole.count is None else hole.first + hole.count
         for mark, _ in parts:

@@ -1,4 +1,4 @@
-"""What a sink keeps of what it published, for those who come late or missed some."""
+"""The recent messages that a sink keeps for consumers that join late or missed some."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _OVERHEAD: Final = 1000
 
 @dataclass(slots=True)
 class _Numbering:
-    """Of one topic: the items kept, oldest first, and the number of the next."""
+    """The items kept of one topic, oldest first, and the number of the next one."""
 
     session: int
     following: int = 0
@@ -51,9 +51,9 @@ class Backlog:
             self._keep(number, item)
 
     def add(self, item: Result | Event) -> tuple[Mark, tuple[str, ...]]:
-        """Number and keep a result or event; gives its mark and where it is to be put.
+        """Number and keep a result or event; return its mark and the paths to publish it under.
 
-        That is one path, but two for an alarm whose severity changed: whoever follows the old one must hear of it.
+        There is one path, or two for an alarm whose severity changed: subscribers of the old path must hear of it.
         """
         with self._lock:
             return self._keep(None if self._journal is None else self._journal.put(item), item)
@@ -97,7 +97,7 @@ class Backlog:
         return found[-count:] if count > 0 else []
 
     def results(self, topic: str, session: int, first: int, count: int) -> list[tuple[Mark, Result | Event]]:
-        """Results ``first`` … ``first + count`` of a topic, what is left of them."""
+        """Results ``first`` … ``first + count`` of a topic that are still kept."""
         with self._lock:
             numbering = self._topics.get(topic)
             if numbering is None or numbering.session != session:
@@ -105,7 +105,7 @@ class Backlog:
             return [(m, r) for m, r in numbering.kept if first <= m.sequence < first + count]
 
     def frames(self, session: int, first: int, count: int) -> Sequence[tuple[Mark, Frames]]:
-        """Blocks that hold any of the frames ``first`` … ``first + count``, what is left of them."""
+        """The kept blocks that hold any of the frames ``first`` … ``first + count``."""
         with self._lock:
             return [
                 (m, f) for m, f in self._frames if m.session == session and m.end > first < first + count > m.sequence
@@ -124,7 +124,7 @@ def _size(frames: Frames) -> int:
 
 
 def _time_of(item: Result | Event) -> int:
-    """When a result was known, UTC ns."""
+    """Time at which a result was known, UTC ns."""
     time = getattr(item, "time", None)
     if isinstance(time, tuple):
         return time[-1] if time else 0

@@ -1,8 +1,8 @@
-"""What is said on the bus about a cell and not believed before the cell itself has said it when asked. Pure.
+"""Messages that wait until the cell confirms them. Pure.
 
-Whoever can publish on a cell's keys can claim a new session, a leap of its numbers, or samples that nobody ever made.
-Followed at once, one such message would end a stream: everything true that comes later would look old. So what does
-not go on from what is known waits here, for one question to the cell.
+Anyone who can publish on a cell's keys can claim a new session, a jump of its numbers, or samples that were never
+measured. If such a message were followed at once, every true message after it would look old and the stream would
+end. So a message that does not continue the known numbering waits here until the cell has been asked.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LONGEST: Final = 2.0
 
 @dataclass(slots=True)
 class Doubts:
-    """Parts by topic, and what live health messages claimed: by topic, session and next number."""
+    """Unconfirmed parts by topic, and the positions (session, next number) that live health messages claimed."""
 
     parts: dict[str, list[Part]] = field(default_factory=dict)
     claims: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -37,7 +37,7 @@ class Doubts:
     _pause: float = _PAUSE
 
     def add(self, topic: str, part: Part) -> bool:
-        """Let a part wait; ``False`` where there is no room."""
+        """Keep a part until the cell has answered; return False if there is no room."""
         if self._waiting >= _MOST or self._size + part.size > HELD_BYTES:
             return False
         self.parts.setdefault(topic, []).append(part)
@@ -46,7 +46,7 @@ class Doubts:
         return True
 
     def asks(self, now: float, anyhow: bool) -> bool:
-        """Whether to ask the cell now, ``anyhow`` or for what waits; then waits for ``answered`` or ``unanswered``."""
+        """True if the cell should be asked now, also without parts if ``anyhow``."""
         if now < self._due:
             return False
         if not self.claims:
@@ -61,7 +61,7 @@ class Doubts:
         return True
 
     def answered(self) -> tuple[Mapping[str, list[Part]], Mapping[str, tuple[int, int]]]:
-        """The cell has answered: takes out the parts and claims that were there when it was asked."""
+        """Remove and return the parts and claims that were waiting when the cell was asked."""
         counts, claims = self._asked
         parts = {topic: self._taken(topic, count) for topic, count in counts.items()}
         self.claims = {topic: claim for topic, claim in self.claims.items() if claims.get(topic) != claim}
@@ -69,16 +69,16 @@ class Doubts:
         return parts, claims
 
     def drain(self) -> Mapping[str, list[Part]]:
-        """Takes out all parts."""
+        """Remove and return all parts."""
         return {topic: self._taken(topic, len(parts)) for topic, parts in list(self.parts.items())}
 
     def judged(self, now: float, refused: bool) -> None:
-        """What was asked about is decided; where something was refused, the cell is asked less often."""
+        """Note the verdict on the parts; after a refusal the cell is asked less often."""
         self._pause = min(2 * self._pause, _LONGEST) if refused else _PAUSE
         self._due = now + self._pause
 
     def unanswered(self, now: float) -> None:
-        """Nobody has answered: what waits goes on waiting."""
+        """Note that no answer came; the parts go on waiting."""
         self._pause = min(2 * self._pause, _LONGEST)
         self._due = now + self._pause
 

@@ -1,11 +1,11 @@
 """Batches and frames as Arrow IPC streams, and the mark that travels with every message. Pure.
 
-A payload is one whole Arrow stream: schema, one record batch, end. Few columns, because sixty named ones cost a
-hundred times the time: the channels of a row are one fixed-size list, their names, units and kinds are JSON in the
-schema's metadata under ``cellwatt``. What comes before the body is made once per stream and number of rows; what
-differs from message to message is in the mark, which travels as the attachment.
+A payload is one whole Arrow stream: schema, one record batch, end. The channels of a row are one fixed-size list,
+because sixty named columns take a hundred times as long; names, units and kinds are JSON in the schema's metadata
+under ``cellwatt``. The bytes before the body are made once per stream and number of rows; all that differs between
+messages is in the mark, which travels as the attachment.
 
-pyarrow is imported on first use: a daemon whose devices are all down does without its 25 MB.
+pyarrow is imported on first use, which saves 25 MB while no device delivers.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _LAYOUT: Final[TypeAdapter[Layout]] = TypeAdapter(Layout)
 
 
 def encode_batch(batch: Batch) -> bytes:
-    """A batch as an Arrow stream: columns time, device_time (null without a device clock), bound, quality, values."""
+    """Encode a batch as an Arrow stream: time, device_time (null without a device clock), bound, quality, values."""
     n, width, device = len(batch), len(batch.stream.channels), batch.device_time
     pieces = [
         _front(batch.stream, batch.source, n, device is not None),
@@ -72,7 +72,7 @@ def encode_batch(batch: Batch) -> bytes:
 
 
 def encode_frames(frames: Frames) -> bytes:
-    """Frames as an Arrow stream: columns time, values, quality, bound."""
+    """Encode frames as an Arrow stream: time, values, quality, bound."""
     n, width = len(frames), len(frames.layout.channels)
     pieces = [
         _front(frames.layout, "", n, True),
@@ -86,9 +86,9 @@ def encode_frames(frames: Frames) -> bytes:
 
 
 def decode(payload: bytes, mark: Mark) -> Batch | Frames:
-    """A batch or frames from a message. Raises ``ProtocolError`` where the payload is neither.
+    """Decode a message into a batch or frames. Raises ``ProtocolError`` if the payload is neither.
 
-    The arrays look into ``payload`` and are read-only.
+    The arrays are read-only views of ``payload``.
     """
     import pyarrow as pa
 
@@ -135,7 +135,7 @@ def named(content: Batch | Frames) -> pa.Table:
 
 
 def _padded(length: int) -> int:
-    """Bytes that a buffer takes in the body of a message."""
+    """Length in bytes of a buffer in a message body, with its padding."""
     return -(-length // 8) * 8
 
 
@@ -147,7 +147,7 @@ def _buffer(name: str, values: NDArray[Any], shape: tuple[int, ...], dtype: Any)
 
 
 def _front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
-    """All of a message before its body: it depends on nothing but the schema and the number of rows.
+    """The bytes of a message before its body, which depend only on the schema and the number of rows.
 
     Looked up by identity: hashing sixty channels costs as much as encoding a batch.
     """
@@ -161,7 +161,7 @@ def _front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
 
 
 def _make_front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
-    """Let pyarrow write rows of zeros, and leave out the zeros."""
+    """Make the front of a message: pyarrow writes rows of zeros, and the zeros are cut off."""
     import pyarrow as pa
 
     schema = _batch_schema(of, source) if isinstance(of, Stream) else _frames_schema(of)
@@ -202,7 +202,7 @@ def _batch_schema(stream: Stream, source: str) -> pa.Schema:
 
 
 def _told(channel: Channel | FrameChannel, names: Sequence[str]) -> list[Any]:
-    """What is said of a channel; its window, which comes last, only where there is one."""
+    """A channel as JSON-ready metadata; its window comes last, and only if it has one."""
     about = [getattr(channel, name) for name in names]
     return about if about[-1] else about[:-1]
 

@@ -1,6 +1,6 @@
-"""Who could reach a cell by its settings, and what would keep strangers from speaking in its name. Pure.
+"""The ways in which the settings of a cell let others than this PC in. Pure.
 
-Safe are: listening on this PC alone; or TLS together with access rules that deny what they do not allow
+Two settings are safe: listening on this PC alone; or TLS together with access rules that deny what they do not allow
 (``options: {access_control: …}``, which ``cellwatt secure`` writes).
 """
 
@@ -22,7 +22,7 @@ _HARM: Final = "whoever reaches it can read everything and speak in the cell's n
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """A way in for strangers: the setting it stands in, what is set there, and what that means."""
+    """A way in for strangers: the setting, its value, and the consequence in words."""
 
     at: tuple[str | int, ...]
     value: str
@@ -30,7 +30,7 @@ class Opening:
 
 
 def openings(settings: LinkSettings) -> Iterator[Opening]:
-    """All ways in by which others than this PC get to the cell without TLS and access rules."""
+    """All ways into the cell from other PCs without TLS and access rules."""
     ruled = _denies(settings)
     for i, endpoint in enumerate(settings.listen):
         protocol = _protocol(endpoint)
@@ -44,7 +44,7 @@ def openings(settings: LinkSettings) -> Iterator[Opening]:
 
 
 def _protocol(endpoint: str) -> str | None:
-    """That by which others than this PC come in; ``None`` where they cannot."""
+    """The protocol by which other PCs reach an endpoint; ``None`` if they cannot."""
     found = _NETWORK.fullmatch(endpoint)
     if found is None:
         return None  # a socket, pipe or serial line of this PC
@@ -58,6 +58,6 @@ def _protocol(endpoint: str) -> str | None:
 
 
 def _denies(settings: LinkSettings) -> bool:
-    """Whether access rules are on that refuse what none of them allows, however they were written."""
+    """True if access rules are in force and deny by default, in whatever form they are written."""
     control: dict[str, Any] = json.loads(session_config(settings).get_json("access_control"))
     return bool(control.get("enabled")) and control.get("default_permission") == "deny"

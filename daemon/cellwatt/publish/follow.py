@@ -1,10 +1,10 @@
-"""What a consumer of one cell has, lacks and must ask for; pure, the time is handed in.
+"""The state of a consumer: which messages it has, which are missing, what to ask the cell. Pure; time is passed in.
 
-A consumer that begins takes each topic from where it is. From then on it is owed everything: a topic that
-appears later, or a new session of the daemon, is owed from its first number.
+A new consumer takes each topic from its current position. From then on it receives everything: a topic that appears
+later, or a new session of the daemon, from its first number.
 
-What goes on from what is known is believed. A new topic, a new session or a leap is believed once the cell has said
-so when asked (``asks_told``, ``told``); what it then does not know is refused and counted.
+A message that continues a known numbering is accepted. A new topic, a new session or a jump is accepted once the cell
+has confirmed it (``asks_told``, ``told``); a message that the cell does not know is refused and counted.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class _Topic:
 class Following:
     """State of one consumer.
 
-    ``wanted`` are topics or first parts of topics (``raw/arm``). ``resume``: where an earlier run of the consumer
-    got to. ``patience``: time, s, after which what the cell cannot give is called a gap.
+    ``wanted`` are topics or first parts of topics (``raw/arm``). ``resume`` is the position that an earlier run of
+    the consumer reached. After ``patience`` s, messages that the cell cannot give become a gap.
     """
 
     wanted: tuple[str, ...]
@@ -78,23 +78,23 @@ class Following:
                 self._since = session
 
     def wants(self, topic: str) -> bool:
-        """Whether a topic is followed."""
+        """True if the consumer follows a topic."""
         return any(topic == wanted or topic.startswith(f"{wanted}/") for wanted in self.wanted)
 
     @property
     def begun(self) -> dict[str, tuple[int, int]]:
-        """By topic, session and number of the first that is owed to this consumer."""
+        """Session and number of the first message that this consumer should get, by topic."""
         return {name: topic.begun for name, topic in list(self._topics.items())}
 
     @property
     def duplicates(self) -> int:
-        """Samples and messages that came more than once and were delivered once."""
+        """Number of samples and messages that arrived more than once; each was delivered once."""
         return sum(t.follower.duplicates for t in list(self._topics.values()))
 
     def message(self, topic: str, mark: Mark, content: Batch | Frames | Result | Event, size: int = 0) -> list[Part]:
-        """A live message of ``size`` bytes came; gives what is in order now.
+        """Take a live message of ``size`` bytes; return the parts that are in order now.
 
-        Raises ``ProtocolError`` where somebody makes up more topics than a cell can have.
+        Raises ``ProtocolError`` if there are more topics than a cell can have.
         """
         part = _part(mark, content, backfilled=False, size=size)
         state = self._topics.get(topic)
@@ -107,7 +107,7 @@ class Following:
         return []
 
     def hinted(self, positions: Positions) -> None:
-        """A live health message says how far the cell has published: reason to ask it, no more."""
+        """Take the positions in a live health message, which are only a reason to ask the cell."""
         for topic, (session, end) in positions.items():
             state = self._topics.get(topic)
             reach = None if state is None else state.follower.reach(session)
@@ -115,20 +115,20 @@ class Following:
                 self._doubts.claims[topic] = session, end
 
     def doubt(self) -> None:
-        """Something else came that only the cell can confirm: reason to ask it."""
+        """Note another message that only the cell can confirm."""
         self._unsure = True
 
     def asks_told(self, now: float) -> bool:
-        """Whether to ask the cell how far it is; then waits for ``told`` or ``untold``."""
+        """True if the cell should be asked for its positions now; call ``told`` or ``untold`` next."""
         self._doubts.claims = {t: claim for t, claim in self._doubts.claims.items() if not self._reached(t, *claim)}
         return self._doubts.asks(now, anyhow=self._unsure)
 
     def untold(self, now: float) -> None:
-        """Nobody answered how far the cell is."""
+        """Note that no answer about the cell's positions came."""
         self._doubts.unanswered(now)
 
     def told(self, session: int, positions: Positions, now: float) -> list[tuple[str, Part]]:
-        """The cell said when asked, in a session of the daemon, how far it has published; gives what is in order."""
+        """Take the cell's answer, the positions of a daemon session; return the parts in order now, by topic."""
         doubted, claims = self._doubts.answered()
         wanted = {topic: place for topic, place in positions.items() if self.wants(topic)}
         ready: list[tuple[str, Part]] = []
@@ -168,7 +168,7 @@ class Following:
         return ready
 
     def _meet_told(self, topic: str, numbering: int, end: int, doubted: Sequence[Part]) -> int:
-        """Begin with a topic that the cell has; 1 where it began with what the cell does not know, and begins anew."""
+        """Start a topic that the cell has. Return 1 if it had started from a position unknown to the cell, else 0."""
         state = self._topics.get(topic)
         if state is None:
             self._meet(topic, numbering, end)
@@ -187,14 +187,14 @@ class Following:
         return reach is not None and end <= reach
 
     def standing(self, mark: Mark, alarm: Alarm) -> list[Part]:
-        """An alarm that is active now came as an answer; given if it was raised before this consumer began."""
+        """Take an active alarm from an answer; return it if it was raised before this consumer began."""
         state = self._topics.get(ALARM)
         if state is None or mark.session != state.begun[0] or mark.end > state.begun[1]:
             return []
         return self._counted([_part(mark, alarm, backfilled=True)])
 
     def questions(self, now: float) -> list[Question]:
-        """What to ask now; each waits for ``filled``, ``nothing`` or ``unanswered``."""
+        """Questions to ask now; after each call ``filled``, ``nothing`` or ``unanswered``."""
         due = []
         for name, state in self._topics.items():
             hole = None if state.asking else state.follower.hole()
@@ -209,14 +209,14 @@ class Following:
         return due
 
     def asks_sessions(self, now: float) -> bool:
-        """Whether to ask which sessions were recorded, because one ended; then waits for ``sessions``."""
+        """True if a session has ended and the recorded sessions should be asked for; call ``sessions`` next."""
         if now < self._sessions_due or not any(self._unchecked(name, state) for name, state in self._topics.items()):
             return False
         self._sessions_due = math.inf
         return True
 
     def sessions(self, recorded: Sequence[int] | None, now: float) -> None:
-        """The sessions of which there are recordings, oldest first; ``None`` where nobody answered."""
+        """Take the recorded sessions, oldest first; ``None`` if no answer came."""
         self._sessions_due = now + _LINK
         if recorded is None:
             return
@@ -227,17 +227,17 @@ class Following:
                 self._checked.add((name, follower.newest))
 
     def _unchecked(self, name: str, state: _Topic) -> bool:
-        """Whether a recorded topic goes over into a session before which there may have been others."""
+        """True if a recorded topic enters a session that other sessions may have preceded."""
         follower = state.follower
         return follower.over and name.startswith("raw/") and (name, follower.newest) not in self._checked
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is missing as far as is known."""
+        """True if no message is known to be missing."""
         return all(t.follower.hole() is None for t in self._topics.values())
 
     def filled(self, question: Question, parts: Iterable[tuple[Mark, Batch | Frames | Result | Event]]) -> list[Part]:
-        """The cell answered with these, in order."""
+        """Take the cell's answer to a question; return the parts that are in order now."""
         state = self._answered(question)
         state.empty_since = None
         ready = [p for mark, content in parts for p in state.follower.fill(_part(mark, content, backfilled=True))]
@@ -246,7 +246,7 @@ class Following:
         return self._counted(ready)
 
     def nothing(self, question: Question, reason: str, now: float) -> list[Part]:
-        """The cell answered that it has nothing of that."""
+        """Note that the cell has none of the messages; return the gap and the parts after it, when due."""
         state = self._answered(question)
         if state.empty_since is None:
             state.empty_since = now
@@ -257,11 +257,11 @@ class Following:
         return self._counted(state.follower.give_up(question.hole, reason))
 
     def unanswered(self, question: Question, now: float) -> None:
-        """Nobody answered."""
+        """Note that no answer came."""
         self._answered(question).due = now + _LINK
 
     def _meet(self, topic: str, session: int, number: int) -> _Topic:
-        """Begin with a topic as it is; once joined, at its first number of all since then."""
+        """Start a topic at its current position, or after the join at its first number."""
         if not self.joined:
             return self._begin(topic, session, number)
         return self._begin(topic, self._since or session if topic.startswith("raw/") else session, 0)
@@ -289,13 +289,13 @@ def _key(hole: Hole) -> tuple[int, int, bool]:
 
 
 def _goes_on(state: _Topic, part: Part) -> bool:
-    """Whether a part follows, or repeats, what is known to exist."""
+    """True if a part continues or repeats messages that are known to exist."""
     reach = state.follower.reach(part.session)
     return reach is not None and part.sequence <= reach
 
 
 def _ended(state: _Topic, part: Part, session: int) -> bool:
-    """Whether a part is of a session that may have been between the last one known and this one, or ended with it."""
+    """True if a part is of the last known session or a later one, and that session ended before ``session``."""
     follower = state.follower
     reach = follower.reach(part.session)
     between = reach is None and follower.newest < part.session < session

@@ -37,7 +37,7 @@ _UNSAFE = re.compile(r"[/*$?#%\s\x00-\x1f\x7f]|^@")
 def escape(name: str) -> str:
     """One chunk of a key for any name: ``/ * $ ? # %``, blanks and a leading ``@`` become ``%XX``.
 
-    Raises ``ConfigError`` for the empty name, which no key can hold.
+    Raises ``ConfigError`` for the empty name, which a key cannot hold.
     """
     if not name:
         raise ConfigError("an empty name cannot be part of a Zenoh key")
@@ -45,7 +45,7 @@ def escape(name: str) -> str:
 
 
 def raw_topic(source: str, stream: str) -> str:
-    """Topic of a stream as its source gives it."""
+    """Topic of the raw samples of a stream."""
     return f"raw/{escape(source)}/{escape(stream)}"
 
 
@@ -72,7 +72,7 @@ class CellKeys:
 
     @property
     def root(self) -> str:
-        """The cell itself; its liveliness token is there."""
+        """Key of the cell and of its liveliness token."""
         return f"{PREFIX}/{escape(self.site)}/{escape(self.cell)}"
 
     def live(self, path: str) -> str:
@@ -80,7 +80,7 @@ class CellKeys:
         return f"{self.root}/{path}"
 
     def backfill(self, path: str) -> str:
-        """Key on which the past of a topic is answered."""
+        """Key on which past messages of a topic are answered."""
         return f"{self.root}/backfill/{path}"
 
     def question(self, name: str) -> str:
@@ -90,7 +90,7 @@ class CellKeys:
 
 @dataclass(frozen=True)
 class Address:
-    """What a key says: ``names`` are the unescaped parts after the kind (``("arm", "main")`` of a raw stream)."""
+    """A parsed key: ``names`` are the unescaped parts after the kind (``("arm", "main")`` of a raw stream)."""
 
     site: str
     cell: str
@@ -100,13 +100,13 @@ class Address:
 
     @cached_property
     def topic(self) -> str:
-        """The topic as it is in keys."""
+        """The topic as keys hold it."""
         return "/".join([self.kind, *(escape(n) for n in self.names[: _NAMES.get(self.kind, 0)])])
 
 
 @lru_cache(maxsize=1024)
 def parse(key: str) -> Address:
-    """The parts of a message's key. Raises ``ProtocolError`` for keys that no cell uses."""
+    """Parse a message's key. Raises ``ProtocolError`` for keys that no cell uses."""
     chunks = key.split("/")
     backfill = len(chunks) > 3 and chunks[3] == "backfill"
     head, path = chunks[:3], chunks[4 if backfill else 3 :]
@@ -117,7 +117,7 @@ def parse(key: str) -> Address:
 
 
 def is_topic(text: str) -> bool:
-    """Whether a text is a topic as it is in keys."""
+    """True if a text is a topic as keys hold it."""
     try:
         return len(text) < _LONGEST_TOPIC and parse(f"{PREFIX}/-/-/{text}").topic == text
     except ProtocolError:

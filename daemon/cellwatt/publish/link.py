@@ -1,4 +1,4 @@
-"""How a Zenoh session is set up, opened, and why it could not be.
+"""Zenoh sessions: settings, opening, and the reason when opening fails.
 
 zenoh is imported on first use. Nothing listens and nothing is discovered unless the settings say so.
 """
@@ -80,7 +80,7 @@ class TlsSettings(BaseModel):
     """When the files were written: a renewed certificate is a change of the settings."""
 
     def model_post_init(self, _: object) -> None:
-        """Look at the files; those that cannot be looked at are told when they are needed."""
+        """Check the files; those that cannot be checked here are reported when they are needed."""
         with contextlib.suppress(OSError):
             self._written = tuple(p.stat().st_mtime_ns for p in (self.root_ca, self.certificate, self.key) if p)
 
@@ -92,7 +92,7 @@ class TlsSettings(BaseModel):
 
 
 class LinkSettings(SinkSettings):
-    """A Zenoh session."""
+    """Settings of a Zenoh session."""
 
     mode: Literal["peer", "client", "router"] = "peer"
     """``peer`` serves whoever connects, ``client`` goes through a router, ``router`` also relays for others."""
@@ -149,9 +149,9 @@ class LinkSettings(SinkSettings):
 def session_config(
     settings: LinkSettings, timeout: float = _ATTEMPTS[0], largest: int = LARGEST_MESSAGE
 ) -> zenoh.Config:
-    """The settings as Zenoh takes them; ``timeout`` s for reaching a router, messages of ``largest`` bytes.
+    """Zenoh's configuration: ``timeout`` s to reach a router, messages of up to ``largest`` bytes.
 
-    Raises ``ValueError`` that names the option where Zenoh refuses one.
+    Raises ``ValueError`` that names the option if Zenoh refuses one.
     """
     import zenoh
 
@@ -172,9 +172,9 @@ def open_session(
 ) -> zenoh.Session:
     """Open a session; blocks, so call it in a thread.
 
-    A client tries for ``patience`` s (``PATIENCE``) to reach its router, unless somebody there refuses it. Raises
-    ``SinkError`` that says what to look at, or when ``stopped()`` turns true meanwhile. Messages above ``largest``
-    bytes that come in pieces (Zenoh's are of 64 kB) are thrown away before they are put together.
+    A client tries for ``patience`` s (``PATIENCE``) to reach its router, unless it is refused there. Raises
+    ``SinkError`` that says what to check, or when ``stopped()`` turns true meanwhile. Fragmented messages (Zenoh's
+    fragments hold 64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
     """
     import zenoh
 
@@ -242,14 +242,14 @@ def _shown(path: str, value: object) -> str:
 
 
 def _plain(error: Exception) -> str:
-    """Zenoh's message without the places in its source."""
+    """Zenoh's error text without positions in its source code."""
     text = str(error)
     found = _ZENOH_DETAIL.search(text)
     return _ZENOH_PLACE.sub("", (found[1] or found[2]) if found else text).strip()
 
 
 def _explain(settings: LinkSettings, error: Exception) -> tuple[bool, str]:
-    """Whether trying again is useless for now, and what to tell the person at the cell."""
+    """True if another try is useless for now, and the text for the person at the cell."""
     text = _plain(error)
     if "Unable to connect" not in text:
         return True, f"Zenoh session: {text}"
@@ -258,7 +258,7 @@ def _explain(settings: LinkSettings, error: Exception) -> tuple[bool, str]:
 
 
 def why_unconnected(settings: LinkSettings) -> str:
-    """Why a session has no link to any endpoint of ``connect``; looks, so it blocks for up to a second for each."""
+    """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
     return _answers({endpoint: _probe(endpoint) for endpoint in settings.connect})
 
 
@@ -267,7 +267,7 @@ def _answers(answers: Mapping[str, str | None]) -> str:
 
 
 def unreadable(settings: LinkSettings) -> list[str]:
-    """What is wrong with the files that the settings name, a line each."""
+    """One line for each file named in the settings that cannot be used."""
     tls = settings.tls
     named = {"tls.root_ca": tls.root_ca, "tls.certificate": tls.certificate, "tls.key": tls.key} if tls else {}
     found = []
@@ -287,7 +287,7 @@ _REFUSED: Final = (
 
 
 def _probe(endpoint: str) -> str | None:
-    """Why nobody answers at an endpoint, or ``None`` where somebody does. Looks with a plain TCP connection."""
+    """Reason why an endpoint does not accept a plain TCP connection; ``None`` if it does."""
     found = _ADDRESS.fullmatch(endpoint)
     if found is None or found[1] not in ("tcp", "tls", "ws"):
         return "no Zenoh session could be opened there"

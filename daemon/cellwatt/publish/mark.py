@@ -17,7 +17,7 @@ _BACKFILL: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Where a message stands: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
+    """The place of a message: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
 
     ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. As bytes,
     little-endian, 36 of them: u8 version = 1, u8 flags (bit 0: backfill), u16 = 0, u32 count, i64 session,
@@ -32,7 +32,7 @@ class Mark:
 
     @property
     def end(self) -> int:
-        """Number of the sample after the last."""
+        """Number of the sample after the last one."""
         return self.sequence + self.count
 
     def encode(self, payload: bytes) -> bytes:
@@ -43,9 +43,9 @@ class Mark:
 
     @classmethod
     def decode(cls, data: bytes, payload: bytes) -> Mark:
-        """Read the attachment of a message. Raises ``ProtocolError`` where it is none of ours, or the two do not match.
+        """Decode the attachment of a message. Raises ``ProtocolError`` if it is no mark, or does not match the payload.
 
-        Cells before this check was made send no sum; theirs pass.
+        Older cells send no checksum; their marks are accepted.
         """
         if len(data) < _MARK.size or data[0] != _VERSION:
             raise ProtocolError(

@@ -1,7 +1,7 @@
 """Results, events and health as JSON. Pure.
 
-A message is the flat object of the dataclass in ``cellwatt.results`` and its ``mark``, for consumers that cannot
-see attachments. A number that is not finite is ``null``.
+A message is the flat object of the dataclass in ``cellwatt.results`` plus its ``mark``, for consumers that cannot
+read attachments. A number that is not finite becomes ``null``.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ _NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")
 
 
 def topic_of(item: Result | Event) -> str:
-    """The topic that numbers it."""
+    """The topic whose numbering an item belongs to."""
     if isinstance(item, Prediction):
         return prediction_topic(item.model)
     return next(topic for topic, kind in TYPES.items() if isinstance(item, kind))
 
 
 def encode_item(item: Result | Event, mark: Mark) -> bytes:
-    """A result or event as JSON."""
+    """Encode a result or event as JSON."""
     body = {f.name: getattr(item, f.name) for f in fields(item)}
     return encode_json({"mark": _told(mark), **body})
 
 
 def encode_json(value: Any) -> bytes:
-    """Anything JSON-like, numpy's numbers and paths included; what is not finite becomes ``null``."""
+    """Encode JSON-like data, numpy's numbers and paths included; non-finite numbers become ``null``."""
     return pydantic_core.to_json(value, inf_nan_mode="null", fallback=_plain)
 
 
 def decode_item(kind: str, payload: bytes) -> Result | Event:
-    """The result or event in a message of a kind of topic. Raises ``ProtocolError`` where it is none."""
+    """Decode a JSON message of a kind of topic into a result or event. Raises ``ProtocolError``."""
     try:
         body = parse_json(payload)
     except ValueError as error:
@@ -65,12 +65,12 @@ def decode_item(kind: str, payload: bytes) -> Result | Event:
 
 
 def parse_json(payload: bytes) -> Any:
-    """JSON as it came; raises ``ValueError`` where it is none, also where it is nested beyond all sense."""
+    """Parse JSON. Raises ``ValueError`` also if it is nested too deeply."""
     return pydantic_core.from_json(payload)
 
 
 def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
-    """The same from JSON that is already parsed. Raises ``ProtocolError`` where it is none."""
+    """Build a result or event from parsed JSON. Raises ``ProtocolError``."""
     try:
         found: Result | Event = adapter(kind).validate_python(_with_nan(body))
         return found
@@ -80,7 +80,7 @@ def from_json(kind: str, body: dict[str, Any]) -> Result | Event:
 
 
 def health(mark: Mark, session: int, positions: Mapping[str, tuple[int, int]], status: Mapping[str, Any]) -> bytes:
-    """The health message of a session of the daemon, said at the mark's time."""
+    """Encode the health message of a daemon session at the mark's time."""
     body = {"session": session, "time": mark.arrival, "positions": positions, "status": status}
     return encode_json({"mark": _told(mark), **body})
 
@@ -91,7 +91,7 @@ def _told(mark: Mark) -> dict[str, int]:
 
 @cache
 def adapter(kind: str) -> TypeAdapter[Any]:
-    """What checks the messages of a kind of topic."""
+    """The pydantic adapter that validates the messages of a kind of topic."""
     return TypeAdapter(TYPES[kind])
 
 

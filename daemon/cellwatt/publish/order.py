@@ -1,4 +1,4 @@
-"""Puts the messages of one topic in order, each exactly once, and says what is missing. Pure."""
+"""Puts the messages of one topic in order, each exactly once, and finds the missing ones. Pure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NO_END: Final = 2**63
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """``count`` samples or messages that nobody has any more; ``reason`` says why."""
+    """``count`` samples or messages that are lost for good, with the ``reason``."""
 
     count: int
     reason: str
@@ -30,7 +30,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Samples ``sequence`` … ``end`` of a topic in a session, or one result; ``size`` bytes as it came."""
+    """Samples ``sequence`` … ``end`` of a topic in a session, or one result; its message had ``size`` bytes."""
 
     session: int
     sequence: int
@@ -45,7 +45,7 @@ class Part:
         return self.sequence + self.count
 
     def after(self, first: int) -> Part:
-        """What is left of it from number ``first`` on."""
+        """The rest of the part from number ``first`` on."""
         if first <= self.sequence:
             return self
         content = self.content
@@ -58,7 +58,7 @@ class Part:
 class Hole:
     """Numbers ``first`` … ``first + count`` are missing; to the end of the session where ``count`` is ``None``.
 
-    ``certain`` where later ones are here; else they were announced and may still be on their way.
+    ``certain`` if later ones are here; otherwise they were announced and may still be on their way.
     """
 
     session: int
@@ -70,8 +70,8 @@ class Hole:
 class Follower:
     """Follows one topic from number ``following`` of ``session`` on.
 
-    Parts that come early are held back, at most ``hold`` of them; those beyond are forgotten and so asked for
-    again. ``duplicates`` counts the samples that came more than once.
+    Parts that arrive early are held back, at most ``hold`` of them; further ones are discarded and asked for
+    again. ``duplicates`` counts the samples that arrived more than once.
     """
 
     def __init__(self, session: int, following: int, hold: int = 1000) -> None:
@@ -85,7 +85,7 @@ class Follower:
         self._past: deque[int] = deque(maxlen=_PAST)
 
     def take(self, part: Part) -> list[Part]:
-        """Take a part as it comes; gives what is in order now."""
+        """Take a part in order of arrival; return the parts that are in order now."""
         if part.sequence == self.following and part.session == self.session and not self._held:
             self.following = part.end
             return [part]
@@ -101,9 +101,9 @@ class Follower:
         return self._ready()
 
     def reach(self, session: int) -> int | None:
-        """The end up to which numbers of ``session`` are known to exist; ``None`` of a session never heard of.
+        """The number up to which messages of ``session`` are known to exist; ``None`` for an unknown session.
 
-        A finished session has no end: whatever comes of it is a duplicate.
+        A finished session has no such number: everything that arrives of it is a duplicate.
         """
         if session in self._past:
             return _NO_END
@@ -112,7 +112,7 @@ class Follower:
         return self._ends.get(session, 0) if session in self._later else None
 
     def announce(self, session: int, end: int) -> None:
-        """The cell says that numbers below ``end`` exist in ``session``."""
+        """Note that numbers below ``end`` exist in ``session``."""
         if session in self._past:
             return
         if session != self.session and session not in self._later:
@@ -129,7 +129,7 @@ class Follower:
         return self._later[-1] if self._later else self.session
 
     def between(self, sessions: Sequence[int]) -> None:
-        """There were these sessions, oldest first; those not heard of take their place among the others."""
+        """Insert sessions, oldest first, among the known ones."""
         following = self.newest
         for session in reversed(sessions):
             if session not in self._later and session != self.session and session not in self._past:
@@ -139,11 +139,11 @@ class Follower:
 
     @property
     def over(self) -> bool:
-        """Whether a later session has begun."""
+        """True if a later session has begun."""
         return bool(self._later)
 
     def hole(self) -> Hole | None:
-        """The first thing that is missing, if any."""
+        """The first hole, or ``None``."""
         held = self._held.get(self.session)
         if held:
             return Hole(self.session, self.following, held[0].sequence - self.following, certain=True)
@@ -155,14 +155,14 @@ class Follower:
         return None
 
     def fill(self, part: Part) -> list[Part]:
-        """Take an answer to ``hole``; where it begins later than asked, what is before it is lost."""
+        """Take an answer to ``hole``. If it begins later than asked, the messages before it are lost."""
         lost: list[Part] = []
         if part.session == self.session and part.sequence > self.following:
             lost = self._lost(part.sequence, "no longer in the record of the cell")
         return lost + self.take(part)
 
     def give_up(self, hole: Hole, reason: str) -> list[Part]:
-        """The cell has nothing of ``hole``; gives the gap and what follows it."""
+        """Give up ``hole``, which the cell no longer has; return the gap and the parts after it."""
         if (hole.session, hole.first) != (self.session, self.following):
             return []
         if hole.count is None:

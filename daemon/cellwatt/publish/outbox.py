@@ -1,4 +1,4 @@
-"""What waits between the event loop and the publishing thread."""
+"""The queue between the event loop and the publishing thread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MERGED: Final = 1024
 
 
 class Lane(IntEnum):
-    """What goes out first; what is dropped last."""
+    """Priority of an item: the first lane goes out first and is dropped last."""
 
     RESULTS = 0
     FRAMES = 1
@@ -31,7 +31,7 @@ class Lane(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """An item with its place: ``topic`` numbers it, ``paths`` are its keys within the cell."""
+    """An item to publish: ``topic`` is its numbering, ``paths`` are its keys within the cell."""
 
     topic: str
     paths: tuple[str, ...]
@@ -42,10 +42,10 @@ class Outgoing:
 class Outbox:
     """At most ``limit`` items from one thread to another.
 
-    When full the oldest raw batch goes, then the oldest frames, and only then a result; each loss is counted
-    in ``account``, in samples, under ``queue: raw``, ``queue: frames`` or ``queue: results``. Raw batches of a stream
-    that wait together leave as one. An item enters the account when its fate is known, so the account has
-    no residue at any moment.
+    A full outbox drops the oldest raw batch, then the oldest frames, and only then a result; each loss is counted in
+    ``account``, in samples, under ``queue: raw``, ``queue: frames`` or ``queue: results``. Raw batches of a stream
+    that wait together leave as one message. An item enters the account when it was sent or lost, so the account never
+    has a residue.
     """
 
     def __init__(self, limit: int, account: Account) -> None:
@@ -64,7 +64,7 @@ class Outbox:
         self._woken = False
 
     def put(self, lane: Lane, outgoing: Outgoing, *, wake: bool = True) -> None:
-        """Add an item; never blocks. Without ``wake`` it is the caller's to take, by ``take_samples``."""
+        """Add an item; never blocks. Without ``wake`` the caller must take it with ``take_samples``."""
         with self._lock:
             self._ends[outgoing.topic] = (outgoing.mark.session, outgoing.mark.end)
             while self._waiting >= self._limit:
@@ -88,15 +88,15 @@ class Outbox:
             self._wake_up.put(None)
 
     def take_samples(self) -> Outgoing | None:
-        """The next samples or frames, where the taking thread waits and no results do; never blocks.
+        """Take the next samples or frames if the taking thread is idle and no result waits; never blocks.
 
-        So who puts may send them itself and spare a change of threads, and the order of a topic stays whole.
+        The caller can send them itself without a change of threads, and the order of a topic is kept.
         """
         with self._lock:
             return self._next() if self._idle and self._waiting and not self._results else None
 
     def take(self) -> Outgoing | None:
-        """The next item, or ``None`` after ``wake`` where nothing waits. Blocks until either; for one thread."""
+        """Take the next item, or ``None`` after ``wake`` if none waits. Blocks until either; for one thread."""
         while True:
             with self._lock:
                 if self._waiting:
@@ -108,18 +108,18 @@ class Outbox:
             self._wake_up.get()
 
     def sent(self, outgoing: Outgoing) -> None:
-        """An item that was taken is on its way."""
+        """Count a taken item as sent."""
         with self._lock:
             self._account.expect(outgoing.mark.count)
             self._account.receive(outgoing.mark.count)
 
     def lost(self, outgoing: Outgoing, where: str) -> None:
-        """An item that was taken could not be sent."""
+        """Count a taken item as lost."""
         with self._lock:
             self._drop(outgoing, where)
 
     def positions(self) -> dict[str, tuple[int, int]]:
-        """By topic, session and the number up to which nothing waits any more."""
+        """Session and the number up to which everything was sent or lost, by topic."""
         with self._lock:
             found = dict(self._ends)
             for outgoing in reversed(list(self._all())):
@@ -127,7 +127,7 @@ class Outbox:
             return found
 
     def clear(self, where: str) -> None:
-        """Give up what waits."""
+        """Drop and count all waiting items."""
         with self._lock:
             for outgoing in self._all():
                 self._drop(outgoing, where)
@@ -189,7 +189,7 @@ def _fits(together: list[Outgoing], second: Outgoing) -> bool:
 
 
 def _merged(together: list[Outgoing]) -> Outgoing:
-    """One message for several that follow each other."""
+    """Merge consecutive items of one topic into one."""
     if len(together) == 1:
         return together[0]
     batch = concatenate([o.item for o in together if isinstance(o.item, Batch)])

@@ -1,7 +1,7 @@
-"""Whether an Arrow stream of somebody else is what it looks like before it is unpacked. Pure.
+"""Checks a received Arrow stream before pyarrow unpacks it. Pure.
 
-Arrow can compress a body: 5 kB that unpack to 160 MB were made in a test. What a cell sends never is. pyarrow has no
-way to refuse it, so the few bytes that tell are read here: encapsulated messages, FlatBuffers tables of ``Message.fbs``
+Arrow can compress a body: in a test, 5 kB unpacked to 160 MB. A cell never compresses. pyarrow cannot refuse
+compression, so the few bytes that tell are read here: encapsulated messages, FlatBuffers tables of ``Message.fbs``
 (https://arrow.apache.org/docs/format/Columnar.html#encapsulated-message-format).
 """
 
@@ -18,7 +18,7 @@ _SCHEMA: Final = 1
 
 
 def refuse_packed(payload: bytes) -> None:
-    """Raises ``ValueError`` where a payload is not a schema and then one record batch, as they are in memory."""
+    """Raise ``ValueError`` unless a payload is a schema and one uncompressed record batch."""
     try:
         end, kind, _ = _message(payload, 0)
         _, second, batch = _message(payload, end)
@@ -32,7 +32,7 @@ def refuse_packed(payload: bytes) -> None:
 
 
 def _message(data: bytes, at: int) -> tuple[int, int, int]:
-    """Where a message without a body would end, what it is, and where its header table is."""
+    """Offset after a message's metadata, its type, and the offset of its header table."""
     if data[at : at + 4] != _START:
         raise ValueError("it does not begin like an Arrow message")
     (length,) = struct.unpack_from("<I", data, at + 4)
@@ -46,7 +46,7 @@ def _message(data: bytes, at: int) -> tuple[int, int, int]:
 
 
 def _field(data: bytes, table: int, number: int) -> int:
-    """Where a table's field stands; 0 where it is left out."""
+    """Offset of a table's field; 0 if it is left out."""
     offsets = table - struct.unpack_from("<i", data, table)[0]
     if offsets < 0:
         raise ValueError("a table of it lies outside")

@@ -1,4 +1,4 @@
-"""The thread that owns the Zenoh session: opens it, puts what the outbox holds, closes it."""
+"""The thread that owns the Zenoh session: opens it, publishes the outbox, closes it."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ _UNCONNECTED: Final = 5.0
 
 
 class Publisher(threading.Thread):
-    """Puts the outbox onto the bus until ``stop``; ``done`` then holds nothing, or the ``SinkError`` that ended it.
+    """Publishes the outbox until ``stop``; ``done`` then holds nothing, or the ``SinkError`` that ended it.
 
-    Results block while a receiver is slow; that is why puts have a thread. Samples, frames and health do not: a
-    receiver that cannot keep up misses some and asks for them, and no other receiver waits for it.
-    ``health`` gives the health message at the moment it is due.
+    Puts of results block while a receiver is slow, so they have a thread. Puts of samples, frames and health do not
+    block: a receiver that cannot keep up misses some and asks for them, and no other receiver waits for it.
+    ``health`` returns the health message when it is due.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Publisher(threading.Thread):
         self._seal = seal
         self._publishers: dict[str, Any] = {}
         self._beat_due: float | None = None
-        """When, monotonic s, the health message was called for that is still to be put."""
+        """Time, monotonic s, since which a health message is due; ``None`` if none is."""
         self._stop_at: float | None = None
         self._session: zenoh.Session | None = None
         self._hindered_until = 0.0
@@ -74,18 +74,18 @@ class Publisher(threading.Thread):
         self._links = _LinkWatch(link)
 
     def beat(self) -> None:
-        """Put a health message after what is being put now."""
+        """Publish a health message after the current put."""
         if self._beat_due is None:
             self._beat_due = time.monotonic()
         self._outbox.wake()
 
     @property
     def direct(self) -> bool:
-        """Whether samples may be put by ``send``: there is a session, and no receiver has held one up lately."""
+        """True if ``send`` may publish samples: a session is open, and no receiver has blocked a put lately."""
         return self._session is not None and time.monotonic() >= self._hindered_until
 
     def send(self) -> None:
-        """Put the samples that wait, in the caller's thread; the rest is left to this one where a put takes long."""
+        """Publish waiting samples in the caller's thread; once a put takes long, leave the rest to this thread."""
         import zenoh
 
         session = self._session
@@ -101,14 +101,14 @@ class Publisher(threading.Thread):
             self._outbox.wake()
 
     def trouble(self) -> str | None:
-        """Why nothing, or no answer, goes out now; ``None`` where all is well."""
+        """Reason why no message or answer goes out now; ``None`` if all is well."""
         due = self._beat_due
         if self._session is not None and due is not None and time.monotonic() - due > STUCK:
             return f"the thread that publishes has been stuck for {time.monotonic() - due:.0f} s"
         return self._answers.trouble()
 
     def stop(self) -> None:
-        """Empty the outbox, as far as ``DRAIN`` allows, and end."""
+        """Publish the rest of the outbox for at most ``DRAIN`` s, then end."""
         self._stop_at = time.monotonic() + DRAIN
         self._outbox.wake()
 
@@ -214,7 +214,7 @@ class Publisher(threading.Thread):
 
 
 class _LinkWatch:
-    """Says in the log, once each time, that no link is up and why, and that one is up again."""
+    """Logs once when no link is up, with the reason, and once when a link is up again."""
 
     def __init__(self, link: LinkSettings) -> None:
         self._settings = link
@@ -235,12 +235,12 @@ class _LinkWatch:
 
 
 def _largest(link: LinkSettings) -> int:
-    """Bytes of a message that the cell takes: it is sent questions only, unless it relays for others."""
+    """Size limit in bytes of received messages: small, as a cell gets only questions unless it relays for others."""
     return LARGEST_MESSAGE if link.mode == "router" else 4 * LARGEST
 
 
 def encode(outgoing: Outgoing) -> bytes:
-    """The payload of an item."""
+    """Encode the payload of an item."""
     item = outgoing.item
     if isinstance(item, Batch):
         return encode_batch(item)

@@ -1,4 +1,4 @@
-"""What a question says, checked; pure. Whoever reaches the cell's port may put anything into one."""
+"""Parses the parameters of a question. Pure. Anyone who reaches the cell's port may put anything into one."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class QuestionError(CellwattError):
 
 
 class NothingKeptError(QuestionError):
-    """A question is right, and nothing is there to answer it with."""
+    """A question is valid, but there is nothing to answer it with."""
 
 
 def parameters(text: str) -> dict[str, str]:
-    """The ``name=value;…`` of a selector; of a name given twice the last. Raises ``QuestionError`` where too long."""
+    """Parse ``name=value;…`` of a selector; the last of equal names counts. Raises ``QuestionError`` if too long."""
     if len(text) > _LONGEST:
         raise QuestionError(f"a question may have {_LONGEST} characters of parameters, this one has {len(text)}")
     pairs = (pair.partition("=") for pair in text.split(";"))
@@ -34,14 +34,14 @@ def parameters(text: str) -> dict[str, str]:
 
 
 def text_of(asked: Mapping[str, str], name: str) -> str:
-    """A parameter that must be there. Raises ``QuestionError``."""
+    """A required parameter. Raises ``QuestionError`` if it is missing."""
     if not asked.get(name):
         raise QuestionError(f"the question needs {name}=…")
     return asked[name]
 
 
 def number_of(asked: Mapping[str, str], name: str, default: int) -> int:
-    """A whole number from 0 to 2⁶² − 1. Raises ``QuestionError``."""
+    """A required whole number from 0 to 2⁶² − 1. Raises ``QuestionError``."""
     text = asked.get(name)
     if text is None:
         return default
@@ -53,5 +53,5 @@ def number_of(asked: Mapping[str, str], name: str, default: int) -> int:
 
 
 def short(text: str, most: int = 60) -> str:
-    """Text of others as it may be shown: on one line, and cut off after ``most`` characters."""
+    """Received text made safe to show: on one line, and cut off after ``most`` characters."""
     return repr(text) if len(text) <= most else f"{text[:most]!r}…"

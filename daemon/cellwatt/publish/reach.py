@@ -1,4 +1,4 @@
-"""How a program beside the daemon reaches a cell that a settings file describes."""
+"""Links from a program beside the daemon to a cell described by a settings file."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 def link_to(
     config: CellConfig, connect: str | None = None, hint: str = "", tls: TlsSettings | None = None
 ) -> LinkSettings:
-    """A client's link to the cell: at ``connect``, or where the cell listens or connects, with its credentials.
+    """A client's link to the cell, at ``connect`` or at the cell's own endpoints, with its credentials.
 
-    ``tls`` takes the place of the cell's own certificates. Raises ``ConfigError``, with a ``hint`` of what else could
-    be done, where the cell is not on the bus.
+    ``tls`` replaces the cell's own certificates. Raises ``ConfigError``, with a ``hint`` of what else to do, if the
+    cell is not on the bus.
     """
     zenoh = config.sinks["zenoh"].settings if "zenoh" in config.sinks else None
     endpoints = (*zenoh.listen, *zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
@@ -37,7 +37,7 @@ def link_to(
 
 
 def client_of(endpoint: str, tls: TlsSettings | None = None, **more: Any) -> LinkSettings:
-    """A client's link to an endpoint. Raises ``ConfigError`` where it is none, or lacks certificates."""
+    """A client's link to an endpoint. Raises ``ConfigError`` if it is not one, or certificates are missing."""
     try:
         return LinkSettings(mode="client", connect=(endpoint,), tls=tls, **more)
     except ValidationError as error:

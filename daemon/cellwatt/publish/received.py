@@ -1,4 +1,4 @@
-"""What a consumer reads from Zenoh's samples and replies."""
+"""Parses Zenoh's samples and replies for a consumer."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _END: Final = 2**63
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The cell's health message, about once a second; ``positions``: by topic, session and next number."""
+    """The cell's health message, about once a second; ``positions`` are session and next number by topic."""
 
     session: int
     time: int
@@ -40,7 +40,7 @@ class Health:
 
 
 def read_message(sample: zenoh.Sample, kind: str) -> tuple[Mark, Batch | Frames | Result | Event]:
-    """Mark and content of a message of a kind of topic. Raises ``ProtocolError`` where it is none."""
+    """Mark and content of a message of a kind of topic. Raises ``ProtocolError``."""
     payload = sample.payload.to_bytes()
     mark = _mark(sample, payload)
     with _reading(f"a message of {kind}"):
@@ -66,7 +66,7 @@ def _small(payload: bytes) -> bytes:
 
 @contextmanager
 def _reading(what: str) -> Iterator[None]:
-    """Whatever somebody put on the bus, reading it ends in nothing worse than ``ProtocolError``."""
+    """Turn every error of reading received bytes into ``ProtocolError``."""
     try:
         yield
     except ProtocolError:
@@ -76,7 +76,7 @@ def _reading(what: str) -> Iterator[None]:
 
 
 def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Frames | Result | Event]]:
-    """What an answer about the past holds, in order. Raises ``ProtocolError``."""
+    """The parts in an answer about the past, in order. Raises ``ProtocolError``."""
     kind = topic.split("/", 1)[0]
     if kind in ("raw", FRAME):
         return [read_message(sample, kind)]
@@ -87,7 +87,7 @@ def read_answer(sample: zenoh.Sample, topic: str) -> list[tuple[Mark, Batch | Fr
 
 
 def _within(whole: Mark, body: Mapping[str, Any]) -> Mark:
-    """The mark of one of several results in an answer."""
+    """The mark of one of the results in an answer."""
     sequence = body["mark"]["sequence"]
     if not isinstance(sequence, int) or not whole.sequence <= sequence < whole.end:
         raise ProtocolError(f"a result has number {sequence!r} in an answer of {whole.sequence} to {whole.end}")
@@ -95,9 +95,9 @@ def _within(whole: Mark, body: Mapping[str, Any]) -> Mark:
 
 
 def read_health(sample: zenoh.Sample) -> tuple[Mark, Health]:
-    """Mark and content of a health message. Raises ``ProtocolError`` where it is none.
+    """Mark and content of a health message. Raises ``ProtocolError``.
 
-    Cells before health was marked send no mark; its number then is its time.
+    Older cells send health without a mark; its number then is its time.
     """
     payload = sample.payload.to_bytes()
     mark = None if sample.attachment is None else _mark(sample, payload)
@@ -126,7 +126,7 @@ def read_sessions(payload: bytes) -> list[int]:
 
 
 def read_refusal(error: zenoh.ReplyError) -> str | None:
-    """What the cell says against a question; ``None`` where Zenoh itself gave up."""
+    """The reason for which the cell refused a question; ``None`` if Zenoh itself gave up."""
     try:
         with _reading("a refusal"):
             return str(parse_json(_small(error.payload.to_bytes()))["error"])[:_LONGEST_REASON]

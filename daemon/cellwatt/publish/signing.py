@@ -1,9 +1,9 @@
-"""Signatures of a cell's messages, for consumers who do not trust who carries them.
+"""Signatures of a cell's messages, for consumers that do not trust the network between.
 
-A signature covers what a message says and where it belongs: cell, topic, mark (session, number, time) and payload. So
-a signed message cannot be changed, nor shown as one of another topic or cell; where it is shown again, its number is
-known. It is the last 64 bytes of the attachment, behind the mark. An answer is signed together with the parameters of
-its question; who puts a number drawn by lot into each question knows that the answer is of now.
+A signature covers cell, topic, mark (session, number, time) and payload. So a signed message cannot be changed or
+passed off as one of another topic or cell; a replayed one is recognised by its number. The signature is the last
+64 bytes of the attachment, after the mark. An answer is signed together with the parameters of its question; a
+consumer that puts a random number into each question knows that the answer is fresh.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ REFUSAL: Final = "cellwatt: refusal of a question, version 1"
 
 
 class Seal:
-    """Signs what a cell says, where it was given a key; ``root`` is the key of the cell. Open it first."""
+    """Signs a cell's messages if the cell has a key; ``root`` is the cell's Zenoh key. Call ``open`` first."""
 
     def __init__(self, root: str, key: Path | None) -> None:
         self._root = root
@@ -29,7 +29,7 @@ class Seal:
         self._signer: Signer | None = None
 
     def open(self) -> None:
-        """Read the key. Raises ``SinkError`` where that fails: nothing goes out unsigned."""
+        """Read the key. Raises ``SinkError`` on failure: nothing goes out unsigned."""
         if self._path is not None:
             try:
                 self._signer = Signer(self._path)
@@ -37,19 +37,19 @@ class Seal:
                 raise SinkError(f"sign: {error}") from None
 
     def message(self, topic: str, attachment: bytes, payload: bytes) -> bytes:
-        """The attachment of a message with its signature behind it."""
+        """The attachment of a message, followed by the signature."""
         if self._path is None:
             return attachment
         return attachment + self._opened().sign(MESSAGE, self._root, topic, attachment, payload)
 
     def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bytes:
-        """The same of an answer to a question about a topic, or to ``@/NAME``, with these parameters."""
+        """The signed attachment of an answer to a question about a topic, or to ``@/NAME``, with these parameters."""
         if self._path is None:
             return attachment
         return attachment + self._opened().sign(ANSWER, self._root, topic, _asked(parameters), attachment, payload)
 
     def refusal(self, parameters: str, error: str) -> dict[str, str]:
-        """The body of a refusal of a question with these parameters."""
+        """The signed body of a refusal of a question with these parameters."""
         if self._path is None:
             return {"error": error}
         signature = self._opened().sign(REFUSAL, self._root, _asked(parameters), error)
@@ -61,24 +61,24 @@ class Seal:
 
 
 class Check:
-    """Knows whether the cell at the key ``root`` said something. Raises ``ConfigError`` where ``key`` holds no key."""
+    """Verifies messages of the cell at the Zenoh key ``root``. Raises ``ConfigError`` if ``key`` holds no key."""
 
     def __init__(self, root: str, key: Path) -> None:
         self._root = root
         self._verifier = Verifier(key)
 
     def message(self, topic: str, attachment: bytes, payload: bytes) -> bool:
-        """Whether it said this under a topic."""
+        """True if the cell published this message under a topic."""
         mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
         return self._verifier.holds(signature, MESSAGE, self._root, topic, mark, payload)
 
     def answer(self, topic: str, parameters: str, attachment: bytes, payload: bytes) -> bool:
-        """Whether it answered this to just this question about a topic, or to ``@/NAME``."""
+        """True if the cell gave this answer to this very question about a topic, or to ``@/NAME``."""
         mark, signature = attachment[:-SIGNATURE], attachment[-SIGNATURE:]
         return self._verifier.holds(signature, ANSWER, self._root, topic, _asked(parameters), mark, payload)
 
     def refusal(self, parameters: str, payload: bytes) -> bool:
-        """Whether it refused a question with these parameters."""
+        """True if the cell refused a question with these parameters."""
         try:
             body = parse_json(payload)
             signature = bytes.fromhex(body["signature"])
@@ -88,5 +88,5 @@ class Check:
 
 
 def _asked(parameters: str) -> str:
-    """Without what Zenoh adds of its own on the way, which begins with an underline."""
+    """Parameters without those that Zenoh adds on the way, whose names begin with an underscore."""
     return ";".join(part for part in parameters.split(";") if not part.startswith("_"))

@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 class PublishSettings(BaseModel):
-    """What is put on the bus live; results, alarms, events and health always are."""
+    """Streams to publish live; results, alarms, events and health are always published."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -66,7 +66,7 @@ class ZenohSettings(LinkSettings):
         return self
 
     def warnings(self) -> tuple[str, ...]:
-        """Ways in that were left open on purpose, keys and certificates that are not there or will soon have ended."""
+        """Access left open on purpose, and keys and certificates that are missing or expire soon."""
         from cellwatt.secure import validity
 
         ways = (f"{opening.value}: {opening.text} (open: true)" for opening in openings(self))
@@ -80,10 +80,10 @@ def _refusal(opening: Opening) -> InitErrorDetails:
 
 
 class ZenohSink(Sink[ZenohSettings]):
-    """Puts raw samples, frames, results, alarms, events and health on the bus, and answers questions.
+    """Publishes raw samples, frames, results, alarms, events and health, and answers questions.
 
-    A session is opened, and results and answers are put, in a thread, so a receiver or router that hangs does not
-    hold up the event loop. Samples leave from the loop itself, which is faster, while all receivers take them at once.
+    A thread opens the session and sends results and answers, so that a receiver or router that hangs does not hold
+    up the event loop. Samples leave from the loop itself, which is faster, as long as all receivers keep up.
     """
 
     Settings: ClassVar[type[ZenohSettings]] = ZenohSettings
@@ -121,7 +121,7 @@ class ZenohSink(Sink[ZenohSettings]):
             self._outbox.put(Lane.RESULTS, Outgoing(topic_of(item), paths, item, mark))
 
     def _put_samples(self, lane: Lane, outgoing: Outgoing) -> None:
-        """Send samples from the event loop, with all others that it has at hand, where that takes no time."""
+        """Send all waiting samples from the event loop if no receiver blocks."""
         publisher = self._publisher
         direct = publisher is not None and publisher.direct
         self._outbox.put(lane, outgoing, wake=not direct)
@@ -137,18 +137,18 @@ class ZenohSink(Sink[ZenohSettings]):
             self._outbox.wake()
 
     def health(self, status: Mapping[str, Any]) -> None:
-        """Publish the cell's health with the numbers that were reached."""
+        """Publish the cell's health with the positions reached."""
         self._status = status
         if self._publisher is not None:
             self._publisher.beat()
 
     def trouble(self) -> str | None:
-        """Which of the threads is dead or stuck."""
+        """The thread that is dead or stuck, in words; ``None`` if all is well."""
         publisher = self._publisher
         return None if publisher is None else publisher.trouble()
 
     async def run(self) -> None:
-        """Open, publish until cancelled, drain, close. Raises ``SinkError`` when there is no session to be had."""
+        """Open, publish until cancelled, drain, close. Raises ``SinkError`` if no session can be opened."""
         await asyncio.to_thread(self._seal.open)
         publisher = self._publisher = Publisher(
             self.settings, self._keys, self._outbox, self._answers, self._beat, self._seal
@@ -168,12 +168,12 @@ class ZenohSink(Sink[ZenohSettings]):
             self._publisher = None
 
     def _beat(self) -> tuple[Mark, bytes]:
-        """The next health message."""
+        """Encode the next health message."""
         self._beats = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns())
         return self._beats, self._said(self._beats)
 
     def _health(self) -> tuple[Mark, bytes]:
-        """The same for one who asks: numbered as the next one, which is still to come."""
+        """Encode health as the answer to a question, numbered as the next message, which is still to come."""
         mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
         return mark, self._said(mark)
 

@@ -1,4 +1,4 @@
-"""Whether it was the cell that said something, for consumers who have its key."""
+"""Tells a cell's own messages from forged ones, for consumers that have its public key."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ log = logging.getLogger("cellwatt.subscriber")
 
 
 class Witness:
-    """Knows what the cell at the key ``root`` signed; without its ``key`` everything is taken for the cell's.
+    """Verifies the signatures of the cell at the Zenoh key ``root``; without its ``key`` every message is accepted.
 
-    What is not the cell's is counted in ``counts``: ``unsigned``, and ``replayed`` for health that is shown again.
-    Raises ``ConfigError`` where ``key`` holds no key.
+    Rejected messages are counted in ``counts``: ``unsigned``, and ``replayed`` for repeated health messages.
+    Raises ``ConfigError`` if ``key`` holds no key.
     """
 
     def __init__(self, root: str, key: Path | None, counts: Counter[str]) -> None:
@@ -32,17 +32,17 @@ class Witness:
 
     @property
     def asks_for_proof(self) -> bool:
-        """Whether an answer must be of now: each question then carries a number drawn by lot."""
+        """True if answers must prove that they are fresh: each question then carries a random number."""
         return self._check is not None
 
     def message(self, topic: str, sample: zenoh.Sample) -> bool:
-        """Whether the cell said this under a topic."""
+        """True if the cell published this message under a topic."""
         if self._check is None:
             return True
         return self._right(self._check.message(topic, *_parts(sample)), "unsigned", topic)
 
     def reply(self, topic: str, selector: str, reply: zenoh.Reply) -> bool:
-        """Whether the cell answered this, and to this very question."""
+        """True if the cell gave this answer to this very question."""
         parameters = selector.partition("?")[2]
         if self._check is None or (reply.ok is None and (reply.err is None or read_refusal(reply.err) is None)):
             return True
@@ -52,7 +52,7 @@ class Witness:
         return self._right(self._check.refusal(parameters, reply.err.payload.to_bytes()), "unsigned", topic)
 
     def newer(self, mark: Mark, reached: tuple[int, int]) -> bool:
-        """Whether a health message comes after the one ``reached``: what was signed once can be shown again."""
+        """True if a health message is newer than ``reached``; an older one may be a replay."""
         session, sequence = reached
         again = self._check is not None and mark.session == session and mark.sequence <= sequence
         return self._right(not again, "replayed", HEALTH)
