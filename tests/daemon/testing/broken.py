@@ -18,13 +18,15 @@ from cellwatt.testing.skeleton import SkeletonDriver, SkeletonSettings, wire
 from cellwatt.testing.skeleton.driver import Meter
 from cellwatt.testing.skeleton.emulator import SkeletonEmulator
 
-SETTINGS = {"rate": "50 Hz", "timeout": "200 ms"}
+SETTINGS = {"rate": "50 Hz", "timeout": "1 s"}
+IMPATIENT = SETTINGS | {"timeout": "200 ms"}
 ALLOWED = re.compile(rb"(?:ID\?\n|READ\?\n)*").fullmatch
 
 
 def rig(driver: type[SkeletonDriver], **changes: Any) -> Rig:
     """The skeleton's rig with another driver; it gives up after 3 s, for what never comes."""
-    return replace(Rig(driver, SETTINGS, may_send=ALLOWED, patience=3.0), **changes)
+    settings = IMPATIENT if driver is MapsNothing else SETTINGS  # a delay of the device must outlast its time-out
+    return replace(Rig(driver, settings, may_send=ALLOWED, patience=3.0), **changes)
 
 
 # the emulator -----------------------------------------------------------------------------------------
