@@ -1,6 +1,6 @@
-"""cellwatt: aligned, named, unit-carrying data from robot cells, and what is wrong with them.
+"""cellwatt: aligned, named data with units from robot cells, and alarms about them.
 
-This is the whole public surface for drivers, stages and sinks, in this repository or outside it.
+This module is the whole public interface for drivers, stages and sinks, in this repository or outside it.
 """
 
 from cellwatt.account import Account

@@ -11,11 +11,11 @@ from typing import Any
 class Account:
     """Counts the samples of one source.
 
-    The three sides are counted by three parties, so that the sum is a check and not a definition: the
-    driver calls ``expect`` from the device's own numbering, time stamps or poll schedule, and ``miss``
-    for what never came; the daemon calls ``receive`` and ``drop`` for what did. ``counters`` holds all
-    else (retries, duplicates, late answers, checksum errors, reconnects, merged ticks). Those of them that tell of a
-    disturbed or dishonest line are named in ``anomalies`` and ``forgeries``, too: health warns where they grow.
+    Driver and daemon count independently, so that the sum is a check and not a definition: the driver calls
+    ``expect`` from the device's own numbering, time stamps or poll schedule, and ``miss`` for samples that never
+    arrived; the daemon calls ``receive`` and ``drop`` for those that did. ``counters`` holds everything else (retries,
+    duplicates, late answers, checksum errors, reconnects, merged ticks). Counters that indicate a disturbed or forged
+    line are also named in ``anomalies`` and ``forgeries``: health warns when they grow.
     """
 
     expected: int = 0
@@ -29,25 +29,25 @@ class Account:
     """Counters of what never comes on a good line: health warns of the first."""
 
     def expect(self, n: int = 1) -> None:
-        """The device made n more samples, or n polls fell due."""
+        """Count n samples that the device made, or n polls that fell due."""
         self.expected += n
 
     def receive(self, n: int = 1) -> None:
-        """n samples entered the record and the chain."""
+        """Count n samples that entered the record and the stages."""
         self.received += n
 
     def miss(self, n: int, reason: str) -> None:
-        """n samples that were due never arrived (``gap``, ``timeout``, ``merged tick`` …)."""
+        """Count n samples that were due and never arrived (``gap``, ``timeout``, ``merged tick`` …)."""
         if n:
             self.missed[reason] += n
 
     def late(self, n: int, reason: str) -> None:
-        """n samples that were missed for ``reason`` came after all, and are received now."""
+        """Take back n samples that were missed for ``reason``: they arrived late and are received now."""
         self.missed[reason] -= n
         self.anomaly("late", n)
 
     def drop(self, n: int, where: str) -> None:
-        """n samples arrived and were given up at ``where`` (``checksum``, ``recorder queue`` …)."""
+        """Count n samples that arrived and were dropped at ``where`` (``checksum``, ``recorder queue`` …)."""
         if n:
             self.dropped[where] += n
 
@@ -56,13 +56,13 @@ class Account:
         self.counters[what] += n
 
     def anomaly(self, what: str, n: int = 1) -> None:
-        """Count what a good line shows seldom (``duplicates``, ``malformed``, ``late answers`` …)."""
+        """Count an event that is rare on a good line (``duplicates``, ``malformed``, ``late answers`` …)."""
         if n:
             self.counters[what] += n
             self.anomalies.add(what)
 
     def forgery(self, what: str) -> None:
-        """Count what only somebody else than the device can have sent (``contradicting answers`` …)."""
+        """Count data that only somebody other than the device can have sent (``contradicting answers`` …)."""
         self.counters[what] += 1
         self.forgeries.add(what)
 

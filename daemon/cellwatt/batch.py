@@ -16,7 +16,7 @@ Qualities = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a driver hands over: n samples of one stream, not yet on the cell's time.
+    """n samples of one stream as a driver emits them, not yet on the cell's time.
 
     Times are ns. ``arrival`` is the cell's time when the block was read. Sources with a clock give
     ``device_time`` (n,) in any base of their own; polled ones give ``asked``, the cell's time when the
@@ -58,6 +58,6 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The cell's time moved on to ``time`` (ns) though no source spoke; recorded, so that replay is exact."""
+    """The cell's time reached ``time`` ns while no source delivered; recorded, so that replay is exact."""
 
     time: int

@@ -1,4 +1,4 @@
-"""Batches and frames cut and put together along their numbering. Pure."""
+"""Joins and cuts batches and frames by sequence number. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Block = TypeVar("Block", bound=Batch | Frames)
 
 
 def join(blocks: Sequence[Block], limit: int) -> Block | None:
-    """The first blocks as one, up to the first hole in their numbering and at most ``limit`` samples."""
+    """Join the first blocks, up to the first hole in their numbering and at most ``limit`` samples."""
     taken: list[Block] = []
     count = 0
     for block in blocks:
@@ -27,7 +27,7 @@ def join(blocks: Sequence[Block], limit: int) -> Block | None:
 
 
 def follows(first: Block, second: Block) -> bool:
-    """Whether ``second`` continues ``first`` without a hole and in the same form."""
+    """True if ``second`` continues ``first`` without a hole and in the same form."""
     if isinstance(first, Batch) and isinstance(second, Batch):
         same = first.stream == second.stream and (first.device_time is None) == (second.device_time is None)
     else:
@@ -36,7 +36,7 @@ def follows(first: Block, second: Block) -> bool:
 
 
 def concatenate(blocks: Sequence[Block]) -> Block:
-    """Blocks that follow each other as one; the ``arrival`` of a batch is the last one's."""
+    """Join consecutive blocks; a batch gets the ``arrival`` of the last one."""
     if len(blocks) == 1:
         return blocks[0]
     changed: dict[str, Any] = {n: np.concatenate([getattr(b, n) for b in blocks]) for n in _arrays(blocks[0])}
@@ -46,7 +46,7 @@ def concatenate(blocks: Sequence[Block]) -> Block:
 
 
 def cut(content: Block, first: int, last: int) -> Block:
-    """Rows ``first`` … ``last`` of a block, with the sequence that is theirs."""
+    """Rows ``first`` … ``last`` of a block, with their own sequence number."""
     if first <= 0 and last >= len(content):
         return content
     first = max(first, 0)

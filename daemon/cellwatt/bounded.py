@@ -1,4 +1,4 @@
-"""A bounded queue between two tasks of one event loop, which loses nothing uncounted."""
+"""A bounded queue between two tasks of one event loop that reports every item it drops."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ T = TypeVar("T")
 
 
 class QueueClosedError(Exception):
-    """The queue was closed: nothing can be put any more, and for the reader nothing is left."""
+    """The queue was closed: nothing can be added, and the reader has taken everything."""
 
 
 class BoundedQueue(Generic[T]):
@@ -41,12 +41,12 @@ class BoundedQueue(Generic[T]):
 
     @property
     def weight(self) -> int:
-        """Summed weight of what waits."""
+        """Summed weight of the waiting items."""
         return self._weight
 
     @property
     def closed(self) -> bool:
-        """Whether ``close`` was called."""
+        """True after ``close``."""
         return self._closed
 
     def put_nowait(self, item: T, weight: int = 1) -> None:
@@ -81,7 +81,7 @@ class BoundedQueue(Generic[T]):
         return item
 
     async def get_batch(self) -> list[T]:
-        """Take everything there is; waits for at least one item. Raises ``QueueClosedError`` once closed and empty."""
+        """Take all items; waits for at least one. Raises ``QueueClosedError`` once closed and empty."""
         await self._filled()
         items = [item for item, _ in self._items]
         self._items.clear()
@@ -90,7 +90,7 @@ class BoundedQueue(Generic[T]):
         return items
 
     def close(self) -> None:
-        """Refuse further items and let the reader drain."""
+        """Refuse further items; the reader still gets the waiting ones."""
         self._closed = True
         for waiting in (*self._getters, *self._putters):
             if not waiting.done():

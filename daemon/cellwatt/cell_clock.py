@@ -20,8 +20,8 @@ class CellClock:
     """UTC in ns, anchored to the host's wall clock once and carried on by CLOCK_MONOTONIC.
 
     Call ``discipline`` once a second: it compares with the host's wall clock and slews towards it by at most
-    500 ppm, taken up and given back at 0.05 ppm a second. A step of the wall clock is reported and slewed
-    after, never jumped after. ``wall`` and ``monotonic`` are the host's clocks, ns.
+    500 ppm, changed by 0.05 ppm per second. A step of the wall clock is reported and followed by slewing, never
+    by a jump. ``wall`` and ``monotonic`` are the host's clocks, ns.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class CellClock:
 
     @property
     def slew_ppm(self) -> float:
-        """How much faster than the host's clock the cell's time runs at present, ppm."""
+        """Present rate of the cell's time relative to the host's clock, ppm; positive is faster."""
         return self._line[2] * 1e6
 
     def now(self) -> int:
@@ -51,7 +51,7 @@ class CellClock:
     def discipline(self) -> int:
         """Compare with the host's wall clock and set the slew for the next second.
 
-        Gives by how much somebody set the wall clock since the last call, ns; 0 if nobody did.
+        Return the step by which the wall clock was set since the last call, ns; 0 if it was not.
         """
         at, utc = self._compare()
         before, zero, slew = self._line
@@ -78,7 +78,7 @@ class CellClock:
 
 
 def _next_slew(slew: float, error: float, elapsed: float) -> float:
-    """The slew that removes an error, s, and can still be given back in time, as far as ``elapsed`` s let it turn."""
+    """The slew that removes ``error`` s without overshoot, within the change that ``elapsed`` s allow."""
     size = min(_MAX_SLEW, math.sqrt(1.6 * _MAX_TURN * abs(error)), abs(error) / _HORIZON)
     wanted = -math.copysign(size, error)
     turn = _MAX_TURN * min(elapsed, 1.0)

@@ -40,7 +40,7 @@ UNITS = frozenset(
 
 
 class Quality(IntEnum):
-    """What is known about one sample. Higher is worse; merging takes the maximum."""
+    """Quality of one sample. Higher is worse; merging takes the maximum."""
 
     GOOD = 0
     INTERPOLATED = 1
@@ -56,8 +56,8 @@ class Channel:
     ``name`` is dotted and lower case (``joint_1.position``, ``supply.power``), ``unit`` one of ``UNITS``.
     ``align`` says how it is brought onto the frame grid; by default power is averaged over the grid
     step (anti-aliased), discrete and counter values are held, all else is interpolated linearly.
-    ``window`` s is what each value is a mean over, as the device's maker or whoever set it up says; 0: a value is one
-    of its instant, or nobody says.
+    ``window`` is the time in s over which the device averages each value, by its manual or its setup; 0 for an
+    instantaneous value or if unknown.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What one source delivers together, declared once.
+    """Channels that one source delivers together, declared once.
 
     ``rate`` is the nominal rate in Hz (0 where the source sends on change). ``clock`` is ``device`` where
     samples carry the device's own time, ``host`` where the daemon stamps them.

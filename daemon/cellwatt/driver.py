@@ -25,7 +25,7 @@ class SourceSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who answered: shown by ``doctor``, written into recordings."""
+    """Identity of the device that answered: shown by ``doctor``, written into recordings."""
 
     maker: str
     model: str
@@ -35,7 +35,7 @@ class Identity:
 
 
 class Outlet(Protocol):
-    """Where a driver puts what it reads. All methods return at once and are called on the event loop."""
+    """Receives what a driver reads. All methods return at once and are called on the event loop."""
 
     account: Account
 
@@ -44,24 +44,24 @@ class Outlet(Protocol):
         ...
 
     def connected(self, identity: Identity) -> None:
-        """The device answered and will deliver; resets the back-off."""
+        """Report that the device answered and will deliver; resets the back-off."""
         ...
 
     def emit(self, reading: Reading) -> None:
-        """Hand over a block, in order. The daemon counts it as received, stamps, records and publishes it."""
+        """Hand over a block, in order. The daemon counts it as received, then stamps, records and publishes it."""
         ...
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
-        """A sample with ``device_time`` (ns) was made no earlier than the cell's time ``not_before`` (ns).
+        """Report that the sample with ``device_time`` ns was made no earlier than the cell's time ``not_before`` ns.
 
-        Lets the clock model state a two-sided bound; a driver knows it where the device cannot have made the sample
-        before a question that left at ``not_before``. That an answer came ahead of it is no proof: devices may answer
-        ahead of older samples.
+        Lets the clock model state a two-sided bound. Call it only if the device cannot have made the sample before
+        a question that left at ``not_before``. An answer that arrives before the sample proves nothing: devices may
+        answer ahead of older samples.
         """
         ...
 
     def clock_reset(self, stream: Stream, reason: str) -> None:
-        """The device's time base changed (reboot, wrap that cannot be unwrapped): forget the old map."""
+        """Report a new time base of the device (reboot, wrap that cannot be unwrapped): the old map is forgotten."""
         ...
 
     def event(self, kind: str, text: str, **data: str | float) -> None:
@@ -100,7 +100,7 @@ class Driver(ABC, Generic[S]):
     @property
     @abstractmethod
     def streams(self) -> tuple[Stream, ...]:
-        """What will be delivered; known from the settings alone, without the device."""
+        """Streams that will be delivered, from the settings alone, without the device."""
 
     @abstractmethod
     async def run(self) -> None:

@@ -37,7 +37,7 @@ __all__ = [
 
 
 def why(error: OSError) -> str:
-    """The system's plain reason, e.g. ``Connection refused``, where asyncio puts words of its own."""
+    """The system's plain reason, e.g. ``Connection refused``, instead of asyncio's wording."""
     if error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
     return error.strerror or str(error)
@@ -79,7 +79,7 @@ class RecordingError(CellwattError):
 
 
 class ModelError(CellwattError):
-    """A model or reference file is refused: wrong inputs, units, robot or damaged."""
+    """A model or reference file is refused: wrong inputs, units or robot, or damaged."""
 
 
 class SinkError(CellwattError):

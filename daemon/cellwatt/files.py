@@ -1,7 +1,7 @@
-"""Files that others wrote, opened only where they are files and no larger than they can sensibly be.
+"""Opens files that others wrote, if they are regular files of a sensible size.
 
-A FIFO would hold its reader up for ever, a device may act on being opened, and a file of 10 GB fills the memory. So
-every file that a command or the daemon reads goes through here, also those that a library opens by their name.
+A FIFO would block its reader for ever, a device may act on being opened, and a file of 10 GB fills the memory. So
+every file that a command or the daemon reads is checked here, also those that a library opens by name.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ COMPUTED: Final = 1_000_000_000
 
 
 class UnfitFileError(OSError):
-    """What is no file to be read; its text is the reason alone."""
+    """The path is no readable regular file; the text is the reason alone."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(0, reason)  # no number of the system's, whose words would be others
@@ -38,14 +38,14 @@ _KINDS = (
 
 
 def check_file(path: Path, limit: int | None = COMPUTED) -> None:
-    """Look whether ``path`` is a regular file of at most ``limit`` bytes. Raises ``OSError`` in words."""
+    """Raise ``OSError`` with a plain reason unless ``path`` is a regular file of at most ``limit`` bytes."""
     _check(path.stat(), limit)
 
 
 def open_file(path: Path, limit: int | None = None, *, write: bool = False) -> FileIO:
     """Open a regular file of at most ``limit`` bytes to read it (``write``: also to change it).
 
-    Raises ``OSError`` in words; ``ValueError`` where the name holds a NUL.
+    Raises ``OSError`` with a plain reason; ``ValueError`` if the name holds a NUL.
     """
     check_file(path, limit)  # some devices act on being opened
 
@@ -62,7 +62,7 @@ def open_file(path: Path, limit: int | None = None, *, write: bool = False) -> F
 
 
 def read_bytes(path: Path, limit: int = WRITTEN) -> bytes:
-    """What is in a regular file of at most ``limit`` bytes. Raises ``OSError`` in words."""
+    """Read a regular file of at most ``limit`` bytes. Raises ``OSError`` with a plain reason."""
     with open_file(path, limit) as file:
         content, left = bytearray(), limit + 1
         while left and (piece := file.read(min(left, 1 << 20))):  # it may grow while it is read

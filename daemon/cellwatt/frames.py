@@ -16,7 +16,7 @@ from cellwatt.errors import ConfigError
 class FrameChannel:
     """A column of the frames: ``name`` is ``<source>.<channel>``, e.g. ``arm.joint_1.position``.
 
-    ``window`` s is what each value of the device is a mean over, as in ``Channel``.
+    ``window`` is the time in s over which the device averages each value, as in ``Channel``.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Layout:
     def index(self, name: str) -> int:
         """Column of a channel given by full name, or by short name where only one source has it.
 
-        Raises ``ConfigError`` that names the candidates where it is unknown or ambiguous.
+        Raises ``ConfigError`` that names the candidates if it is unknown or ambiguous.
         """
         if name in self.names:
             return self.names.index(name)
@@ -71,7 +71,7 @@ class Layout:
     def joints(self, quantity: str, source: str | None = None) -> tuple[int, ...]:
         """Columns of ``joint_1.<quantity>``, ``joint_2.<quantity>``, … of the one source that has them.
 
-        Raises ``ConfigError`` where no source, or several sources and none chosen, have joints.
+        Raises ``ConfigError`` if no source has joints, or several have and none is chosen.
         """
         sources = sorted(
             {c.source for c in self.channels if c.short.startswith("joint_") and c.short.endswith(f".{quantity}")}
@@ -113,5 +113,5 @@ class Frames:
         return len(self.time)
 
     def stamps(self, column: int) -> NDArray[np.int64]:
-        """When each value (n,) of a held column came, ns UTC, but for its clock bound: a new value has a new stamp."""
+        """Time stamps (n,) of the values of a held column, ns UTC, without clock bound: a new value has a new stamp."""
         return self.time - self.bound[:, column]

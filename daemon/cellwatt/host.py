@@ -15,7 +15,7 @@ _NUMBERS = re.compile(r"[0-9]+(?:\.[0-9]+){3}")
 
 
 def check_host(host: str) -> str:
-    """The host as it is; raises ``ValueError`` where it is neither a host name nor an IP address."""
+    """Return the host unchanged. Raises ``ValueError`` if it is neither a host name nor an IP address."""
     if len(host) > LONGEST:
         raise ValueError(f"a host name has at most {LONGEST} characters, this one has {len(host):,}")
     if _NUMBERS.fullmatch(host) and not _is_address(host):

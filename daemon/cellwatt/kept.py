@@ -1,4 +1,4 @@
-"""For how long a process was kept from running: by others on its cores, or by the host of a virtual machine."""
+"""Measures the time a process was kept from running by others on its cores or by the host of a virtual machine."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ _open: dict[str, int] = {}
 
 
 class Kept:
-    """Looks of a process's first thread at what it had to wait for; one costs some 4 µs."""
+    """Measures the waiting time of a process's first thread; one ``look`` takes about 4 µs."""
 
     def __init__(self) -> None:
         self._ready, self._stolen = _ready_ns(), _steal.now()
 
     def look(self) -> int:
-        """For how long, ns, the thread was ready to run and did not since the last look, or a core was away.
+        """Time since the last look, ns, for which the thread was ready but did not run, or a core was withheld.
 
-        The latter is counted in steps of 10 ms, and only where /proc/stat can be read.
+        Withheld time counts in steps of 10 ms, and only if /proc/stat can be read.
         """
         ready, stolen = self._ready, self._stolen
         self._ready, self._stolen = _ready_ns(), _steal.now()
@@ -36,20 +36,20 @@ class Kept:
 
 
 def _ready_ns() -> int:
-    """How long this process's first thread was ready to run and did not, ns; 0 where the kernel does not count it."""
+    """Time for which this process's first thread was ready but did not run, ns; 0 if the kernel does not count it."""
     text = _read(f"/proc/{os.getpid()}/schedstat", _LINE)
     return int(text.split()[1]) if text else 0
 
 
 class _Steal:
-    """How long each core was kept from this PC by its hypervisor; read once for all that look within 5 ms."""
+    """Time for which the hypervisor withheld each core; read at most once in 5 ms."""
 
     def __init__(self) -> None:
         self._at = -math.inf
         self._found: tuple[int, ...] = ()
 
     def now(self) -> tuple[int, ...]:
-        """ns by core, in steps of 10 ms; empty where never, or where it cannot be known."""
+        """Withheld time by core, ns, in steps of 10 ms; empty if none, or if unknown."""
         at = time.monotonic()
         if at - self._at > _STEP:
             self._at, self._found = at, _stolen_ns()

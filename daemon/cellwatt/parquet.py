@@ -1,4 +1,4 @@
-"""Parquet files that others wrote: looked at before they are unpacked."""
+"""Reads Parquet files that others wrote, checked before they are unpacked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST: Final = 4_000_000_000
 
 
 def read_parquet(path: Path) -> pa.Table:
-    """All columns of a file. Raises ``OSError``, also where it is too large, and what pyarrow raises."""
+    """Read all columns of a file. Raises ``OSError``, also if it is too large, and pyarrow's errors."""
     import pyarrow.parquet as pq
 
     check_file(path, COMPUTED)

@@ -20,9 +20,9 @@ _WATT = {"w": 1.0, "mw": 1e-3, "kw": 1e3}
 
 
 def parse(text: object, units: Mapping[str, float], example: str) -> float:
-    """A number with a unit as a float in the base unit.
+    """Parse a number with a unit into a float in the base unit.
 
-    Raises ``ValueError`` that names the units where text is no finite number, has an unknown unit or none.
+    Raises ``ValueError`` that names the units if the text is no finite number, or its unit is unknown or missing.
     """
     names = ", ".join(units)
     if isinstance(text, bool) or not isinstance(text, str | int | float):

@@ -1,4 +1,4 @@
-"""When a datagram reached this PC: the kernel's word, so that a process that comes late to it stamps it right."""
+"""Kernel time stamps of received datagrams, which stay right if the process reads them late."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OLDEST: Final = 10_000_000_000
 
 
 def stamp_receipts(opened: socket.socket) -> bool:
-    """Have the kernel stamp what a datagram socket receives; false where it does not."""
+    """Switch on kernel time stamps for a datagram socket; return False if the kernel refuses."""
     try:
         opened.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
     except OSError:
@@ -25,9 +25,9 @@ def stamp_receipts(opened: socket.socket) -> bool:
 
 
 def receive(opened: socket.socket, size: int) -> tuple[bytes, Any, int]:
-    """The next datagram of at most ``size`` bytes, its sender, and for how long it has waited here, ns.
+    """Receive a datagram of at most ``size`` bytes; return it, its sender, and its waiting time in this PC, ns.
 
-    The wait is 0 where the kernel does not tell. Raises ``OSError`` as ``socket.recvmsg`` does.
+    The waiting time is 0 without a kernel time stamp. Raises ``OSError`` as ``socket.recvmsg`` does.
     """
     datagram, ancillary, _, sender = opened.recvmsg(size, _ANCILLARY)
     for level, kind, data in ancillary:

@@ -1,4 +1,4 @@
-"""Finds drivers, stages, sinks and commands by entry point; a package outside this repository is a full citizen."""
+"""Finds drivers, stages, sinks and commands by entry point, in this repository and in any other package."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GROUPS = ("cellwatt.drivers", "cellwatt.stages", "cellwatt.sinks", "cellwatt.com
 
 @cache
 def available(group: str) -> dict[str, EntryPoint]:
-    """Entry points of a group by name, sorted. Raises ``CellwattError`` where two packages claim one name."""
+    """Entry points of a group by name, sorted. Raises ``CellwattError`` if two packages claim one name."""
     found: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=group), key=lambda p: p.name):
         other = found.get(point.name)
@@ -28,10 +28,9 @@ def available(group: str) -> dict[str, EntryPoint]:
 
 
 def load(group: str, name: str) -> Any:
-    """The object behind an entry point.
+    """Load the object behind an entry point.
 
-    Raises ``ConfigError`` with the nearest name where it is unknown, or with the reason where it cannot be
-    imported.
+    Raises ``ConfigError`` with the nearest name if it is unknown, or with the reason if it cannot be imported.
     """
     points = available(group)
     what = group.rsplit(".", 1)[1].removesuffix("s")

@@ -1,4 +1,4 @@
-"""What stages give, and what the daemon says about itself."""
+"""Results of stages, alarms and events of the daemon."""
 
 from __future__ import annotations
 
@@ -66,15 +66,15 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """Where the energy of one task went.
+    """Energy of one task by consumer.
 
     ``task``, ``variant`` and ``repetition`` are those of the ``Task`` that ended; ``start``/``end`` ns UTC. ``total``
-    J is what was measured; ``groups`` J, consumer by consumer, add up to it, and ``unexplained`` is the group of what
-    no consumer accounts for. ``uncertainty`` J, one standard deviation, is how far that may be from 0 where all is
-    well. ``positive_mechanical`` J is what the motors gave, braking not counted, and ``motion_efficiency_percent``
-    its share of ``total``. ``total_per_part`` J is ``None`` where nobody said how many parts the task makes.
-    ``group_uncertainty`` J is one standard deviation of each of ``groups``, whose errors go together; it is empty in
-    what was recorded before there was one.
+    J was measured; ``groups`` J, one per consumer, add up to it, and ``unexplained`` is the rest that no consumer
+    accounts for. ``uncertainty`` J is the standard deviation of ``unexplained`` on a healthy arm.
+    ``positive_mechanical`` J is the work of the motors without braking, ``motion_efficiency_percent`` its share of
+    ``total``. ``total_per_part`` J is ``None`` if the settings do not say how many parts the task makes.
+    ``group_uncertainty`` J is one standard deviation of each of ``groups``, whose errors are correlated; it is empty
+    in older recordings.
     """
 
     source: str
@@ -120,7 +120,7 @@ Result = Interval | Task | Energy | Prediction | Alarm
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something happened to a source or the daemon (connected, rebooted, clock reset, reloaded, …)."""
+    """An event of a source or the daemon (connected, rebooted, clock reset, reloaded, …)."""
 
     time: int
     source: str | None

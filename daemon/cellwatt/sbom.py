@@ -1,7 +1,7 @@
-"""What is installed here beside cellwatt, as CycloneDX 1.6: ``python -m cellwatt.sbom > cellwatt.cdx.json``.
+"""Bill of materials in CycloneDX 1.6: ``python -m cellwatt.sbom > cellwatt.cdx.json``.
 
-Of the Python environment that runs it, so of what an installation really has, extras and plugins included. The same
-environment gives the same bytes: no time, no random number.
+Lists the packages of the Python environment that runs it, extras and plugins included. The same environment gives
+the same bytes: no time, no random number.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def sbom() -> dict[str, Any]:
 
 
 def normal(name: str) -> str:
-    """A distribution's name as indexes compare it (PEP 503)."""
+    """A distribution's normalised name (PEP 503)."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
@@ -45,13 +45,13 @@ def purl(distribution: Distribution) -> str:
 
 
 def requirements(distribution: Distribution) -> list[str]:
-    """Names that a distribution asks for, also by extras and for other systems."""
+    """Names of a distribution's requirements, also those of extras and for other systems."""
     matches = (_NAME.match(text) for text in distribution.requires or ())
     return sorted({normal(match[0]) for match in matches if match} - {normal(distribution.name)})
 
 
 def licence(distribution: Distribution) -> dict[str, Any]:
-    """An entry of CycloneDX's ``licenses``: the expression (SPDX) where the distribution gives one, else its words."""
+    """An entry of CycloneDX's ``licenses``: the SPDX expression if the distribution has one, otherwise its wording."""
     if expression := _stated(distribution, "License-Expression"):
         return {"expression": expression}
     classifiers = [c for c in distribution.metadata.get_all("Classifier") or () if c.startswith("License ::")]

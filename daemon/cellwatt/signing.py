@@ -1,6 +1,6 @@
 """Ed25519 keys (RFC 8032): signs with a private key, verifies with public keys. Needs the extra ``secure``.
 
-What is signed is a list of parts; the first says what kind of thing it is, so that no signature can stand for another.
+A signature covers a list of parts; the first names the kind of content, so that no signature can stand for another.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ _BLOCK: Final = re.compile(rb"-----BEGIN (PUBLIC KEY|CERTIFICATE)-----.*?-----EN
 
 
 class Signer:
-    """Signs with a cell's private key. Raises ``ConfigError`` where the file holds none."""
+    """Signs with a cell's private key. Raises ``ConfigError`` if the file holds none."""
 
     def __init__(self, path: Path) -> None:
         self._key = _private(path)
 
     def sign(self, *parts: bytes | str) -> bytes:
-        """Signature of these parts together, 64 bytes."""
+        """Sign these parts together; return 64 bytes."""
         return self._key.sign(_joined(parts))
 
 
 class Verifier:
-    """Knows the public keys of a cell, or certificates with them: PEM, one or several in a file.
+    """Verifies with the public keys of a cell, or certificates with them: PEM, one or several in a file.
 
-    Raises ``ConfigError`` where the file holds none.
+    Raises ``ConfigError`` if the file holds none.
     """
 
     def __init__(self, path: Path) -> None:
         self._keys = _public(path)
 
     def holds(self, signature: bytes, *parts: bytes | str) -> bool:
-        """Whether one of the keys signed these parts together."""
+        """True if one of the keys signed these parts together."""
         from cryptography.exceptions import InvalidSignature
 
         signed = _joined(parts)
@@ -54,7 +54,7 @@ class Verifier:
 
 
 def unusable(path: Path | None) -> tuple[str, ...]:
-    """Why nothing can be signed with the key in this file, a line; nothing where it can, or where none is set."""
+    """Reason why the key in this file cannot sign, as one line; empty if it can, or if none is set."""
     try:
         if path is not None:
             Signer(path)
@@ -64,7 +64,7 @@ def unusable(path: Path | None) -> tuple[str, ...]:
 
 
 def new_key() -> tuple[bytes, bytes]:
-    """A private key and its public key, PEM."""
+    """Make a private key and its public key, PEM."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
@@ -74,7 +74,7 @@ def new_key() -> tuple[bytes, bytes]:
 
 
 def _joined(parts: tuple[bytes | str, ...]) -> bytes:
-    """The parts with their lengths, so that no two lists of parts look the same."""
+    """Join the parts with their lengths, so that different lists of parts give different bytes."""
     plain = [part.encode("utf-8", "surrogatepass") if isinstance(part, str) else part for part in parts]
     return b"".join(len(part).to_bytes(8, "little") + part for part in plain)
 
@@ -116,7 +116,7 @@ def _public(path: Path) -> list[Ed25519PublicKey]:
 
 
 def _text(path: Path) -> bytes:
-    """The file; says where the extra is missing."""
+    """Read the key file. Raises ``ConfigError``, also if the extra is not installed."""
     try:
         import cryptography  # noqa: F401
     except ImportError as error:

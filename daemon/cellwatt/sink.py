@@ -1,4 +1,4 @@
-"""The contract between the daemon and where its data go."""
+"""The contract between the daemon and a consumer of its data."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class SinkSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     def warnings(self) -> tuple[str, ...]:
-        """What is allowed and yet worth a word, a line each; ``check``, ``doctor``, health and the log say it."""
+        """Warnings about valid settings, one line each, shown by ``check``, ``doctor``, health and the log."""
         return ()
 
 
@@ -29,10 +29,10 @@ Item = Batch | Frames | Result | Event
 
 
 class Journal(Protocol):
-    """What was told in this session, also by a process that this one follows."""
+    """Results and events published in this session, also by a predecessor of this process."""
 
     def put(self, item: Result | Event) -> int:
-        """Note one item; gives its number among those of its kind."""
+        """Add an item; return its number among those of its kind."""
         ...
 
     def past(self) -> Iterator[tuple[int, Result | Event]]:
@@ -41,7 +41,7 @@ class Journal(Protocol):
 
 
 class CellView(Protocol):
-    """What a sink may ask of the running cell. All methods may be called from any thread."""
+    """The running cell as a sink sees it. All methods may be called from any thread."""
 
     site: str
     cell: str
@@ -67,7 +67,7 @@ class CellView(Protocol):
         ...
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        """Recorded samples ``first`` … ``first + count`` of a stream, in order, what is left of them."""
+        """Recorded samples ``first`` … ``first + count`` of a stream that are still kept, in order."""
         ...
 
 
@@ -75,7 +75,7 @@ S = TypeVar("S", bound=SinkSettings)
 
 
 class Sink(ABC, Generic[S]):
-    """Takes what the cell gives to somebody.
+    """Passes the cell's data on to a consumer.
 
     ``offer`` is called on the event loop for every item and must only enqueue; when its queue is full it
     drops the oldest and counts it in ``account``. ``run`` opens, serves until cancelled, then drains and
@@ -100,7 +100,7 @@ class Sink(ABC, Generic[S]):
         """Take the cell's health, about once a second; never blocks."""
 
     def trouble(self) -> str | None:
-        """What keeps it from serving though it runs, for health; ``None`` where all is well."""
+        """Reason why the running sink does not serve, for health; ``None`` if all is well."""
         return None
 
     @abstractmethod

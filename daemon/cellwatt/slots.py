@@ -1,4 +1,4 @@
-"""Slots of a polled device that nobody served, and what held them up: the device, this program or the host."""
+"""Unserved slots of a polled device by cause: the device, this program or the host."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ HOST: Final = "host stalled"
 class Slots:
     """Follows the beats of one device at ``rate`` Hz over all its connections: ``begin`` and ``end`` once a slot.
 
-    What held a slot up is measured: see ``Kept``. A loop that came late though it computed for less than half of the
-    time was kept from running, too.
+    The cause is measured (see ``Kept``). A loop that is late although it computed for less than half of the time was
+    kept from running, too.
     """
 
     def __init__(self, rate: float) -> None:
@@ -30,11 +30,11 @@ class Slots:
         self._kept = Kept()
 
     def connected(self) -> None:
-        """A connection begins: what went by since the last one was not served for want of it."""
+        """Begin a connection; slots since the last one were unserved for lack of a connection."""
         self._resumed = self.deadline != 0
 
     def begin(self, beat: Beat) -> list[tuple[int, str]]:
-        """A slot begins; gives how many before it nobody served, by reason: slow answers a slot late."""
+        """Begin a slot; return the unserved slots before it by reason. Slow answers are counted a slot late."""
         before, self.deadline = self.deadline, beat.deadline
         kept = self._kept.look()
         self._begun_late = min(kept, max(time.monotonic_ns() - beat.deadline, 0))
@@ -58,7 +58,7 @@ class Slots:
         return _some(*told, (beat.merged - slow, "merged tick" if computed or not self._idle else HOST))
 
     def end(self) -> None:
-        """All of the slot's answers are there, or given up."""
+        """End a slot: all of its answers have arrived or were given up."""
         self._idle, self._computed = time.monotonic_ns(), time.thread_time_ns()
         self._held_up = self._begun_late + self._kept.look()
 

@@ -1,4 +1,4 @@
-"""The contract between the daemon and what learns from the frames."""
+"""The contract between the daemon and a stage, which turns frames into results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class StageSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class CellInfo:
-    """What a stage may know of its cell: ``folder`` is where relative paths in the settings start."""
+    """The cell as a stage sees it; relative paths in the settings start at ``folder``."""
 
     site: str
     cell: str
@@ -36,10 +36,10 @@ S = TypeVar("S", bound=StageSettings)
 class Stage(ABC, Generic[S]):
     """Turns frames into results; the same object serves the live daemon, replay and the offline commands.
 
-    Made once the frames' layout is known; ``__init__`` raises ``ConfigError`` or ``ModelError`` where
-    settings and layout do not fit, before any data flow. ``process`` runs in a worker thread, one call at
-    a time, in frame order. It must be a pure function of what it was given since it was made, so that a
-    replay gives the same results: no clock, no randomness without a seed.
+    Made once the frames' layout is known; ``__init__`` raises ``ConfigError`` or ``ModelError`` if settings and
+    layout do not fit, before any data flow. ``process`` runs in a worker thread, one call at a time, in frame order.
+    It must be a pure function of the frames since the stage was made, so that a replay gives the same results: no
+    clock, no randomness without a seed.
     """
 
     Settings: ClassVar[type[StageSettings]]
@@ -56,8 +56,8 @@ class Stage(ABC, Generic[S]):
 
     @abstractmethod
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """Results that became known with this block. ``upstream``: what the needed stages gave for it."""
+        """Return the results that this block settles. ``upstream`` holds the needed stages' results for it."""
 
     def close(self) -> Sequence[Result]:
-        """Results that the end of the data settles (e.g. the interval that was still open)."""
+        """Return the results that the end of the data settles (e.g. the interval that was still open)."""
         return ()

@@ -1,4 +1,4 @@
-"""Deadlines that do not drift, to a tenth of a millisecond, and a count of those nobody served.
+"""Deadlines without drift, to a tenth of a millisecond, and a count of the missed ones.
 
 asyncio rounds its time-outs up to 1 ms. Here one Linux timerfd per event loop, read through
 ``loop.add_reader``, wakes all tickers of that loop at their absolute deadlines on CLOCK_MONOTONIC.
@@ -58,16 +58,16 @@ class Beat(NamedTuple):
 
     @property
     def lateness(self) -> float:
-        """s that have gone by since the deadline; asked first thing in a turn, how late it is served."""
+        """Time since the deadline, s; at the start of a turn, its delay."""
         return max(0.0, (time.monotonic_ns() - self.deadline) * 1e-9)
 
 
 class Ticker:
     """Beats at ``rate`` Hz: ``async with Ticker(50.0) as ticker: async for tick in ticker: ...``.
 
-    Deadlines are first + k / rate, whatever the body takes. A body that overruns gets the newest due deadline
-    at once, and how many were merged into it. A cancelled wait loses no deadline. Serves one task at a time;
-    Linux only. Raises ``ValueError`` where the rate is not above zero.
+    Deadlines are first + k / rate, however long the body takes. A body that overruns gets the newest due deadline
+    at once, with the number of deadlines merged into it. A cancelled wait loses no deadline. Serves one task at a
+    time; Linux only. Raises ``ValueError`` if the rate is not above zero.
     """
 
     def __init__(self, rate: float) -> None:
@@ -150,7 +150,7 @@ class _LoopClock:
         return _CLOCKS[loop]
 
     def enter(self, period: float) -> int:
-        """Count a ticker in; gives its first deadline, ns."""
+        """Register a ticker; return its first deadline, ns."""
         self._members += 1
         self._entered += 1
         phase = self._entered * _GOLDEN % 1.0

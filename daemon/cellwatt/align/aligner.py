@@ -23,10 +23,10 @@ _HOLE = 60 * _SECOND
 class Aligner:
     """Brings the streams of all sources onto one grid of ``rate`` Hz.
 
-    A grid point is given out once every stream that speaks has the samples that settle it, at the latest with
-    the first entry (batch or tick) whose time is ``latency`` s past it; what is missing then is marked, and what
-    comes later is counted by stream in ``counts``. The frames, and how they are cut into blocks, depend on
-    nothing but the sequence of entries: a replay gives the same bits.
+    A grid point is emitted once every active stream has the samples that settle it, at the latest with the first
+    entry (batch or tick) whose time is ``latency`` s past it. Values that are missing then are marked; samples that
+    arrive later are counted by stream in ``counts``. The frames and their blocks depend only on the sequence of
+    entries, so a replay gives the same bits.
 
     Linear channels lie on the straight line between the neighbouring samples, averaged ones are the mean over
     the step around the grid point, held ones the last sample. A stretch of more than 1.5 nominal periods
@@ -72,11 +72,11 @@ class Aligner:
 
     @property
     def counts(self) -> Mapping[tuple[str, str], Counts]:
-        """What did not make it into the frames, by source and stream."""
+        """Samples that did not enter their frames, by source and stream."""
         return {key: lane.track.counts for key, lane in self._lanes.items()}
 
     def add(self, batch: Batch) -> list[Frames]:
-        """Take a batch; gives the frames that it settles. Raises ``KeyError`` for a stream that was not declared."""
+        """Take a batch; return the frames that it settles. Raises ``KeyError`` for an undeclared stream."""
         lane = self._lanes[batch.source, batch.stream.name]
         self._now = max(self._now, batch.arrival)
         if not len(batch):
@@ -90,12 +90,12 @@ class Aligner:
         return []
 
     def tick(self, tick: Tick) -> list[Frames]:
-        """The cell's time moved on; gives the frames that are overdue now."""
+        """Advance the cell's time; return the frames that are overdue now."""
         self._now = max(self._now, tick.time)
         return self._move_on()
 
     def flush(self) -> list[Frames]:
-        """Give out all frames up to the newest sample, whatever is missing: the data end here."""
+        """Return all frames up to the newest sample, missing values marked: the data end here."""
         newest = max(lane.track.newest for lane in self._lanes.values()) if self._lanes else self._now
         return self._give_out(newest // self._step)
 
@@ -105,7 +105,7 @@ class Aligner:
         return (self._next or 0) * self._step
 
     def _begin(self, first: int) -> None:
-        """Lay the first grid point at the first sample, or as far back as the latency reaches."""
+        """Place the first grid point at the first sample, but no further back than the latency."""
         self._next = -(-max(first, self._now - self._latency) // self._step)
         for lane in self._lanes.values():
             lane.start = self._now

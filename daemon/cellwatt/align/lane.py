@@ -1,4 +1,4 @@
-"""One stream's columns of the frames: what settles a grid point, how long to wait, which method fills it."""
+"""One stream's columns of the frames: when a grid point is settled, how long to wait, which method fills it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PATIENCE_PERIODS = 3
 
 
 class Lane:
-    """A stream on its way into the frames, ``first`` being its first column there.
+    """Aligns one stream; ``first`` is its first column in the frames.
 
     ``step`` and ``latency`` ns are those of the frames. ``gap`` is the longest stretch that is bridged, in
     nominal periods, ``hold`` the longest time in s for which a stream without a rate holds.
@@ -56,11 +56,11 @@ class Lane:
         return self.track.newest - self.reach
 
     def awaited(self, now: int) -> bool:
-        """Whether frames should wait for this stream at the cell's time ``now``, ns."""
+        """True if frames should wait for this stream at the cell's time ``now``, ns."""
         return not self.held and now - max(self.start, self._heard) <= self._patience
 
     def hear(self, batch: Batch, given_out: int, horizon: int) -> None:
-        """Take a batch. Frames up to ``given_out`` are gone; samples after ``horizon`` are refused, ns."""
+        """Take a batch. Frames up to ``given_out`` ns were emitted; samples after ``horizon`` ns are refused."""
         self._heard = batch.arrival
         self.track.append(batch, given_out + self.reach - self._overdue, horizon)
 

@@ -1,4 +1,4 @@
-"""How samples become values at grid points: linear, average, hold.
+"""Values at grid points from samples: linear, average, hold.
 
 Pure functions of the samples around each grid point, so that a value does not depend on how the stream was cut
 into batches or the grid into blocks.
@@ -41,7 +41,7 @@ class Limits(NamedTuple):
 
 
 class Aligned(NamedTuple):
-    """Values (m, channels) at m grid points, with ``quality`` (m,) and ``bound`` (m,) ns, which all channels share."""
+    """Values (m, channels) at m grid points; all channels share ``quality`` (m,) and ``bound`` (m,) ns."""
 
     values: Float
     quality: Qualities
@@ -49,7 +49,7 @@ class Aligned(NamedTuple):
 
 
 def linear(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits) -> Aligned:
-    """On the straight line between the neighbouring samples; a sample on the grid point itself is taken as it is."""
+    """Interpolate linearly between the neighbouring samples; a sample on a grid point is taken unchanged."""
     time, bound, values, quality = samples
     left, right, inside = _neighbours(time, grid)
     before, after = grid - time[left], time[right] - grid
@@ -62,7 +62,7 @@ def linear(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits
 
 
 def hold(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits) -> Aligned:
-    """The last sample at or before the grid point, as long as it is young enough."""
+    """Take the last sample at or before the grid point; it counts as missing if it is older than ``limits.longest``."""
     last = np.searchsorted(samples.time, grid, side="right") - 1
     inside = last >= 0
     last = np.maximum(last, 0)
@@ -75,9 +75,9 @@ def hold(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits) 
 
 
 def average(samples: Samples, columns: Columns, grid: Nanoseconds, step: int, limits: Limits) -> Aligned:
-    """The mean over one step around each of neighbouring grid points of the straight lines between the samples.
+    """Average the linear interpolation of the samples over one step around each of neighbouring grid points.
 
-    Windows touch, so the means times the step add up to the integral of the signal: energy is conserved.
+    Windows touch, so the averages times the step add up to the integral of the signal: energy is conserved.
     """
     time, bound, values, quality = samples
     edges = np.append(grid, grid[-1] + step) - step // 2
@@ -108,7 +108,7 @@ def _steps(time: Nanoseconds) -> Nanoseconds:
 
 
 def _neighbours(time: Nanoseconds, grid: Nanoseconds) -> tuple[_Index, _Index, NDArray[np.bool_]]:
-    """Samples next to each grid point, the same one twice where it is on it, and whether there are both."""
+    """Indices of the samples before and after each grid point (equal if one is on it), and if both exist, (m,) each."""
     left = np.searchsorted(time, grid, side="right") - 1
     right = np.searchsorted(time, grid, side="left")
     inside = (left >= 0) & (right < len(time))
@@ -116,7 +116,7 @@ def _neighbours(time: Nanoseconds, grid: Nanoseconds) -> tuple[_Index, _Index, N
 
 
 def _graded(quality: Qualities, span: Nanoseconds, inside: NDArray[np.bool_], limits: Limits) -> Qualities:
-    """The samples' quality, made worse where they are far apart."""
+    """The samples' quality, lowered where they are far apart."""
     missing = ~(inside & (span <= limits.longest))
     return np.maximum(np.maximum(quality, (span > limits.plain) * _INTERPOLATED), missing * _MISSING)
 

@@ -28,7 +28,7 @@ class Counts:
 
 
 class Track:
-    """A window over one stream, in arrays that grow with the need and are kept packed."""
+    """A window over one stream, in contiguous arrays that grow as needed."""
 
     def __init__(self, channels: int) -> None:
         self.counts = Counts()
@@ -42,12 +42,12 @@ class Track:
 
     @property
     def samples(self) -> Samples:
-        """Views of what is held, oldest first."""
+        """Views of the held samples, oldest first."""
         rows = slice(self._first, self._end)
         return Samples(self._time[rows], self._bound[rows], self._values[rows], self._quality[rows])
 
     def append(self, batch: Batch, settled: int, horizon: int) -> None:
-        """Take a batch. Samples at or before ``settled`` are late, those after ``horizon`` are refused, ns."""
+        """Take a batch. Samples at or before ``settled`` ns are late, those after ``horizon`` ns are refused."""
         time = batch.time
         n = len(time)
         first, last = int(time[0]), int(time[-1])
@@ -72,7 +72,7 @@ class Track:
         self.newest = last
 
     def forget(self, before: int) -> None:
-        """Let go of all samples before ``before``, ns, but the last of them."""
+        """Discard all samples before ``before`` ns except the last of them."""
         older = int(np.searchsorted(self._time[self._first : self._end], before, side="right"))
         self._first += max(0, older - 1)
 
@@ -82,7 +82,7 @@ class Track:
         self._end = keep
 
     def _pack(self, room: int) -> None:
-        """Move what is held to the front, into larger arrays where half of them would not do."""
+        """Move the held samples to the front, into larger arrays if they fill more than half."""
         held = self.samples
         if 2 * (len(self) + room) > len(self._time):
             self._resize(4 * (len(self) + room), held.values.shape[1])

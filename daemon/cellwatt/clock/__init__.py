@@ -1,4 +1,4 @@
-"""The cell's time of what devices sampled, with a bound that holds."""
+"""Maps device time to the cell's time, with a guaranteed bound."""
 
 from cellwatt.clock.model import ClockModel, ClockState
 from cellwatt.clock.polled import middle

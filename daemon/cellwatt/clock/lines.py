@@ -1,4 +1,4 @@
-"""The straight lines that one-sided facts about a clock leave possible.
+"""The straight lines (offset, drift) that are consistent with one-sided facts about a clock.
 
 A fact is a pair (device time, offset), both ns: the offset, cell time − device time, was at most (from above)
 or at least (from below) so much at that device time.
@@ -65,7 +65,7 @@ class Facts:
         self._end = 0
 
     def add(self, when: int, fact: Fact, slope: float) -> bool:
-        """Weigh a fact got at cell time ``when`` against the block's best; true where it closed a block."""
+        """Add a fact learned at cell time ``when`` and keep the block's tightest; return True if it closed a block."""
         best = self._open
         if best is None or when >= self._end:
             if best is not None:
@@ -77,19 +77,19 @@ class Facts:
         return False
 
     def closed(self) -> Float:
-        """Those of the closed blocks, oldest first, (n, 2)."""
+        """Facts of the closed blocks, oldest first, (n, 2)."""
         return np.array(self._closed, dtype=np.float64).reshape(-1, 2)
 
     def all(self) -> Float:
-        """Oldest first with the running block's, (n, 2)."""
+        """Facts of all blocks, oldest first, the running block included, (n, 2)."""
         return np.array([*self._closed, *([self._open] if self._open else [])], dtype=np.float64).reshape(-1, 2)
 
 
 def claims(above: Float, leeway: float, lines: Lines, wander: float) -> Float:
     """Facts from below, (m, 2), if of ``SPAN`` facts from above (n, 2) in a row one is loose by ``leeway`` at most.
 
-    Which one is not known, so the least that any of them would say is claimed, once where the span begins and
-    once where it ends; ``lines`` limits the slopes in between.
+    It is not known which one, so the weakest claim of all of them is made, once at the begin of the span and once at
+    its end; ``lines`` limits the slopes in between.
     """
     spans = sliding_window_view(above, min(SPAN, len(above)), axis=0)[::-1][:: SPAN // 2]
     at, offset = spans[:, 0], spans[:, 1]
@@ -107,7 +107,7 @@ def possible(above: Float, below: Float, wander: float) -> Lines | None:
 
     The slope may change by ``wander`` per ns, so a fact that is x ns old is loosened by wander x² / 2. A fact
     from above and an older one from below limit the slope from above, and so on: the extremes over all pairs
-    are the exact extremes of this two-dimensional linear programme. ``None`` where no line is left.
+    are the exact extremes of this two-dimensional linear programme. ``None`` if no line is left.
     """
     newest = max(above[:, 0].max(), below[:, 0].max())
     top_age, foot_age = newest - above[:, 0], newest - below[:, 0]

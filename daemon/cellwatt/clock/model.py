@@ -22,11 +22,11 @@ _CONFLICT = "no steady clock fits the arrivals of the last minute: the device's 
 
 @dataclass(frozen=True, slots=True)
 class ClockState:
-    """What is known about a device's clock.
+    """Estimated state of a device's clock.
 
-    ``offset_ns`` is cell time − device time at the newest sample, ``drift_ppm`` how much faster the device's
-    clock runs, ``bound_ns`` the half width stated for the newest sample, ``age_s`` since when the map has been
-    learned without a reset, ``samples`` how many were stamped in all, ``reason`` why the last of ``resets`` was.
+    ``offset_ns`` is cell time − device time at the newest sample, ``drift_ppm`` the rate of the device's clock
+    relative to the cell's (positive is faster), ``bound_ns`` the half width stated for the newest sample, ``age_s``
+    the time since the last reset, ``samples`` the number stamped in all, ``reason`` that of the last of ``resets``.
     """
 
     offset_ns: int
@@ -45,11 +45,10 @@ class ClockModel:
     (``bracket``) was made after the question left. Every straight line (offset, drift) that no fact of the last
     64 s contradicts is possible; the time stated is the middle of these, the bound reaches the outermost.
 
-    ``least_delay`` (lowest, highest) in s says what the least delay on the way may be: no sample takes less
-    than the lowest, and in 8 s of arrivals at least one takes no more than the highest. Only brackets tell
-    the offset from below better than that. ``wander`` is the fastest change of the drift, ppm/s, by default 0.1 for
-    the device and 0.05 for the cell's own slew;
-    ``resolution`` the step in s to which the device rounds its time down.
+    ``least_delay`` (lowest, highest) in s bounds the least transport delay: no sample takes less than the lowest,
+    and in 8 s of arrivals at least one takes no more than the highest. Only brackets bound the offset from below
+    more tightly. ``wander`` is the fastest change of the drift in ppm/s, by default 0.1 for the device and 0.05 for
+    the cell's own slew; ``resolution`` is the step in s to which the device rounds its time down.
     """
 
     def __init__(
@@ -80,14 +79,14 @@ class ClockModel:
 
     @property
     def resets(self) -> int:
-        """How often the map was forgotten."""
+        """Number of resets of the map."""
         return self._resets
 
     def stamp(self, device_time: Nanoseconds, arrival: int) -> tuple[Nanoseconds, Nanoseconds]:
         """The cell's time and its bound, each (n,) ns, of samples made at ``device_time`` (n,) and read at ``arrival``.
 
-        Times rise strictly over all calls; where a better estimate would turn them back they go on at half pace
-        and the bound says so. A step of the device's clock resets the map (see ``resets`` and ``state``).
+        Times rise strictly over all calls; if a better estimate would turn them back, they go on at half pace and the
+        bound covers the difference. A step of the device's clock resets the map (see ``resets`` and ``state``).
         """
         if len(device_time) == 0:
             return np.empty(0, np.int64), np.empty(0, np.int64)
@@ -108,7 +107,7 @@ class ClockModel:
         return np.concatenate([time for time, _ in done]), np.concatenate([bound for _, bound in done])
 
     def bracket(self, device_time: int, not_before: int) -> None:
-        """A sample with ``device_time`` was made no earlier than the cell's time ``not_before``, ns."""
+        """Note that the sample with ``device_time`` was made no earlier than the cell's time ``not_before``, ns."""
         if self._zero is None:
             self._zero = (device_time, not_before - device_time)
         at, offset = device_time - self._zero[0], float(not_before - device_time - self._zero[1]) - self._rounding
@@ -134,7 +133,7 @@ class ClockModel:
         self._start()
 
     def state(self) -> ClockState:
-        """What is known now."""
+        """Present estimate."""
         offset, bound = (0, 0) if self._last is None or self._zero is None else self._estimate(self._zero[1])
         return ClockState(
             offset_ns=offset,
@@ -147,7 +146,7 @@ class ClockModel:
         )
 
     def _steps(self, device_time: Nanoseconds, arrival: int) -> list[tuple[int, str]]:
-        """Where in the block the device's clock stepped, and how."""
+        """Steps of the device's clock within a block: index and reason."""
         first, last = int(device_time[0]), int(device_time[-1])
         steps = [(0, _BACK)] if self._last is not None and first <= self._last else []
         gaps = device_time[1:] - device_time[:-1] if len(device_time) > 1 else None
@@ -177,7 +176,7 @@ class ClockModel:
         return time, bound
 
     def _learn(self, last: int, arrival: int) -> tuple[int, int]:
-        """Add what the newest sample's arrival says; gives offset and half width at that sample, ns."""
+        """Learn from the arrival of the newest sample; return offset and half width at that sample, ns."""
         zero = self._zero
         if zero is None:
             zero = self._zero = (last, arrival - last)
@@ -200,7 +199,7 @@ class ClockModel:
         return self._estimate(zero[1])
 
     def _begin(self, at: int, offset: float, arrival: int) -> float:
-        """What the first sample of a map says from below: no stall was longer, and samples come in order."""
+        """Facts from below that the first sample of a map gives: no stall was longer, and samples come in order."""
         self._first_arrival = arrival
         lower = offset - self._leeway - self._rounding - _STALL
         if self._floor is not None:
@@ -210,7 +209,7 @@ class ClockModel:
         return lower
 
     def _from_below(self, arrival: int) -> Float:
-        """Facts from below: the brackets, and what ``least_delay`` claims while these are not fresh."""
+        """Facts from below: the brackets, and the claims of ``least_delay`` while the brackets are not fresh."""
         brackets = self._below.all()
         if arrival - self._bracketed < _FRESH:
             return brackets
@@ -220,7 +219,7 @@ class ClockModel:
         return np.concatenate([brackets, claimed])
 
     def _estimate(self, zero: int) -> tuple[int, int]:
-        """Offset and half width at the newest sample, ns: the middle, but not far down a lower edge that is a guess."""
+        """Offset and half width at the newest sample, ns: middle, or near the upper edge if the lower is a guess."""
         lower, upper = self._lines.lower, self._lines.upper + self._rounding
         offset = max((lower + upper) / 2, upper - self._leeway)
         return zero + round(offset), math.ceil(max(upper - offset, offset - lower)) + 2
@@ -228,7 +227,7 @@ class ClockModel:
     def _rising(
         self, device_time: Nanoseconds, time: Nanoseconds, bound: Nanoseconds, arrival: int
     ) -> tuple[Nanoseconds, Nanoseconds]:
-        """Times that go on from the last one at half the device's pace at least, but not past the arrival."""
+        """Times that rise from the last one by at least half the device's pace, but not past the arrival."""
         floor = self._last_time + 1
         if self._last is not None:
             floor = max(floor, min(floor + (int(device_time[0]) - self._last) // 2, arrival))

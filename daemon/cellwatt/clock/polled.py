@@ -1,4 +1,4 @@
-"""The time of samples that were asked for."""
+"""Time stamps of polled samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``cellwatt check``: is a settings file right?"""
+"""``cellwatt check``: validates settings files."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
 
 
 def warn(file: Path, config: CellConfig) -> None:
-    """Say on stderr what is allowed and yet dangerous, and what on this PC stands in the way of recording."""
+    """Print on stderr settings that are allowed but dangerous, and obstacles to recording on this PC."""
     room = troubles(config.record) if config.record is not None else ()
     for warning in (*config.warnings, *(f"record: {text}" for text in room)):
         click.echo(f"{file}: warning: {warning}", err=True)

@@ -1,4 +1,4 @@
-"""``cellwatt doctor``: opens every device read-only and says what works."""
+"""``cellwatt doctor``: opens every device read-only and reports what works."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _show(found: list[Examination]) -> None:
 
 
 def _rows(e: Examination) -> list[tuple[str, ...]]:
-    """A row of the table for each stream of a source."""
+    """Table rows of a source, one per stream."""
     identity = e.status.get("identity") or {}
     device = " ".join(filter(None, (identity.get(k, "") for k in ("maker", "model", "firmware")))) or "–"
     lost = sum(e.status.get("missed", {}).values()) + sum(e.status.get("dropped", {}).values())

@@ -123,7 +123,7 @@ def _rate(stream: Stream) -> str:
 
 
 def _about(part: Part) -> str:
-    """What the settings class says about itself, then the class of the part."""
+    """Docstrings of the settings class and of the part's class."""
     texts = [inspect.cleandoc(c.__doc__) for c in (part.found, part.settings) if c is not None and c.__doc__]
     return "\n\n".join(dict.fromkeys(texts)).replace("``", "")
 

@@ -93,7 +93,7 @@ class Export:
         self._force = force
 
     def run(self, only: str | None, advance: Advance) -> list[dict[str, Any]]:
-        """Write what was asked for; gives name and rows of each file."""
+        """Write the requested tables; return name and number of rows of each file."""
         written: list[dict[str, Any]] = []
         if only != "frames":
             written += self._raw(advance)

@@ -27,9 +27,9 @@ Course = deque[tuple[int, float]]
 
 @dataclass
 class LivePower:
-    """Grows with frames and predictions, which may come in any order; their times say what belongs together.
+    """Collects frames and predictions, in any order, and matches them by time.
 
-    ``channel`` is the measured one; without it each ``supply.power`` or ``bus.power`` of the cell is shown.
+    ``channel`` is the measured one; by default each ``supply.power`` or ``bus.power`` of the cell is shown.
     """
 
     channel: str | None = None
@@ -38,20 +38,20 @@ class LivePower:
     """By model and output."""
 
     def add_frames(self, content: Mapping[str, Any]) -> None:
-        """Take frames as ``power_of_frames`` tells them."""
+        """Take frames in the form of ``power_of_frames``."""
         for name, values in content.get("power", {}).items():
             if name == self.channel or (self.channel is None and name.partition(".")[2] in MEASURED):
                 _append(self.measured.setdefault(name, deque()), content["time"], values)
 
     def add_prediction(self, content: Mapping[str, Any]) -> None:
-        """Take a prediction; outputs that are no power are let by."""
+        """Take a prediction; outputs other than power are ignored."""
         for output, unit in content["units"].items():
             if unit == "W":
                 course = self.predicted.setdefault((content["model"], output), deque())
                 _append(course, content["time"], content["outputs"][output])
 
     def lines(self) -> Iterator[Text]:
-        """Of each predicted power its course, then each measured one and how far apart they are."""
+        """Lines to show: the course of each predicted power, then each measured one and their difference."""
         measured = {name: dict(course) for name, course in self.measured.items() if course}
         for (model, output), course in self.predicted.items():
             if not course:
@@ -67,7 +67,7 @@ class LivePower:
 
 @dataclass(frozen=True)
 class _Scale:
-    """Common to the courses below each other, so that bars compare."""
+    """Scale shared by all courses, so that bars can be compared."""
 
     low: float
     high: float
@@ -82,7 +82,7 @@ class _Scale:
 
 
 def power_of_frames(frames: Frames) -> dict[str, Any]:
-    """What is told of frames: ``time`` ns and ``power`` W by channel, ``None`` where missing; nothing without power."""
+    """Power in frames: ``time`` ns and ``power`` W by channel, ``None`` where missing; empty without power channels."""
     power = {
         channel.name: [value if isfinite(value) else None for value in values.tolist()]
         for channel, values in zip(frames.layout.channels, frames.values.T, strict=True)
@@ -97,7 +97,7 @@ def bars(values: Sequence[float], low: float, high: float) -> str:
 
 
 def _append(course: Course, time: Sequence[int], values: Sequence[float | None]) -> None:
-    """Keep what is known, and of that the last ``SPAN`` only."""
+    """Append the values that are known, and keep only the last ``SPAN``."""
     known = ((at, value) for at, value in zip(time, values, strict=True) if value is not None and isfinite(value))
     course.extend(known)
     while course and course[0][0] < course[-1][0] - SPAN * 1e9:

@@ -21,7 +21,7 @@ SEVERITY = {"info": "cyan", "warning": "yellow", "error": "bold red"}
 
 @dataclass
 class LiveCell:
-    """What is known of a cell from its messages alone; ``add`` takes them as they come."""
+    """State of a cell as its messages tell it; ``add`` takes them in order of arrival."""
 
     status: Mapping[str, Any] = field(default_factory=dict)
     alarms: dict[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class LiveCell:
             self.power.add_frames(message)
 
     def render(self, title: str = "") -> RenderableType:
-        """Everything on one screen."""
+        """Render the state for one screen."""
         if not self.status:
             return Text("waiting for the cell's first health message …", style="dim")
         energy = [self._energy(self.energy)] if self.energy else []

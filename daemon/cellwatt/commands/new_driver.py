@@ -1,4 +1,4 @@
-"""``cellwatt new-driver``: a package to begin a driver with."""
+"""``cellwatt new-driver``: writes a package to start a driver from."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def package(name: str) -> dict[str, str]:
 
 
 def _check(name: str) -> None:
-    """Raise ``UsageError`` where the name cannot be that of a driver and of a package."""
+    """Raise ``UsageError`` if the name cannot be that of a driver and of a package."""
     if not re.fullmatch(r"[a-z][a-z0-9_]*[a-z0-9]", name) or keyword.iskeyword(name):
         raise click.UsageError(f"found {name!r} as a name, expected small letters, digits and '_', like my_meter")
     if name in available("cellwatt.drivers"):

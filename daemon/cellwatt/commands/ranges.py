@@ -1,4 +1,4 @@
-"""Many channels in few lines: those that differ only in a number together."""
+"""Summarises many channels in few lines: channels that differ only in a number share one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _NUMBER = re.compile(r"(?<=_)\d+(?=\.|$)")
 
 
 def summary(channels: Sequence[ChannelCheck]) -> list[str]:
-    """``joint_1…6.position: -1.6 … 1.4 rad``: a line for what moves together, one for all that stood still."""
+    """Lines like ``joint_1…6.position: -1.6 … 1.4 rad`` for moving channels, and one for all constant ones."""
     groups: dict[tuple[str, str], list[ChannelCheck]] = {}
     for channel in channels:
         groups.setdefault((_NUMBER.sub("#", channel.name), channel.unit), []).append(channel)
@@ -42,7 +42,7 @@ def _unit(unit: str) -> str:
 
 
 def span(numbers: Sequence[int]) -> str:
-    """``1…6``, or each number where some are left out."""
+    """Numbers as text: ``1…6``, or each number if some are left out."""
     if len(numbers) > 1 and list(numbers) == list(range(numbers[0], numbers[-1] + 1)):
         return f"{numbers[0]}…{numbers[-1]}"
     return ",".join(map(str, numbers))

@@ -1,4 +1,4 @@
-"""``cellwatt record``: only sources and recorder, for a while."""
+"""``cellwatt record``: runs only sources and recorder, for a given time."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def _grid(recording: Recording, config: CellConfig | None) -> FrameSettings:
 
 
 def _check_sources(recording: Recording) -> None:
-    """Raise ``RecordingError`` where a later file has streams that the first does not declare."""
+    """Raise ``RecordingError`` if a later file has streams that the first does not declare."""
     declared = {(source, s.name) for source, streams in recording.header.streams.items() for s in streams}
     if new := {(source, s.name) for source, streams in recording.streams.items() for s in streams} - declared:
         names = ", ".join(sorted(f"{source}.{stream}" for source, stream in new))

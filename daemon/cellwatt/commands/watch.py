@@ -1,4 +1,4 @@
-"""``cellwatt watch``: a cell as its subscribers see it."""
+"""``cellwatt watch``: shows a cell as its subscribers see it."""
 
 from __future__ import annotations
 
@@ -120,9 +120,9 @@ def _showing(view: LiveCell) -> Iterator[Callable[[Message], None]]:
 
 
 def kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
-    """Topic kind and content of a message, JSON-ready; blocks are summed up as count and time span.
+    """Topic kind and content of a message, JSON-ready; blocks are summarised as count and time span.
 
-    Of frames, the power that was measured is told as it is, to be held against what a model predicts.
+    Measured power in frames is kept in full, to be compared with predictions.
     """
     kind = message.topic.split("/", 1)[0]
     content = message.content
@@ -138,7 +138,7 @@ def kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
 
 
 def plain(message: Message) -> dict[str, Any]:
-    """A message as one JSON line, with the time it was received, UTC ns."""
+    """Format a message as one JSON line, with the time of receipt, UTC ns."""
     kind, body = kind_and_body(message)
     return {
         "kind": kind,

@@ -1,1 +1,1 @@
-"""What ``cellwatt demo`` runs: emulated devices, the daemon and a subscriber as processes, and what came of it."""
+"""The demo behind ``cellwatt demo``: emulated devices, the daemon and a subscriber as processes, and a summary."""

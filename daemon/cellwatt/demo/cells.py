@@ -37,8 +37,8 @@ def _serial_port(address: str) -> Mapping[str, Any]:
 class Device:
     """An emulated device, and the source that reads it.
 
-    The emulator listens at ``listen`` with ``options``, its arm moves at ``speed``; ``place`` makes settings of the
-    address at which it then is, ``settings`` are all others.
+    The emulator listens at ``listen`` with ``options``, its arm moves at ``speed``; ``place`` turns the emulator's
+    address into settings, ``settings`` are the others.
     """
 
     driver: str
@@ -49,7 +49,7 @@ class Device:
     place: Place = _host_and_port
 
     def arguments(self, epoch: float, seed: int) -> tuple[str, ...]:
-        """What ``cellwatt emulate`` is told after the driver's name."""
+        """Arguments of ``cellwatt emulate`` after the driver's name."""
         pairs = (word for key, value in self.options.items() for word in ("--option", f"{key}={value}"))
         known = ("--listen", self.listen, "--epoch", str(epoch), "--speed", str(self.speed), "--seed", str(seed))
         return (*known, *pairs)
@@ -70,7 +70,7 @@ FCI_PORT = 1337
 
 
 def every_driver() -> Mapping[str, Device]:
-    """A device of each driver, named as its driver, at the rates that are usual for it."""
+    """One device per driver, named like the driver, at its usual rates."""
     packets = _free_udp_port()
     return {
         "ur": Device("ur"),
@@ -90,7 +90,7 @@ def every_driver() -> Mapping[str, Device]:
 
 
 def usable(devices: Mapping[str, Device], folder: Path) -> tuple[dict[str, Device], dict[str, str]]:
-    """The devices whose drivers can be had here, and why not of each of the others."""
+    """The devices whose drivers can be loaded here, and the reason for each of the others."""
     found, lacking = {}, {}
     for name, device in devices.items():
         try:
@@ -125,7 +125,7 @@ def packaged() -> Path:
 
 
 def environment(folder: Path, addresses: Mapping[str, str], endpoint: str) -> dict[str, str]:
-    """What ``demo.yaml`` reads of its environment."""
+    """The environment variables that ``demo.yaml`` reads."""
     told = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
     told["CELLWATT_DEMO_MODEL"] = str(model_file())
     for name, address in addresses.items():
@@ -135,7 +135,7 @@ def environment(folder: Path, addresses: Mapping[str, str], endpoint: str) -> di
 
 
 def free_endpoint() -> str:
-    """A TCP address of this host at which nobody listens now."""
+    """A free TCP address of this host."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"127.0.0.1:{probe.getsockname()[1]}"
@@ -149,7 +149,7 @@ def _free_udp_port() -> int:
 
 
 def _free_host(port: int) -> str:
-    """An address of this host at which a port is free: some libraries know one port only."""
+    """A loopback address at which a port is free: some libraries support only one port."""
     for last in range(2, 255):
         with socket.socket() as probe:
             try:

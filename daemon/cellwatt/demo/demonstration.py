@@ -28,7 +28,7 @@ STOP = 60.0
 
 @dataclass
 class Demonstration:
-    """One run. ``show`` is called with each line of the subscriber, and ``say`` with what the demo itself does."""
+    """One run. ``show`` is called with each line of the subscriber, ``say`` with each step of the demo."""
 
     folder: Path
     seconds: float
@@ -39,7 +39,7 @@ class Demonstration:
     """UTC s at which the emulated arms start."""
 
     async def small(self) -> dict[str, Any]:
-        """Four devices and a spring on an elbow halfway; the summary, JSON-ready.
+        """Run four devices and hook a spring on an elbow halfway; return the summary, JSON-ready.
 
         Raises ``CellwattError`` when a process does not start.
         """
@@ -58,7 +58,7 @@ class Demonstration:
         return summary(self.seen, hooked, code, power_of(self.folder, self.epoch, hooked))
 
     async def every_driver(self) -> dict[str, Any]:
-        """A device of each driver; the summary, JSON-ready. Drivers whose library is absent are left out, and told.
+        """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
 
         Raises ``CellwattError`` when a process does not start.
         """
@@ -80,7 +80,7 @@ class Demonstration:
     async def _emulators(
         self, stack: contextlib.AsyncExitStack, devices: Mapping[str, Device]
     ) -> dict[str, EmulatorProcess]:
-        """All at once; a failure counts when all have come up or failed, so that none is left running."""
+        """Start all emulators at once; raise a failure after all have started or failed, so that none keeps running."""
         made = {
             name: EmulatorProcess(device.driver, *device.arguments(self.epoch, seed))
             for seed, (name, device) in enumerate(devices.items())
@@ -99,7 +99,7 @@ class Demonstration:
         endpoint: str,
         play: Callable[[], Any],
     ) -> int | None:
-        """Run the daemon with a subscriber while it plays, then end both; the daemon's exit code."""
+        """Run daemon and subscriber for the demo's duration, then end both; return the daemon's exit code."""
         async with running as daemon, processes.subscriber(endpoint) as watching:
             reading = asyncio.create_task(self._read(watching))
             try:
@@ -116,7 +116,7 @@ class Demonstration:
             return daemon.returncode
 
     async def _hook(self, emulators: Mapping[str, EmulatorProcess]) -> float:
-        """Hook the spring on halfway; the UTC time, s, at which it was."""
+        """Hook the spring on halfway; return the UTC time of it, s."""
         self.say(f"running for {self.seconds:.0f} s; the spring comes halfway")
         start = time.time()
         hooked = fault.next_start(start + self.seconds / 2, self.epoch)
@@ -139,7 +139,7 @@ class Demonstration:
         raise CellwattError(f"not everything ran within {START:.0f} s: {json.dumps(self.seen.status)[:400]}")
 
     async def _until_delivered(self) -> None:
-        """Wait for what is still on its way to the subscriber; what never comes is told by the summary."""
+        """Wait for messages still on their way to the subscriber; the summary reports those that never arrive."""
         end = time.monotonic() + STOP
         while time.monotonic() < end:
             if not delivery_problems(self.seen, sources_of(self.seen)):

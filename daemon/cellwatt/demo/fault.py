@@ -17,7 +17,7 @@ FAULTY = ("arm", "board")
 
 
 def next_start(after: float, epoch: float) -> float:
-    """UTC s of the next moment after ``after`` at which the elbow of the emulated arm starts to move."""
+    """Next time after ``after``, UTC s, at which the elbow of the emulated arm starts to move."""
     arm = ArmSignals()
     repetition = int((after - epoch) // arm.period)
     starts = [epoch + (repetition + r) * arm.period + s for r in (0, 1) for s in arm.starts(JOINT)]
@@ -41,7 +41,7 @@ def told(seen: Seen, hooked: float) -> dict[str, Any]:
 
 
 def problems_of(fault: Mapping[str, Any]) -> list[str]:
-    """What is not as it should be."""
+    """Sentences about missing, wrong or late alarms; empty if all is well."""
     if fault["named_joint"] is None:
         return ["no alarm named the fault"]
     problems = []

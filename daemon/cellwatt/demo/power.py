@@ -1,4 +1,4 @@
-"""Power that the demo's model predicted, beside what the board measured, from the recording of the run."""
+"""Power predicted by the demo's model and measured by the board, from the recording of the run."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ CYCLE = 8.0
 
 
 def model_file() -> Path:
-    """The trained model; ``bench/models/demo.py`` makes it."""
+    """Path of the trained model, which ``bench/models/demo.py`` makes."""
     return Path(__file__).with_name("power.onnx")
 
 
 def power_of(folder: Path, epoch: float, hooked: float) -> dict[str, Any] | None:
     """Root mean square of measured − predicted, W, before and after the spring, and one cycle of both.
 
-    ``epoch`` and ``hooked`` are UTC s of the beginning and of the spring. None where nothing was predicted. Raises
-    ``RecordingError`` where there is no recording.
+    ``epoch`` and ``hooked`` are the times of the start and of the spring, UTC s. None if nothing was predicted.
+    Raises ``RecordingError`` if there is no recording.
     """
     time, measured, predicted = _both(folder, epoch)
     if not len(time):
@@ -49,7 +49,7 @@ def power_of(folder: Path, epoch: float, hooked: float) -> dict[str, Any] | None
 
 
 def _both(folder: Path, epoch: float) -> tuple[Float, Float, Float]:
-    """UTC s (n,), measured and predicted power (n,) W of all frames of this run that have both."""
+    """Time (n,) UTC s, measured and predicted power (n,) W of all frames of this run that have both."""
     recording = Recording.open(folder)
     said: dict[int, float] = {}
     for result in recording.results():
@@ -67,7 +67,7 @@ def _both(folder: Path, epoch: float) -> tuple[Float, Float, Float]:
 
 
 def _course(values: Float) -> list[float]:
-    """Means of some equal spans."""
+    """Means over equal spans."""
     return [_rounded(part.mean()) for part in np.array_split(values, COURSE) if part.size]
 
 

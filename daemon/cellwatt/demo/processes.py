@@ -18,7 +18,7 @@ TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 async def daemon(
     file: Path, folder: Path, environment: Mapping[str, str] | None = None
 ) -> AsyncIterator[asyncio.subprocess.Process]:
-    """``cellwatt run`` on a settings file; its log is ``daemon.log`` in the folder. Killed where it is left running."""
+    """Run ``cellwatt run`` on a settings file; its log is ``daemon.log`` in the folder. Killed if left running."""
     command = [sys.executable, "-m", "cellwatt.commands", "run", str(file)]
     with log_of(folder).open("wb") as log:
         process = await asyncio.create_subprocess_exec(*command, env=environment, stderr=log)
@@ -28,7 +28,7 @@ async def daemon(
 
 @contextlib.asynccontextmanager
 async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
-    """``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
+    """Run ``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
     topics = [word for topic in TOPICS for word in ("--topic", topic)]
     command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
     command += ["--site", "demo", "--cell", "demo", *topics]
@@ -39,13 +39,13 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
 
 
 def log_of(folder: Path) -> Path:
-    """Where the daemon's log goes."""
+    """Path of the daemon's log."""
     return folder / "daemon.log"
 
 
 @contextlib.asynccontextmanager
 async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
-    """Ends the process with the block; killed only where it does not heed that it is told to."""
+    """Terminate the process at the end of the block; kill it if it does not terminate."""
     try:
         yield
     except BaseException:

@@ -1,4 +1,4 @@
-"""What the subscriber of the demo said it got."""
+"""Messages that the demo's subscriber received."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass
 class Seen:
-    """Grows line by line of ``cellwatt watch --json``."""
+    """Collects the lines of ``cellwatt watch --json``."""
 
     samples: Counter[str] = field(default_factory=Counter)
     first: dict[str, int] = field(default_factory=dict)
@@ -39,6 +39,6 @@ class Seen:
             self.status = content
 
     def all_up(self) -> bool:
-        """Whether every source delivers."""
+        """True if every source delivers."""
         sources = self.status.get("sources", {}).values()
         return bool(sources) and all(s["state"] == "ok" for s in sources)

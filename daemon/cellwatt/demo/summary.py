@@ -1,4 +1,4 @@
-"""What a run of the demo gave, and everything that is not as it should be."""
+"""Summary of a run of the demo, with its problems."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RATE_TOLERANCE = 0.02
 
 
 def summary(seen: Seen, hooked: float, exit_code: int | None, power: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Of the small cell: sources, the fault that was hooked on at ``hooked``, UTC s, and what ``power_of`` gave."""
+    """Summarise the small cell: sources, the fault hooked on at ``hooked``, UTC s, and the result of ``power_of``."""
     sources = sources_of(seen)
     told = fault.told(seen, hooked)
     problems = problems_of(seen, sources, SMALL, exit_code) + fault.problems_of(told)
@@ -36,7 +36,7 @@ def summary(seen: Seen, hooked: float, exit_code: int | None, power: Mapping[str
 
 
 def _meter(seen: Seen) -> dict[str, Any] | None:
-    """What was told last of the analyzer, figures with it."""
+    """Last message about the analyzer, with its figures."""
     told = [a for a in seen.alarms if a["kind"] == "meter_timing"]
     return {"statement": told[-1]["statement"], **told[-1]["evidence"]} if told else None
 
@@ -48,7 +48,7 @@ def summary_of_every_driver(
     emulated: Mapping[str, Mapping[str, int]],
     exit_code: int | None,
 ) -> dict[str, Any]:
-    """Of the cell with all drivers: sources, what their emulators counted, and drivers left out with the reason."""
+    """Summarise the cell of all drivers: sources, their emulators' counts, and drivers left out with the reason."""
     sources = sources_of(seen)
     problems = problems_of(seen, sources, devices, exit_code)
     for name, source in sources.items():
@@ -63,9 +63,9 @@ def summary_of_every_driver(
 
 
 def sources_of(seen: Seen) -> dict[str, dict[str, Any]]:
-    """By source: its account, what was lost, what fell due while this PC stood still, and its streams.
+    """Account, losses, polls that fell due while this PC stood still, and streams, by source.
 
-    Of each stream samples, rate, jitter and what was delivered.
+    Each stream has samples, rate, jitter and the number delivered.
     """
     return {name: _source(name, status, seen) for name, status in seen.status.get("sources", {}).items()}
 
@@ -73,7 +73,7 @@ def sources_of(seen: Seen) -> dict[str, dict[str, Any]]:
 def problems_of(
     seen: Seen, sources: Mapping[str, Mapping[str, Any]], expected: Collection[str], exit_code: int | None
 ) -> list[str]:
-    """What is wrong with the sources, or between daemon and subscriber."""
+    """Problems of the sources, and between daemon and subscriber."""
     problems = [p for name, source in sources.items() for p in _source_problems(name, source)]
     if exit_code != 0:
         problems.append(f"the daemon ended with exit code {exit_code}")
@@ -85,7 +85,7 @@ def problems_of(
 
 
 def delivery_problems(seen: Seen, sources: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Where the subscriber and the daemon's last health message do not tell the same."""
+    """Differences between the subscriber's counts and the daemon's last health message."""
     problems = [
         f"{name}/{stream}: {s['samples']} samples, {s['delivered']} at the subscriber"
         for name, source in sources.items()
@@ -113,7 +113,7 @@ def _source(name: str, status: Mapping[str, Any], seen: Seen) -> dict[str, Any]:
 
 
 def _bound(status: Mapping[str, Any], stream: str) -> float | None:
-    """How far times may be off at most, ms; None where the device has no clock: then half of each round trip."""
+    """Largest time bound, ms; None for a device without a clock, whose bound is half of each round trip."""
     clock = status.get("clocks", {}).get(stream)
     return round(clock["bound_ns"] * 1e-6, 3) if clock else None
 

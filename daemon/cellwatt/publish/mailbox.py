@@ -19,7 +19,7 @@ class _End:
 
 
 class Mailbox(Generic[T]):
-    """First in, first out; ``take`` waits while there is nothing.
+    """First in, first out; ``take`` waits while it is empty.
 
     ``put`` never waits: who puts looks at ``full`` first, which is true from ``limit`` items or ``limit_bytes`` on.
     After ``end`` nothing can be put; takers get what is left and then ``None``, or the error it was ended with.
@@ -36,32 +36,32 @@ class Mailbox(Generic[T]):
 
     @property
     def full(self) -> bool:
-        """Whether takers have fallen behind by all that may wait."""
+        """True if ``limit`` items or ``limit_bytes`` are waiting."""
         return self._items.qsize() >= self._limit or self._bytes >= self._limit_bytes
 
     def put(self, item: T, size: int = 0) -> None:
-        """Add an item of ``size`` bytes; lets it go when the mailbox was ended."""
+        """Add an item of ``size`` bytes; discard it if the mailbox was ended."""
         if not self._ended:
             self._weigh(size)
             self._items.put((item, size))
             self._tell()
 
     def end(self, error: BaseException | None = None) -> None:
-        """Nothing more comes; the first call decides why."""
+        """End the mailbox; the reason of the first call counts."""
         if not self._ended:
             self._ended = True
             self._items.put(_End(error))
             self._tell()
 
     def take(self, timeout: float | None = None) -> T | None:
-        """The next item. Raises ``TimeoutError`` when none comes within ``timeout`` s."""
+        """Take the next item. Raises ``TimeoutError`` if none arrives within ``timeout`` s."""
         try:
             return self._open(self._items.get(timeout=timeout))
         except queue.Empty:
             raise TimeoutError(f"nothing came within {timeout} s") from None
 
     async def take_async(self) -> T | None:
-        """The same on an event loop, without a time-out."""
+        """Take the next item on an event loop, without a time-out."""
         loop = asyncio.get_running_loop()
         while True:
             with contextlib.suppress(queue.Empty):

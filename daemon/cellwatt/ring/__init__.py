@@ -1,4 +1,4 @@
-"""The way between the daemon's processes: a ring in shared memory that its writer never waits for."""
+"""Rings in shared memory between the daemon's processes; the writer of a ring never waits."""
 
 from cellwatt.ring.items import ItemReader, ItemWriter, Mark, Skipped, Status
 from cellwatt.ring.journal import RingJournal

@@ -29,14 +29,14 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """From here on the settings numbered ``generation`` are in force."""
+    """Marks the place from which on the settings numbered ``generation`` are in force."""
 
     generation: int
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """The reader was too slow: ``size`` bytes were written over before it came to them."""
+    """``size`` bytes were overwritten before a slow reader read them."""
 
     size: int
 
@@ -50,7 +50,7 @@ def number_of(kind: type[messages.Message]) -> int:
 
 
 class ItemWriter:
-    """Puts items into a ring; a writer that follows another numbers on where that one ended."""
+    """Puts items into a ring; a writer continues the numbering of the one before it."""
 
     def __init__(self, ring: Ring) -> None:
         self._ring = ring
@@ -62,7 +62,7 @@ class ItemWriter:
             self._know(*_read_declaration(line))
 
     def put(self, item: Item) -> None:
-        """Add one item; a block that is too large for the ring goes in parts."""
+        """Add one item; a block that is too large for the ring is split."""
         match item:
             case Batch():
                 number, rows = self._rows_of_stream(item)
@@ -78,18 +78,18 @@ class ItemWriter:
                 self._put_message(_KINDS[type(item)], messages.encode(item))
 
     def numbers(self) -> dict[str, dict[str, int]]:
-        """The sequence number with which each stream goes on, by source."""
+        """Next sequence number of each stream, by source."""
         found: dict[str, dict[str, int]] = {}
         for (source, stream), (number, _) in self._streams.items():
             found.setdefault(source, {})[stream] = self._ring.following(number)
         return found
 
     def frames(self) -> tuple[int, int]:
-        """The number with which frames go on, and the time of the last one, ns; zeros before the first."""
+        """Next sequence number of the frames, and time of the last one, ns; zeros before the first."""
         return (self._ring.following(self._frames[0]), self._ring.note) if self._frames is not None else (0, 0)
 
     def end(self) -> None:
-        """No more items will come."""
+        """Declare that no more items will come."""
         self._ring.end()
 
     def _put_message(self, kind: int, body: bytes) -> None:
@@ -134,9 +134,9 @@ class ItemWriter:
 
 
 class ItemReader:
-    """Reads the items of a ring as reader number ``reader``, from where that one had got to.
+    """Reads the items of a ring as reader number ``reader``, from the last settled position.
 
-    ``position`` is where the next item begins; ``settle`` says that all before it need not be read again.
+    ``position`` is the start of the next item; ``settle`` marks everything before it as done.
     """
 
     def __init__(self, ring: Ring, reader: int) -> None:
@@ -157,16 +157,16 @@ class ItemReader:
         return self.ring.bell(self.reader)
 
     def quiet(self) -> None:
-        """Wait for news from now on; look for items after it, not before."""
+        """Reset ``bell``; look for items after this call, not before."""
         self.ring.quiet(self.reader)
 
     def items(self) -> Iterator[Item | Skipped]:
-        """What there is now, in order; news are waited for afterwards."""
+        """Read all present items in order; resets ``bell`` first."""
         self.quiet()
         yield from self.rest()
 
     def rest(self) -> Iterator[Item | Skipped]:
-        """What there is now, in order; it may be somebody else who waits for news."""
+        """Read all present items in order; leaves ``bell`` alone."""
         while True:
             record, following = self.ring.read(self.position)
             missed = following - self.position
@@ -180,16 +180,16 @@ class ItemReader:
                 return
 
     def settle(self) -> None:
-        """All that was given is dealt with."""
+        """Mark all items read as done."""
         self.ring.settle(self.reader, self.position)
 
     def newest(self) -> int:
-        """The number with which the channel that was read last goes on."""
+        """Next sequence number of the channel that was read last."""
         return self.ring.following(self._channel)
 
     @property
     def over(self) -> bool:
-        """Whether the writer has ended and all was read."""
+        """True if the writer has ended and everything was read."""
         return self.ring.ended and self.position >= self.ring.head
 
     def _item(self, record: Record) -> Item:

@@ -1,15 +1,15 @@
-"""Records in shared memory: one process writes, several read, and the oldest are written over.
+"""Records in shared memory: one process writes, several read, the oldest are overwritten.
 
-The memory belongs to no file and no name; processes that a fork made share it, and it lasts as long as one of
-them. The writer never waits. A reader that falls behind by more than the ring holds is told how far it was left
-behind and goes on with the oldest record that is still whole.
+The memory has no file and no name; forked processes share it, and it lasts as long as one of them. The writer never
+waits. A reader that falls behind by more than the ring holds learns how many bytes it lost and goes on with the
+oldest record that is still whole.
 
-Layout, native 64-bit words first: number of bytes ever written (*head*), of the oldest byte still whole (*tail*),
-1 once no more will come, length of the declarations, a note of the writer; then the position up to which each
-reader has dealt with what it read, and the next sequence number of each channel. Declarations follow, which are
-only ever added to, then the records, each with a head of 32 bytes and a length that is a multiple of 32. A record
-becomes visible when *head* moves past it, so a writer that is killed leaves no half record. One that was written
-over while it was copied is known by *tail*, and by its checksum on machines that reorder stores.
+Layout: first native 64-bit words: number of bytes ever written (*head*), position of the oldest byte still whole
+(*tail*), 1 once no more will come, length of the declarations, a note of the writer; then the settled position of
+each reader and the next sequence number of each channel. Declarations follow, to which lines are only ever added,
+then the records, each with a header of 32 bytes and a length that is a multiple of 32. A record becomes visible when
+*head* moves past it, so a writer that is killed leaves no half record. A record that was overwritten while it was
+copied is detected by *tail*, and by its checksum on machines that reorder stores.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _PADDING: Final = 0
 
 
 class Record(NamedTuple):
-    """One record: what it is (``kind``), of which channel, with which number of its channel."""
+    """One record: its ``kind``, its channel and its number within the channel."""
 
     kind: int
     channel: int
@@ -68,9 +68,9 @@ class Ring:
     # writer ---------------------------------------------------------------------------------------
 
     def put(self, kind: int, channel: int, sequence: int, count: int, body: bytes, note: int | None = None) -> None:
-        """Add a record that numbers ``count`` things of its channel from ``sequence`` on, and wake all readers.
+        """Add a record of ``count`` items of its channel, numbered from ``sequence`` on, and wake all readers.
 
-        ``note`` is for who writes after this process. Raises ``ValueError`` where the body is longer than ``largest``.
+        ``note`` is for the next writer. Raises ``ValueError`` if the body is longer than ``largest``.
         """
         if len(body) > self.largest:
             raise ValueError(f"a record of {len(body)} bytes does not fit a ring that takes {self.largest}")
@@ -93,7 +93,7 @@ class Ring:
         self._ring()
 
     def following(self, channel: int) -> int:
-        """The next sequence number of a channel, also where another process wrote the one before."""
+        """Next sequence number of a channel, also if another process wrote the one before."""
         return self._words[_COUNTS + channel]
 
     @property
@@ -102,7 +102,7 @@ class Ring:
         return self._words[_NOTE]
 
     def declare(self, line: bytes) -> None:
-        """Add a line that says what a channel is, for readers of all times."""
+        """Add a line that describes a channel, for present and future readers."""
         end = self._words[_DECLARED]
         if end + len(line) + 1 > DECLARATIONS:
             raise ValueError("the settings were changed too often for one run of the daemon: restart it")
@@ -110,12 +110,12 @@ class Ring:
         self._words[_DECLARED] = end + len(line) + 1
 
     def end(self) -> None:
-        """No more records will come, until ``begin``."""
+        """Declare that no more records will come until ``begin``."""
         self._words[_ENDED] = 1
         self._ring()
 
     def begin(self) -> None:
-        """Another writer will follow the one that ended."""
+        """Declare that another writer will follow the one that ended."""
         self._words[_ENDED] = 0
 
     def _make_room(self, length: int) -> None:
@@ -137,7 +137,7 @@ class Ring:
         return self._bells[reader]
 
     def quiet(self, reader: int) -> None:
-        """Wait for news from now on; look for records after it, not before."""
+        """Reset ``bell``; look for records after this call, not before."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._bells[reader])
 
@@ -153,14 +153,13 @@ class Ring:
 
     @property
     def ended(self) -> bool:
-        """Whether no more records will come."""
+        """True if no more records will come."""
         return bool(self._words[_ENDED])
 
     def read(self, position: int) -> tuple[Record | None, int]:
-        """The record at ``position`` and where the next one begins.
+        """The record at ``position`` and the position of the next one.
 
-        ``None`` with the same position: there is none yet. ``None`` with a later one: what was there has been
-        written over.
+        ``None`` with the same position: there is none yet. ``None`` with a later one: the record was overwritten.
         """
         while True:
             if position < self.tail:
@@ -179,20 +178,20 @@ class Ring:
             position += length
 
     def position(self, reader: int) -> int:
-        """Up to where a reader has dealt with what it read."""
+        """Settled position of a reader."""
         return self._words[_POSITIONS + reader]
 
     def settle(self, reader: int, position: int) -> None:
-        """All before ``position`` is dealt with: who comes after this reader goes on there."""
+        """Mark everything before ``position`` as done: a successor of this reader continues there."""
         self._words[_POSITIONS + reader] = position
 
     def declared(self, after: int = 0) -> tuple[list[bytes], int]:
-        """Lines declared after so many bytes, and how many bytes there are now."""
+        """Lines declared after byte ``known``, and the present number of bytes."""
         end = self._words[_DECLARED]
         return bytes(self._declarations[after:end]).splitlines(), end
 
     def close(self) -> None:
-        """Give the memory back, as far as this process is concerned."""
+        """Unmap the memory from this process."""
         for view in (self._words, self._declarations, self._data):
             view.release()
         self._memory.close()

@@ -1,7 +1,7 @@
-"""Certificates and access rules for a site: who may publish, ask and see. Needs the extra ``secure``.
+"""Certificates and access rules of a site: who may publish, ask and see. Needs the extra ``secure``.
 
 certificates   makes and reads certificates
-access         the rules, as Zenoh takes them
-folder         the folder that holds a site's authority, its members, and what each of them is given
-validity       what is wrong with the certificates that a settings file names, or soon will be
+access         makes the rules in Zenoh's form
+folder         keeps a site's authority, its members, and the files of each of them
+validity       warns of certificates in a settings file that are missing, wrong or about to expire
 """

@@ -1,8 +1,8 @@
-"""Who may publish, ask and see, as Zenoh's ``access_control``. Pure.
+"""Zenoh's ``access_control``: rules for publishing, asking and seeing. Pure.
 
-What is not allowed is denied. Zenoh looks at both directions of each link: ``ingress`` is what comes from the other
-side, ``egress`` what goes to it. A cell may put messages and answer questions under its own key and nothing else; a
-viewer may subscribe and ask, and put nothing.
+Everything that is not allowed is denied. Zenoh checks both directions of each link: ``ingress`` comes from the other
+side, ``egress`` goes to it. A cell may publish and answer questions under its own key and nothing else; a viewer may
+subscribe and ask, and publish nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ASKS: Final = ("query",)
 
 @dataclass(frozen=True, slots=True)
 class Viewer:
-    """Who may see the cells named, or all of the site where none is named; ``asks``: and put questions to them."""
+    """A member that may see the named cells, or all of the site if none is named, and with ``asks`` ask questions."""
 
     name: str
     cells: tuple[str, ...] = ()
@@ -31,7 +31,7 @@ class Viewer:
 
 @dataclass(frozen=True, slots=True)
 class _Grant:
-    """Rules that hold for links with these names in their certificates."""
+    """Rules for links with these names in their certificates."""
 
     names: tuple[str, ...]
     rules: tuple[dict[str, Any], ...]
@@ -50,7 +50,7 @@ def for_cell(site: str, cell: str, viewers: Sequence[Viewer]) -> dict[str, Any]:
 
 
 def _itself(cell: str) -> Viewer:
-    """On its own PC, ``cellwatt watch`` shows a cell with the cell's certificate."""
+    """Grant for ``cellwatt watch`` on the cell's own PC, which uses the cell's certificate."""
     return Viewer(cell, (cell,))
 
 
@@ -85,7 +85,7 @@ def _control(grants: Iterable[_Grant]) -> dict[str, Any]:
 
 
 def _keys(site: str, cells: Sequence[str]) -> list[str]:
-    """Everything of these cells; ``**`` does not match the ``@`` of questions."""
+    """Key expressions for everything of these cells; ``**`` does not match the ``@`` of questions."""
     roots = [CellKeys(site, cell).root for cell in cells]
     if roots:
         return [key for root in roots for key in (f"{root}/**", f"{root}/@/**")]

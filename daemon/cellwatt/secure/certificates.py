@@ -1,7 +1,7 @@
-"""Makes and reads certificates: an authority of P-256 and what it signs. Only random numbers come from outside.
+"""Makes and reads certificates of a P-256 authority. Pure but for random numbers.
 
 A certificate that names hosts may serve and connect, one that names none may only connect (extended key usage, which
-Zenoh's TLS holds both sides to), so a viewer's certificate cannot pose as a router.
+Zenoh's TLS enforces on both sides), so a viewer's certificate cannot pose as a router.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Pair:
 
 
 def new_authority(site: str, now: datetime, days: float = AUTHORITY_DAYS) -> Pair:
-    """A certificate authority of a site."""
+    """Make a certificate authority of a site."""
     key = ec.generate_private_key(ec.SECP256R1())
     serial = x509.random_serial_number()
     # Two authorities of a site have different names, so that whoever looks at certificates can tell them apart.
@@ -60,7 +60,7 @@ def new_authority(site: str, now: datetime, days: float = AUTHORITY_DAYS) -> Pai
 
 
 def issue(authority: Pair, name: str, hosts: Sequence[str], now: datetime, days: float = MEMBER_DAYS) -> Pair:
-    """A certificate with the common name ``name``; it ends with its authority's at the latest.
+    """Issue a certificate with the common name ``name``; it expires with its authority at the latest.
 
     With ``hosts``, names or addresses, it may listen there. Raises ``ConfigError`` for a host that is neither.
     """
@@ -83,18 +83,18 @@ def issue(authority: Pair, name: str, hosts: Sequence[str], now: datetime, days:
 
 
 def read(pem: bytes) -> list[x509.Certificate]:
-    """The certificates in a PEM text. Raises ``ValueError`` where there is none."""
+    """Parse the certificates in a PEM text. Raises ``ValueError`` if there is none."""
     return x509.load_pem_x509_certificates(pem)
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Who a certificate is for."""
+    """Common name of a certificate."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(names[0].value) if names else certificate.subject.rfc4514_string()
 
 
 def signed_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
-    """Whether an authority signed a certificate."""
+    """True if an authority signed a certificate."""
     try:
         certificate.verify_directly_issued_by(authority)
     except (ValueError, TypeError, InvalidSignature):
@@ -103,7 +103,7 @@ def signed_by(certificate: x509.Certificate, authority: x509.Certificate) -> boo
 
 
 def belongs(certificate: x509.Certificate, key: bytes) -> bool:
-    """Whether a private key, PEM, is that of a certificate. Raises ``ValueError`` or ``TypeError`` where it is none."""
+    """True if a PEM private key belongs to a certificate. Raises ``ValueError`` or ``TypeError`` if it is no key."""
     form = (Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     return load_pem_private_key(key, None).public_key().public_bytes(*form) == certificate.public_key().public_bytes(
         *form

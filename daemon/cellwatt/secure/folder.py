@@ -1,7 +1,7 @@
-"""The folder of a site's authority: who its members are, and a folder for each with what it is given.
+"""The folder of a site's authority: its members, and a folder of files for each.
 
-    access.yaml                      who may what; written by the commands, readable by people
-    private/ca.pem, ca.key           the authority that signs; next.pem, next.key the one to come; old.pem the last one
+    access.yaml                      members and rights; written by the commands, readable by people
+    private/ca.pem, ca.key           the authority that signs; next.pem, next.key its successor; old.pem its predecessor
     NAME/ca.pem, cert.pem, key.pem   for every member: authorities to trust, its certificate, its private key
     CELL/sign.key, sign.pub          a cell's key for signatures; viewers have sign.pub as CELL.pub
     NAME/zenoh.yaml                  settings of a cell or viewer; a router has zenohd.json5
@@ -38,7 +38,7 @@ _KEEP_OPEN: Final = {"transport/link/tls/close_link_on_expiration": True}
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """Who has a certificate. ``hosts``: where it listens. Of a viewer: ``cells`` it may see (none: all), ``asks``."""
+    """A holder of a certificate; listens at ``hosts``. A viewer sees ``cells`` (none: all) and ``asks`` questions."""
 
     name: str
     role: Role
@@ -49,7 +49,7 @@ class Member:
 
 @dataclass(slots=True)
 class Folder:
-    """An opened folder. What writes raises ``CellwattError`` where the disk refuses."""
+    """An opened folder. Methods that write raise ``CellwattError`` if the disk refuses."""
 
     path: Path
     site: str
@@ -57,7 +57,7 @@ class Folder:
 
     @classmethod
     def create(cls, path: Path, site: str) -> Folder:
-        """Make the folder and its authority. Raises ``ConfigError`` where there is one, or the site's name is none."""
+        """Make the folder and its authority. Raises ``ConfigError`` if it exists or the site's name is invalid."""
         _check_name(site, "site")
         if (path / _REGISTER).exists() or (path / "private").exists():
             raise ConfigError(f"{path} holds an authority already; it is left as it is")
@@ -68,7 +68,7 @@ class Folder:
 
     @classmethod
     def open(cls, path: Path) -> Folder:
-        """Raises ``ConfigError`` where there is no folder of an authority."""
+        """Open the folder. Raises ``ConfigError`` if there is no authority in it."""
         try:
             plain = yaml.safe_load((path / _REGISTER).read_text())
             members = [
@@ -85,7 +85,7 @@ class Folder:
             raise ConfigError(f"{path / _REGISTER} is not what cellwatt secure wrote: {error}") from None
 
     def add(self, member: Member) -> list[str]:
-        """Make a member's certificate; gives who must get their folder anew. Raises ``ConfigError``."""
+        """Make a member's certificate; return the members whose folders changed. Raises ``ConfigError``."""
         _check_name(member.name, member.role)
         if member.name in self.members or (self.path / member.name).exists():
             raise ConfigError(f"there is a member {member.name!r} already; remove it first, or choose another name")
@@ -104,7 +104,7 @@ class Folder:
         return self.write()
 
     def remove(self, name: str) -> list[str]:
-        """Take a member out of the rules; gives who must get their folder anew. Its folder stays."""
+        """Take a member out of the rules; return the members whose folders changed. Its own folder stays."""
         if name not in self.members:
             raise ConfigError(f"there is no member {name!r}; there are: {', '.join(self.members) or 'none'}")
         del self.members[name]
@@ -115,7 +115,7 @@ class Folder:
         return self.write()
 
     def renew(self, names: Sequence[str], within: timedelta) -> list[str]:
-        """New certificates for these, or for all that end within a time; the old ones hold until they end."""
+        """Renew the certificates of these members, or all that expire soon; old ones stay valid until they expire."""
         if unknown := [n for n in names if n not in self.members]:
             raise ConfigError(f"there is no member {', '.join(unknown)}")
         due = names or [n for n in self.members if self.end_of(n) < _now() + within]
@@ -124,10 +124,10 @@ class Folder:
         return list(due)
 
     def renew_authority(self) -> tuple[str, list[str]]:
-        """One of three steps to a new authority, each to be taken when everybody has the folder of the step before.
+        """Take one of three steps to a new authority, each after all members have the folder of the step before.
 
-        Gives which: ``trust`` the next one beside it, ``use`` the next one, ``forget`` the old one; and who must get
-        their folder anew.
+        Return the step (``trust`` the next authority too, ``use`` it, ``forget`` the old one) and the members whose
+        folders changed.
         """
         private = self.path / "private"
         if (private / "old.pem").exists():
@@ -144,7 +144,7 @@ class Folder:
         return "use", list(dict.fromkeys([*self.members, *self.write()]))
 
     def write(self) -> list[str]:
-        """Write the register and what each member is given; gives whose folder changed."""
+        """Write the register and the members' files; return the members whose folders changed."""
         members = {m.name: {k: v for k, v in _plain(m).items() if k != "name"} for m in self.members.values()}
         text = f"# Written by cellwatt secure.\n{_yaml({'site': self.site, 'members': members})}"
         _write(self.path / _REGISTER, text.encode(), 0o644)
@@ -169,19 +169,19 @@ class Folder:
         return [m for m in self.members.values() if m.role == "cell"]
 
     def role_of(self, name: str) -> Role | None:
-        """``None`` where nobody has that name."""
+        """Role of a member; ``None`` if nobody has that name."""
         return self.members[name].role if name in self.members else None
 
     def end_of(self, name: str) -> datetime:
-        """When a member's certificate ends."""
+        """Expiry of a member's certificate."""
         return _end(self.path / name / "cert.pem")
 
     def authority_ends(self) -> datetime:
-        """When the authority that signs ends."""
+        """Expiry of the signing authority."""
         return _end(self.path / "private" / "ca.pem")
 
     def authority_due(self) -> bool:
-        """Whether the authority should be renewed: certificates made soon would end with it."""
+        """True if the authority should be renewed, because new certificates would soon be cut short by its expiry."""
         return self.authority_ends() < _now() + timedelta(days=2 * MEMBER_DAYS)
 
     def _issue(self, member: Member) -> None:
@@ -198,7 +198,7 @@ class Folder:
         _write(self.path / "private" / f"{name}.pem", pair.certificate, 0o644)
 
     def _files(self, member: Member) -> Iterator[tuple[str, bytes]]:
-        """What a member is given beside its certificate and keys."""
+        """A member's files other than its certificate and keys."""
         private = self.path / "private"
         trusted = [private / f"{n}.pem" for n in ("old", "ca", "next") if (private / f"{n}.pem").exists()]
         yield "ca.pem", b"".join(map(_read, trusted))
@@ -228,7 +228,7 @@ class Folder:
         return {**found, "options": options}
 
     def _router_settings(self, router: Member) -> dict[str, Any]:
-        """A router's configuration as ``zenohd --config`` takes it."""
+        """A router's configuration for ``zenohd --config``."""
         at = {kind: f"{router.name}/{file}" for kind, file in (("certificate", "cert.pem"), ("private_key", "key.pem"))}
         tls = {"root_ca_certificate": f"{router.name}/ca.pem", "enable_mtls": True, "close_link_on_expiration": True}
         return {
@@ -280,7 +280,7 @@ def _read(path: Path) -> bytes:
 
 
 def _write(path: Path, data: bytes, mode: int) -> None:
-    """Replace a file in one step, so that nobody meets half of one, and nobody else a private key."""
+    """Replace a file atomically; nobody but the owner can ever read a private key."""
     part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

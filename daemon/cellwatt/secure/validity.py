@@ -1,4 +1,4 @@
-"""What is wrong with the certificates that a settings file names, or soon will be."""
+"""Warns of certificates in a settings file that are wrong or about to expire."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SOON: Final = timedelta(days=30)
 
 
 def warnings(settings: LinkSettings) -> tuple[str, ...]:
-    """A line each; nothing where all is well. Files that cannot be read are told by whoever opens the session."""
+    """One line per problem. Files that cannot be read are reported when the session is opened."""
     if settings.tls is None:
         return ()
     try:
@@ -45,7 +45,7 @@ def _own(tls: TlsSettings, now: datetime) -> list[str]:
 
 
 def _authorities(path: Path, now: datetime) -> list[str]:
-    """Of several authorities one that holds is enough: during a change there are two."""
+    """Warnings about authorities; one valid authority is enough, as there are two during a change."""
     from cellwatt.secure.certificates import read
 
     data = _bytes(path)

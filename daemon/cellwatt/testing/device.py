@@ -1,4 +1,4 @@
-"""A driver's emulator on a loop and thread of its own, so that a driver that blocks is seen, not waited for."""
+"""Runs a driver's emulator on its own loop and thread, so that a driver that blocks does not stop it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _LAST_TURNS = 3
 
 
 class EmulatedDevice:
-    """The device at the other end; use as an async context manager, it is switched on inside.
+    """The emulated device; use as an async context manager, inside which it is switched on.
 
-    ``signals`` is what it measures (default: the emulated arm). ``folder`` is for what its options want to store.
+    ``signals`` are measured (default: the emulated arm). ``folder`` is for files that its options name.
     """
 
     def __init__(self, rig: Rig, folder: Path, signals: Signals | None = None) -> None:
@@ -46,7 +46,7 @@ class EmulatedDevice:
         await self.switch_off()
 
     async def switch_on(self) -> None:
-        """Start it, again at the same address. Raises ``NotConformingError`` where the emulator does not start."""
+        """Start the emulator, always at the same address. Raises ``NotConformingError`` if it does not start."""
         ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         at = self._rig.address if self.address.startswith("/") else self.address or self._rig.address
         options = self._rig.emulator_options(self._folder)
@@ -61,7 +61,7 @@ class EmulatedDevice:
         self.address = self._kept(address) if address.startswith("/") else address
 
     async def switch_off(self) -> None:
-        """Stop it; its connections end, its port is free."""
+        """Stop the emulator; its connections end and its port becomes free."""
         thread, self._thread = self._thread, None
         if thread is None or self._loop is None or self._serving is None:
             return
@@ -83,11 +83,11 @@ class EmulatedDevice:
         await self._ask(lambda emulator: emulator.inject(fault))
 
     async def counts(self) -> Mapping[str, int]:
-        """What it truly sent and injected since it was switched on."""
+        """Counts of samples sent and faults injected since it was switched on."""
         return await self._ask(lambda emulator: dict(emulator.counts))
 
     def _kept(self, port: str) -> str:
-        """A path that stays the same when the serial port comes back under another one."""
+        """A stable path for a serial port that returns under another name."""
         link = self._folder / "device"
         link.unlink(missing_ok=True)
         link.symlink_to(port)

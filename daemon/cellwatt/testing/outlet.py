@@ -1,4 +1,4 @@
-"""An outlet that keeps what a driver gives."""
+"""An outlet that collects a driver's output."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _LOOK = 0.02
 class CollectingOutlet:
     """Keeps readings, events, brackets and resets in order; counts what is emitted as received.
 
-    ``residues`` are what the account did not explain at the loop's turn after each reading: all 0 where the driver
-    keeps it right. ``early`` counts readings that came before ``connected``; ``begin`` starts that anew.
-    ``epochs`` numbers, for each reading, the time base of its stream: 0, and 1 more after each ``clock_reset``.
+    ``residues`` are the account's residues at the loop's turn after each reading, all 0 if the driver counts right.
+    ``early`` counts readings before ``connected``; ``begin`` resets that state. ``epochs`` numbers the time base of
+    each reading's stream: 0, and 1 more after each ``clock_reset``.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class CollectingOutlet:
         self._last = 0
 
     def begin(self) -> None:
-        """The driver is run (again)."""
+        """Prepare for a (new) run of the driver."""
         self._connected = False
 
     def now(self) -> int:
@@ -81,7 +81,7 @@ class CollectingOutlet:
 
     @property
     def samples(self) -> int:
-        """How many came."""
+        """Number of samples received."""
         return self.account.received
 
     def of(self, stream: str) -> list[Reading]:
@@ -94,9 +94,9 @@ class CollectingOutlet:
         return np.concatenate(found) if found else np.empty(0)
 
     async def until(self, condition: Callable[[], object], seconds: float = 20.0) -> None:
-        """Wait until a condition holds, looked at after each reading and event and now and then.
+        """Wait until a condition holds, checked after each reading and event and at intervals.
 
-        Raises ``TimeoutError`` where it does not within ``seconds``.
+        Raises ``TimeoutError`` after ``seconds``.
         """
         async with asyncio.timeout(seconds):
             while not condition():

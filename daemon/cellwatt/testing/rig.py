@@ -1,4 +1,4 @@
-"""What the suite must know of a driver to set it up against its emulator."""
+"""Description of a driver that lets the suite run it against its emulator."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ USUAL_FAULTS: dict[FaultKind, Fault] = {
 
 
 class NotConformingError(AssertionError):
-    """A driver breaks the contract; says which part of it, what was seen and what is expected."""
+    """A driver breaks the contract; the text says which part, what was seen and what is expected."""
 
 
 def require(condition: object, message: str) -> None:
@@ -44,16 +44,15 @@ def place_of(address: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Rig:
-    """A driver and how to try it.
+    """A driver with the settings to test it.
 
-    ``settings`` as in a settings file (``{"rate": "20 Hz"}``); where the device is comes from ``place``, which
-    turns the emulator's address into settings. ``address`` and ``options`` are the emulator's (``{folder}`` in an
-    option stands for a folder of the test). ``transport`` is what the emulator listens on, so that the suite can
-    read along; ``None`` where it cannot (a CAN bus, several connections). ``may_send`` says whether bytes that the
-    driver wrote are allowed: those of a whole TCP connection, of one UDP datagram, of a serial port while open;
-    left out, nothing may be sent at all. ``warm_up``: samples before faults begin; ``faults``: other than the
-    usual ones; ``accuracy``: how far a value may be from the emulator's, as a share of it; ``patience``: s until
-    something that must happen must have happened.
+    ``settings`` as in a settings file (``{"rate": "20 Hz"}``), without the device's address: ``place`` turns the
+    emulator's address into settings. ``address`` and ``options`` are the emulator's (``{folder}`` in an option stands
+    for a folder of the test). ``transport`` is the kind that the emulator listens on, so that the suite can capture
+    it; ``None`` if it cannot (a CAN bus, several connections). ``may_send`` tells whether bytes that the driver wrote
+    are allowed: those of a whole TCP connection, of one UDP datagram, of a serial port while open; by default nothing
+    may be sent. ``warm_up`` is the number of samples before faults begin; ``faults`` replace the usual ones of their
+    kind; ``accuracy`` is the largest relative error of a value, ``patience`` the time limit in s for anything awaited.
     """
 
     driver: type[Driver[Any]]
@@ -70,7 +69,7 @@ class Rig:
 
     @property
     def name(self) -> str:
-        """What a settings file calls the driver. Raises ``NotConformingError`` where it is not registered."""
+        """Name of the driver in settings files. Raises ``NotConformingError`` if it is not registered."""
         value = f"{self.driver.__module__}:{self.driver.__name__}"
         for name, point in available("cellwatt.drivers").items():
             if point.value.rpartition(":")[2] == self.driver.__name__ and point.load() is self.driver:
@@ -92,13 +91,13 @@ class Rig:
         return {key: value.replace("{folder}", str(folder)) for key, value in self.options.items()}
 
     def fault(self, kind: FaultKind) -> Fault:
-        """How a fault of this kind is injected."""
+        """The fault of this kind to inject."""
         return self.faults.get(kind) or USUAL_FAULTS.get(kind) or Fault(kind, probability=0.3)
 
     def written(self, address: str) -> dict[str, Any]:
-        """The settings for a device at ``address`` as a settings file holds them."""
+        """The settings for a device at ``address``, as in a settings file."""
         return {**self.settings, **self.place(address)}
 
     def make(self, address: str, outlet: Outlet) -> Driver[Any]:
-        """A driver of the device at ``address``."""
+        """Make a driver of the device at ``address``."""
         return self.driver("device", self.driver.Settings.model_validate(self.written(address)), outlet)

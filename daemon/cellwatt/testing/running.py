@@ -1,4 +1,4 @@
-"""A driver run as the daemon runs it."""
+"""Runs a driver as the daemon does."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PAUSE = 0.05
 
 @dataclass
 class Running:
-    """A driver, what it gave, and the ``SourceError`` of each run that failed."""
+    """A running driver, its output, and the ``SourceError`` of each failed run."""
 
     rig: Rig
     driver: Driver[Any]
@@ -32,7 +32,7 @@ class Running:
         self.task = asyncio.create_task(self.supervise())
 
     async def until(self, condition: Callable[[], object], what: str) -> None:
-        """Wait for what must happen. Raises ``NotConformingError`` where it does not, or the driver broke."""
+        """Wait for a condition. Raises ``NotConformingError`` if it is not met in time or the driver broke."""
         try:
             await self.outlet.until(lambda: condition() or self._broken(), self.rig.patience)
         except TimeoutError:
@@ -44,12 +44,12 @@ class Running:
             self.verdict()
 
     async def samples(self, more: int, when: str) -> None:
-        """Wait for so many more samples."""
+        """Wait for ``count`` more samples."""
         goal = self.outlet.samples + more
         await self.until(lambda: self.outlet.samples >= goal, f"{more} samples {when}")
 
     def verdict(self) -> None:
-        """Raise ``NotConformingError`` where ``run`` ended in a way that it may not, or the account is not even."""
+        """Raise ``NotConformingError`` if ``run`` ended in a forbidden way or the account does not balance."""
         task = self.task
         if task.done() and not task.cancelled():
             error = task.exception()
@@ -76,7 +76,7 @@ class Running:
         return self.task.done()
 
     async def supervise(self) -> None:
-        """Run, and again after each ``SourceError``."""
+        """Run the driver, again after each ``SourceError``."""
         while True:
             self.outlet.begin()
             try:
@@ -89,7 +89,7 @@ class Running:
 
 
 async def ended(task: asyncio.Task[Any], patience: float) -> None:
-    """Cancel a task and wait for its end. Raises ``NotConformingError`` where it does not end as cancelled."""
+    """Cancel a task and wait for its end. Raises ``NotConformingError`` if it does not end as cancelled."""
     task.cancel()
     _, pending = await asyncio.wait([task], timeout=patience)
     if pending:
@@ -102,7 +102,7 @@ async def ended(task: asyncio.Task[Any], patience: float) -> None:
 
 @asynccontextmanager
 async def running(rig: Rig, address: str) -> AsyncIterator[Running]:
-    """A driver that is run again when it fails, until the end of the context; then it is judged."""
+    """Run a driver, again after each failure, until the end of the context, then give the verdict."""
     outlet = CollectingOutlet()
     found = Running(rig, rig.make(address, outlet), outlet)
     found.start()

@@ -1,4 +1,4 @@
-"""Reads along what a driver sends: a relay between it and the emulator."""
+"""Captures the bytes that a driver sends, with a relay between it and the emulator."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _MOST = 65536
 
 @asynccontextmanager
 async def tapped(address: str, transport: Transport) -> AsyncIterator[tuple[str, list[bytearray]]]:
-    """A relay to ``address``: where a driver finds it, and what it sent.
+    """A relay to ``address``: its own address, and the bytes that the driver sent.
 
-    One entry a TCP connection, a UDP datagram, or for a serial port one in all.
+    There is one entry per TCP connection or UDP datagram, or a single one for a serial port.
     """
     sent: list[bytearray] = []
     relay = {"tcp": _tcp, "udp": _udp, "pty": _pty}[transport]
@@ -61,7 +61,7 @@ async def _tcp(address: str, sent: list[bytearray]) -> AsyncIterator[str]:
 
 
 async def _both(*pumps: object) -> None:
-    """Until one end closes."""
+    """Relay in both directions until one end closes."""
     tasks = [asyncio.ensure_future(p) for p in pumps]  # type: ignore[call-overload]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

@@ -1,4 +1,4 @@
-"""What the contract of a driver asks, one check each: ``async def check(rig, folder)``, silent where all is well."""
+"""One check per rule of the driver contract: ``async def check(rig, folder)`` raises if the rule is broken."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A driver can be cancelled at every await, and lets go of the device then."""
+"""A driver can be cancelled at every await and then releases the device."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TURNS = (0, 1, 2, 3, 5, 8, 13, 21)
 
 
 async def cancels_anywhere(rig: Rig, folder: Path) -> None:
-    """Cut short at several moments of the start, and then in full flow; a run after that works as ever."""
+    """Cancel at several moments of the start and while samples flow; a run after that must work."""
     async with EmulatedDevice(rig, folder) as device:
         for turns in _TURNS:
             await _cut_short(rig, device.address, turns)

@@ -1,4 +1,4 @@
-"""What goes wrong is counted and told, and the driver goes on."""
+"""A driver counts and reports faults, and goes on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEEN: frozenset[FaultKind] = frozenset({"loss", "garbage", "half_frame", "discon
 
 
 async def survives(rig: Rig, folder: Path, *, kind: FaultKind) -> None:
-    """Samples flow again after the fault, the account is even, time still runs forward, and nothing is swallowed."""
+    """Require that samples flow again, the account balances, time rises, and the fault is reported."""
     fault = rig.fault(kind)
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         await source.samples(rig.warm_up, "after the start")

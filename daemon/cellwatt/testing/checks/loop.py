@@ -19,7 +19,7 @@ _BEAT = 0.01
 
 
 async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
-    """No call blocks the loop, also while the device does not answer."""
+    """Require that no call blocks the loop, also while the device does not answer."""
     async with EmulatedDevice(rig, folder) as device:
         watch = Watch()
         beating = asyncio.create_task(watch.beat())
@@ -40,7 +40,7 @@ async def keeps_the_loop_free(rig: Rig, folder: Path) -> None:
 
 
 class Watch:
-    """Notes where the thread that made it is when its loop stands still. ``culprit`` is empty where it never did."""
+    """Notes the call that blocks the loop of the thread that made it, as ``culprit``; empty if none did."""
 
     def __init__(self) -> None:
         self.culprit = ""
@@ -51,13 +51,13 @@ class Watch:
         self._thread.start()
 
     async def beat(self) -> None:
-        """Say that the loop turns, until cancelled."""
+        """Report that the loop turns, until cancelled."""
         while True:
             self._last = time.monotonic()
             await asyncio.sleep(_BEAT)
 
     def stop(self) -> None:
-        """Watch no more."""
+        """Stop watching."""
         self._over.set()
         self._thread.join()
 

@@ -1,4 +1,4 @@
-"""What is declared is delivered."""
+"""A driver delivers the rates that it declares."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TOLERANCE = 0.15
 
 
 async def keeps_its_rates(rig: Rig, folder: Path) -> None:
-    """Each stream comes at the rate that it declares, but for samples that the account says were missed."""
+    """Require of each stream its declared rate, apart from samples that the account says were missed."""
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         streams = [s for s in source.driver.streams if s.rate]
         await source.until(lambda: all(source.outlet.of(s.name) for s in streams), "one sample of each stream")
@@ -36,7 +36,7 @@ async def keeps_its_rates(rig: Rig, folder: Path) -> None:
 
 
 async def _wrong(outlet: CollectingOutlet, streams: Sequence[Stream]) -> str:
-    """What is not as declared while a span of time goes by."""
+    """Streams whose rate differs from the declared one within a span of time, in words."""
     loop = asyncio.get_running_loop()
     begins, missed, start = {s.name: _count(outlet, s) for s in streams}, outlet.account.missed.total(), loop.time()
     await asyncio.sleep(max([_SPAN, *(_PERIODS / s.rate for s in streams)]))

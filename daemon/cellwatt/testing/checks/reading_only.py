@@ -1,4 +1,4 @@
-"""A driver only reads: what it sends is held against what it may send."""
+"""A driver only reads: the bytes that it sends are checked against those allowed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _SHOWN = 200
 
 
 async def only_reads(rig: Rig, folder: Path) -> None:
-    """Identify, run, ride out a fault, stop: every byte on the way is read along and must be allowed.
+    """Identify, run, survive a fault, stop: every byte sent is captured and must be allowed.
 
-    Where the transport cannot be read along, only what the class declares is checked.
+    If the transport cannot be captured, only the declaration of the class is checked.
     """
     require(
         bool(rig.driver.writes) == (rig.may_send is not None) or rig.transport is None,

@@ -1,4 +1,4 @@
-"""A device that is not there is told in words; one that comes back delivers again."""
+"""A driver reports a missing device in words, and reads it again when it returns."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cellwatt.testing.running import running
 
 
 async def reconnects(rig: Rig, folder: Path) -> None:
-    """The device is off, then on, off in full flow, and on again."""
+    """Run with the device off, on, off while samples flow, and on again."""
     async with EmulatedDevice(rig, folder) as device:
         await device.switch_off()
         await _says_that_nobody_answers(rig, device.address)
@@ -53,7 +53,7 @@ async def _says_that_nobody_answers(rig: Rig, address: str) -> None:
 
 
 def _is_readable(error: SourceError, rig: Rig, address: str) -> None:
-    """It is one line that names the place."""
+    """Require an error text of one line that names the place."""
     text = str(error)
     require(text and "\n" not in text, f"the error must be one line for the person at the cell, found {text!r}")
     places = {str(v) for v in rig.place(address).values()}

@@ -1,4 +1,4 @@
-"""A mistake in a settings file is told with its line, its column and its key."""
+"""A mistake in a settings file is reported with line, column and key."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NONSENSE = "[{nonsense: [[]]}]"
 
 
 async def settings_are_checked(rig: Rig, folder: Path) -> None:
-    """The right settings are taken; unknown and missing keys and wrong values are each told at their place."""
+    """Require that valid settings pass, and that unknown or missing keys and wrong values are reported in place."""
     name, model = rig.name, rig.driver.Settings
     undocumented = [key for key, field in fields_of(model).items() if not field.description]
     require(
@@ -55,7 +55,7 @@ class _File:
         self._driver = driver
 
     def problems(self, settings: Mapping[str, Any], last: str = "") -> tuple[Problem, ...]:
-        """What is wrong with these settings, a line each, and the text of a last one."""
+        """Problems of a file with these settings, one per line, and ``last`` as its last line."""
         lines = [
             yaml.safe_dump({k: v}, default_flow_style=True, width=10_000).strip()[1:-1] for k, v in settings.items()
         ]

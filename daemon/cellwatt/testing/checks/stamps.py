@@ -1,4 +1,4 @@
-"""Readings have the shape and the times that the clock model and the record rely on."""
+"""A driver's readings have the shapes and times that the clock model and the record rely on."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _UNIT = 10.0
 
 
 async def stamps_are_right(rig: Rig, folder: Path) -> None:
-    """Shapes and types; arrivals between asking and now; device times that rise, in ns."""
+    """Require right shapes and types, arrivals between request and now, and rising device times, in ns."""
     async with EmulatedDevice(rig, folder) as device, running(rig, device.address) as source:
         began = source.outlet.now()
         await source.samples(2, "after the start")
@@ -44,7 +44,7 @@ async def stamps_are_right(rig: Rig, folder: Path) -> None:
 
 
 def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
-    """Types and shapes of one reading."""
+    """Require right types and shapes of one reading."""
     name, n = reading.stream.name, len(reading.values)
     require(reading.stream in streams, f"a reading of stream {name!r}, which streams does not declare")
     shape, wanted = reading.values.shape, (n, len(reading.stream.channels))
@@ -66,7 +66,7 @@ def reading_is_whole(reading: Reading, streams: Sequence[object]) -> None:
 
 
 def times_are_right(outlet: CollectingOutlet) -> None:
-    """Arrivals do not step back; ``asked`` is before them; device time rises, save where it was reset."""
+    """Require arrivals that do not step back, ``asked`` before them, and device time that rises between resets."""
     arrivals: dict[str, int] = {}
     devices: dict[tuple[str, int], int] = {}
     for reading, epoch in zip(outlet.readings, outlet.epochs, strict=True):

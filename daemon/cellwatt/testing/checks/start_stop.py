@@ -1,4 +1,4 @@
-"""A driver starts, says who answers, delivers, stops, and does so again."""
+"""A driver starts, identifies the device, delivers, stops, and can do so again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SAMPLES = 10
 
 
 async def starts_and_stops(rig: Rig, folder: Path) -> None:
-    """Also holds what the class says of itself, its streams, and that nothing stays open or running at the end."""
+    """Also require a description, valid streams, and nothing left open or running at the end."""
     describes_itself(rig.driver)
     async with EmulatedDevice(rig, folder) as device:
         declares_streams(rig.make(device.address, CollectingOutlet()))
@@ -32,7 +32,7 @@ async def starts_and_stops(rig: Rig, folder: Path) -> None:
 
 
 def describes_itself(driver: type[Driver[Any]]) -> None:
-    """What ``cellwatt drivers NAME`` shows is there."""
+    """Require the texts that ``cellwatt drivers NAME`` shows."""
     require(getattr(driver, "title", ""), f"{driver.__name__}.title: one line about the device is missing")
     writes = getattr(driver, "writes", None)
     require(
@@ -43,7 +43,7 @@ def describes_itself(driver: type[Driver[Any]]) -> None:
 
 
 def declares_streams(driver: Driver[Any]) -> None:
-    """Streams are known without the device, with distinct and well-formed names."""
+    """Require streams without the device, with distinct and well-formed names."""
     streams = driver.streams
     require(streams, "streams is empty: it must be known from the settings alone")
     names = [s.name for s in streams]
@@ -81,7 +81,7 @@ async def _session(rig: Rig, address: str) -> None:
 
 
 async def _is_quiet(outlet: CollectingOutlet) -> None:
-    """Whether a driver that was cancelled gives no more."""
+    """Require that a cancelled driver emits nothing more."""
     before = outlet.samples
     await asyncio.sleep(0.05)
     require(outlet.samples == before, "readings came after run() had been cancelled")
@@ -92,7 +92,7 @@ def _open_files() -> int:
 
 
 async def _lets_go(files: int, tasks: int, patience: float) -> None:
-    """Sockets close at later turns of two loops: wait for that."""
+    """Require that tasks and sockets end; they do so at later turns of two loops."""
     loop = asyncio.get_running_loop()
     end = loop.time() + patience / 4
     while (_open_files() > files or len(asyncio.all_tasks()) > tasks) and loop.time() < end:  # noqa: ASYNC110

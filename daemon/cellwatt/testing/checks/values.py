@@ -18,7 +18,7 @@ _SMALL = 0.05
 
 
 class StandingSignals:
-    """A world in which nothing changes: the emulated arm, stopped in the middle of a move."""
+    """Constant signals: the emulated arm, stopped in the middle of a move."""
 
     def __init__(self) -> None:
         moment = ArmSignals(noise=0.0).at(np.array([0.4]))
@@ -29,12 +29,12 @@ class StandingSignals:
         return {name: np.full(len(t), value) for name, value in self.values.items()}
 
     def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Nothing ever changes."""
+        """Ignore the disturbance: these signals are constant."""
         raise ValueError(f"a standing world cannot be disturbed ({', '.join(change)})")
 
 
 async def values_are_in_their_units(rig: Rig, folder: Path) -> None:
-    """A channel that has the name of something in the emulator's world has its value."""
+    """Require that a channel named like a signal of the emulator has its value."""
     world = StandingSignals()
     async with EmulatedDevice(rig, folder, world) as device, running(rig, device.address) as source:
         await source.samples(10, "after the start")

@@ -44,7 +44,7 @@ class SkeletonSettings(SourceSettings):
 
 
 class SkeletonDriver(Driver[SkeletonSettings]):
-    """One meter. An answer carries no number, so after one that is late or not understood it connects anew."""
+    """Reads one meter. Answers carry no number, so the driver reconnects after a late or malformed one."""
 
     Settings = SkeletonSettings
     title = "Skeleton: a meter over TCP"
@@ -59,7 +59,7 @@ class SkeletonDriver(Driver[SkeletonSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One: ``measured``."""
+        """The single stream ``measured``."""
         return (self._stream,)
 
     async def identify(self) -> Identity:
@@ -68,7 +68,7 @@ class SkeletonDriver(Driver[SkeletonSettings]):
             return await self._greet(meter)
 
     async def run(self) -> None:
-        """See ``Driver.run``. Each poll that falls due is delivered, or missed with its reason."""
+        """See ``Driver.run``. Each poll that falls due is delivered, or counted as missed with its reason."""
         async with self._connected() as meter:
             self.outlet.connected(await self._greet(meter))
             async with Ticker(self.settings.rate) as ticker:
@@ -110,7 +110,7 @@ class SkeletonDriver(Driver[SkeletonSettings]):
 
     @asynccontextmanager
     async def _connected(self) -> AsyncIterator[Meter]:
-        """An open connection. Raises ``ConnectError`` that says what to check."""
+        """Open a connection. Raises ``ConnectError`` that says what to check."""
         s = self.settings
         place = f"{s.host}:{s.port}"
         try:
@@ -138,7 +138,7 @@ class Meter:
         self._timeout = timeout
 
     async def ask(self, question: bytes) -> bytes:
-        """The answer to a question. Raises ``ConnectError`` where there is none, ``ProtocolError`` on a flood."""
+        """Ask a question; return the answer. Raises ``ConnectError`` if none comes, ``ProtocolError`` on a flood."""
         try:
             self._writer.write(question)
             async with asyncio.timeout(self._timeout):

@@ -28,7 +28,7 @@ class Sample:
 
 
 def parse_sample(line: bytes) -> Sample:
-    """A line as a sample. The meter gives mW: raw units stop here. Raises ``ProtocolError``."""
+    """Parse a line into a sample in SI units; the meter gives mW. Raises ``ProtocolError``."""
     try:
         voltage, current, milliwatt = (float(part) for part in line.decode("ascii").split())
     except ValueError as error:
@@ -37,12 +37,12 @@ def parse_sample(line: bytes) -> Sample:
 
 
 def format_sample(sample: Sample) -> bytes:
-    """A sample as the meter sends it."""
+    """Format a sample as the meter sends it."""
     return f"{sample.voltage:.3f} {sample.current:.4f} {sample.power * 1000.0:.0f}\n".encode("ascii")
 
 
 def parse_identity(line: bytes) -> tuple[str, str]:
-    """Serial number and firmware. Raises ``ProtocolError`` where it is no meter that answers."""
+    """Parse serial number and firmware. Raises ``ProtocolError`` if the answer is not a meter's."""
     parts = line.decode("ascii", "replace").strip().split(",")
     if len(parts) != 3 or parts[0] != "METER":
         raise ProtocolError(f"expected METER,<serial>,<firmware>, got {line[:80]!r}")
