@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from cellwatt_plugins.robot import RigidBody
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 from real.describe import Drives, Link
 from real.recording import Float, Recording
 
@@ -68,7 +68,7 @@ class Prepared:
 
         q, qd = low_pass(even(recording.position), MOTION_BAND), low_pass(even(recording.velocity), MOTION_BAND)
         qdd = np.gradient(qd, 1 / RATE, axis=0)
-        own = [diagonal(values) for values in (qdd, np.tanh(qd / SIGN_WIDTH), qd, np.ones_like(qd))]
+        own = [diagonal(values) for values in (qdd, direction(qd), qd, np.ones_like(qd))]
         columns = np.concatenate([body.regressor(q, qd, qdd), *own], axis=2)
         moving = recording.moving()
         kept = np.flatnonzero((grid >= moving.time[0]) & (grid <= moving.time[-1]))[::EVERY]

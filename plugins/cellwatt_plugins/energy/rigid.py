@@ -21,7 +21,7 @@ from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
@@ -129,7 +129,7 @@ def _equations(arm: Arm, samples: _Samples, given: Float) -> Float:
     known = regressor @ arm.body.parameters() + arm.column("rotor_inertia") * samples.acceleration
     known = known + last[:, :, 0] * samples.payload[:, None]
     velocity = samples.velocity
-    sliding = Sliding(velocity, np.tanh(velocity / SIGN_WIDTH), known)
+    sliding = Sliding(velocity, direction(velocity), known)
     own = [*(law.torque(sliding, shape) for law, _, shape in LAWS.values()), np.ones_like(velocity)]
     loaded = (samples.payload > 0).astype(np.float64)[:, None, None]
     deviations = [regressor, _diagonal(samples.acceleration), last[:, :, 1:] * loaded]

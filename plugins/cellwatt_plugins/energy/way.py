@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
 
@@ -38,6 +38,6 @@ def way_energy(arm: Arm, known: Known, start: Float, end: Float, seconds: float)
     qd = way * (30 * s**2 - 60 * s**3 + 30 * s**4) / seconds
     qdd = way * (60 * s - 180 * s**2 + 120 * s**3) / seconds**2
     torque = arm.body.inverse_dynamics(q, qd, qdd) + arm.column("rotor_inertia") * qdd
-    torque = torque + np.array(known.viscous) * qd + np.array(known.coulomb) * np.tanh(qd / SIGN_WIDTH)
+    torque = torque + np.array(known.viscous) * qd + np.array(known.coulomb) * direction(qd)
     bus = bus_power(known.drive, features(arm, torque / known.drive.torque, qd))
     return float((supply_power(known.drive, bus) - known.drive.fixed).sum()) * STEP

@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.rigid_body import RigidBody
 
 Float = NDArray[np.float64]
-
-SIGN_WIDTH = 0.004
-"""rad/s: Coulomb friction turns over within this velocity, tanh(qd / 0.004)."""
 
 
 def column(robot: RobotDescription, name: str) -> Float:
@@ -22,7 +20,7 @@ def column(robot: RobotDescription, name: str) -> Float:
 def nominal_torque(robot: RobotDescription, body: RigidBody, q: Float, qd: Float, qdd: Float) -> Float:
     """Motor torques (N, n) Nm at the joint side: rigid body, rotor, Coulomb and viscous friction."""
     rotor = column(robot, "rotor_inertia") * qdd
-    coulomb = column(robot, "coulomb_friction") * np.tanh(qd / SIGN_WIDTH)
+    coulomb = column(robot, "coulomb_friction") * direction(qd)
     return body.inverse_dynamics(q, qd, qdd) + rotor + coulomb + column(robot, "viscous_friction") * qd
 
 

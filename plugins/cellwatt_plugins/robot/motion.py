@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
 
-from cellwatt_plugins.robot.law import SIGN_WIDTH
-
 Float = NDArray[np.float64]
 
+SIGN_WIDTH = 0.004
+"""rad/s: Coulomb friction turns over within this velocity."""
 FAST = 24.0
 """Samples a second that it takes to see what is quick in a drive."""
 ORDER = 3
@@ -111,12 +111,17 @@ def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
         position,
         velocity,
         acceleration,
-        np.tanh(velocity / SIGN_WIDTH),
+        direction(velocity),
         np.zeros_like(velocity),
         np.zeros(velocity.shape[1]),
         np.zeros_like(velocity),
         np.zeros_like(velocity),
     )
+
+
+def direction(velocity: Float) -> Float:
+    """Return the sign of ``velocity`` (rad/s, any shape) as Coulomb friction sees it: tanh(q̇ / 0.004)."""
+    return np.tanh(velocity / SIGN_WIDTH)
 
 
 def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
@@ -133,7 +138,7 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
     """Mean of the sign and of its square."""
     mean, square = np.zeros_like(velocity), np.zeros_like(velocity)
     for node, weight in zip(_NODES, _NODE_WEIGHTS, strict=True):
-        sign = np.tanh((velocity + spread * node) / SIGN_WIDTH)
+        sign = direction(velocity + spread * node)
         mean += weight * sign
         square += weight * sign**2
     return mean, square

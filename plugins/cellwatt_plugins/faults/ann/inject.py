@@ -19,7 +19,7 @@ from cellwatt_plugins.faults.cycles.identify import LEAST, Arm
 from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.samples import LEVEL, SHARE, SHIFT, inside_moves
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -157,7 +157,7 @@ class Injector:
         size = _log_uniform(self._random, *SIZES[kind])
         if kind == "winding":
             return np.asarray(size * p.copper[j] * force**2)
-        rubbing = p.coulomb[j] * np.tanh(qd / SIGN_WIDTH) + p.viscous[j] * qd
+        rubbing = p.coulomb[j] * direction(qd) + p.viscous[j] * qd
         extra = size * (rubbing if kind == "friction" else max(float(p.coulomb[j]), 1e-3) * self._pull(j))
         return np.asarray(qd * extra + p.copper[j] * (2 * force * extra + extra**2))
 

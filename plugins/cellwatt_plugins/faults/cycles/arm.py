@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import SIGN_WIDTH, column
+from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ def nominal(robot: RobotDescription, body: RigidBody) -> Parameters:
 
 def friction(parameters: Parameters, qd: Float) -> Float:
     """Friction torque (N, n) Nm."""
-    return np.asarray(parameters.coulomb * np.tanh(qd / SIGN_WIDTH) + parameters.viscous * qd)
+    return np.asarray(parameters.coulomb * direction(qd) + parameters.viscous * qd)
 
 
 def torque(parameters: Parameters, regressor: Float, motion: Motion) -> Float:

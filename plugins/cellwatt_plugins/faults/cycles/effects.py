@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.faults.cycles.arm import Parameters, friction
 from cellwatt_plugins.faults.cycles.identify import Arm
 from cellwatt_plugins.faults.cycles.load import Load
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
 
@@ -61,8 +61,7 @@ def joint_effects(arm: Arm, load: Load, joint: int) -> Iterator[Effect]:
     """Faults of a joint that follows its path."""
     p, qd, lever = arm.parameters, load.motion.qd[:, joint], load.lever[:, joint]
     coulomb, viscous = p.coulomb[joint], p.viscous[joint]
-    direction = np.tanh(qd / SIGN_WIDTH)
-    extra = np.column_stack([direction * coulomb, viscous * qd])
+    extra = np.column_stack([direction(qd) * coulomb, viscous * qd])
     yield Effect("friction", joint, lever[:, None] * extra, extra)
     angle = load.motion.q[:, joint]
     stiff = SPRING * max(coulomb, 1e-3)

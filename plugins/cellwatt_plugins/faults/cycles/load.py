@@ -12,7 +12,7 @@ from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, drive_power, 
 from cellwatt_plugins.robot import RigidBody
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class Load:
         columns = [
             np.einsum("ij,ijk->ik", self.lever, self.regressor),
             self.lever * self.motion.qdd,
-            self.lever * np.tanh(qd / SIGN_WIDTH),
+            self.lever * direction(qd),
             self.lever * qd,
             self.gain[:, None] * self.torque**2 * alive,
             np.column_stack([np.ones(len(total)), np.maximum(total, 0.0), np.minimum(total, 0.0)]),

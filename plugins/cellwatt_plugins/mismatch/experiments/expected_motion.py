@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import Model, mechanical_torque
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import SIGN_WIDTH
-from cellwatt_plugins.robot.motion import exact, expected_sign
+from cellwatt_plugins.robot.motion import SIGN_WIDTH, exact, expected_sign
 
 Float = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from cellwatt_plugins.mismatch.input.moved import later, moved, servo_lag
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import SIGN_WIDTH, column, nominal_power, nominal_torque
-from cellwatt_plugins.robot.motion import Moved, Plan
+from cellwatt_plugins.robot.law import column, nominal_power, nominal_torque
+from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
 from cellwatt_plugins.robot.rigid_body import PER_LINK
@@ -137,7 +137,7 @@ def _clear(plan: Plan) -> NDArray[np.bool_]:
 def _courses(plan: Plan, joint: int) -> Float:
     """(N, 3): what one unit of Coulomb friction, viscous friction and rotor inertia adds at a joint."""
     speed = plan.velocity[:, joint]
-    return np.column_stack([np.tanh(speed / SIGN_WIDTH), speed, plan.acceleration[:, joint]])
+    return np.column_stack([direction(speed), speed, plan.acceleration[:, joint]])
 
 
 def _with_friction(said: Simulated, robot: RobotDescription, body: RigidBody) -> RobotDescription:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import ConfigError
 from cellwatt.files import WRITTEN, check_file, read_text
 from cellwatt_plugins.mismatch.simulators.inertia import about_origin
-from cellwatt_plugins.robot.law import SIGN_WIDTH
+from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ class Simulator:
             data.qpos[at], data.qvel[dof], data.qacc[dof] = q, qd, qdd
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
-        return np.asarray(out + self.model.dof_frictionloss[dof] * np.tanh(velocity / SIGN_WIDTH))
+        return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity))
 
     @property
     def bodies(self) -> NDArray[np.intp]:

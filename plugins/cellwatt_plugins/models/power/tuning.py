@@ -15,7 +15,8 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.torque import Sums, solve
 from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import SIGN_WIDTH, column
+from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.motion import SIGN_WIDTH
 
 Float = NDArray[np.float64]
 
