@@ -169,12 +169,12 @@ async def test_who_is_forged_to_before_it_knows_the_cell_finds_it(cell: Cell, st
     await eventually(lambda: cell.sink.account.received == 100, "the samples")
     async with cell.subscriber(want=("raw",), patience=0.2) as subscriber:
         # As if it had come before the cell's first answer.
-        with subscriber._lock:
-            following = subscriber._following
+        with subscriber._inbox.lock:
+            following = subscriber._inbox.following
             following.joined, following._topics = False, {}
             following.message(RAW, Mark(FUTURE, LEAP, 5, EPOCH), batch(0, 5))
             following.doubt()
-            subscriber._look.set()
+            subscriber._inbox.look.set()
         await refused(subscriber, 1)
         await only_the_truth(cell, subscriber, 100)
         assert subscriber.positions[RAW] == (EPOCH, 105)
@@ -396,7 +396,7 @@ async def test_rules_keep_a_stranger_from_speaking_and_a_viewer_who_may_only_see
             session = await asyncio.to_thread(open_session, cell.link, patience=PATIENCE)
             try:
                 green = {"state": "green"}
-                await eventually(lambda: cell.sink.health(green) or viewer._mailbox._items.qsize(), "health")
+                await eventually(lambda: cell.sink.health(green) or viewer._inbox.mailbox._items.qsize(), "health")
                 Stranger(session).raw(EPOCH, 0)
                 Stranger(session).health(FUTURE, {RAW: (FUTURE, 9)})
                 assert await asyncio.to_thread(lambda: list(session.get(f"{ROOT}/@/config", timeout=0.5))) == []

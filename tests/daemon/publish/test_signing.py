@@ -160,7 +160,7 @@ async def reading(cell: Subscriber) -> AsyncIterator[list[Message]]:
             found.append(message)  # noqa: PERF401 – who waits looks at the list meanwhile
 
     task = asyncio.create_task(read())
-    await eventually(lambda: cell._following.joined, "the subscriber to know where the cell is")
+    await eventually(lambda: cell._inbox.following.joined, "the subscriber to know where the cell is")
     try:
         yield found
     finally:
@@ -343,7 +343,7 @@ async def test_an_answer_of_before_cannot_be_given_again(
     attacker.declare_queryable(question, again)
     async with subscriber(bus, keys, "alarm") as cell:
         await eventually(lambda: cell.counts.get("unsigned", 0) > 0, "the answer of before")
-        assert not cell._following.joined
+        assert not cell._inbox.following.joined
 
 
 async def test_a_cell_whose_key_is_gone_publishes_nothing(bus: LinkSettings, keys: Path) -> None:

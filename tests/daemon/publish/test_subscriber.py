@@ -65,7 +65,7 @@ async def cell() -> AsyncIterator[Cell]:
 
 
 async def joined(subscriber: Subscriber) -> None:
-    await eventually(lambda: subscriber._following.joined, "the subscriber to know where the cell is")
+    await eventually(lambda: subscriber._inbox.following.joined, "the subscriber to know where the cell is")
 
 
 async def read(subscriber: Subscriber, count: int, topic: str = "") -> list[Message]:

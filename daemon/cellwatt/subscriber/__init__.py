@@ -1,0 +1,17 @@
+"""Takes the data of one cell from the bus: each topic in order, each sample exactly once.
+
+    async with Subscriber("plant-1", "weld-3", LinkSettings(mode="client", connect=("tcp/router:7447",))) as cell:
+        async for message in cell:
+            print(message.topic, message.sequence, message.content)
+
+Holes, which an interrupted link leaves, are filled from the cell's record before later messages are delivered; such
+messages have ``backfilled`` set. Messages that the cell no longer has are delivered as a ``Gap``.
+"""
+
+from cellwatt.publish.link import LinkSettings
+from cellwatt.publish.order import Gap
+from cellwatt.publish.received import Health
+from cellwatt.subscriber.message import EVERYTHING, Message
+from cellwatt.subscriber.subscriber import Subscriber
+
+__all__ = ["EVERYTHING", "Gap", "Health", "LinkSettings", "Message", "Subscriber"]
