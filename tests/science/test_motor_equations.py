@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cellwatt_plugins.robot import Joint, RobotDescription
-from cellwatt_plugins.robot.law import copper_loss, nominal_power
+from cellwatt_plugins.robot.drive import copper_loss, nominal_power
 
 RESISTANCE, INDUCTANCE, CONSTANT, INERTIA, VISCOUS = 0.9, 2e-3, 12.0, 4.0, 8.0
 """Ω, H, Nm/A = V s/rad at the joint, kg m², Nm s/rad; the winding settles in L/R = 2.2 ms."""

@@ -169,7 +169,7 @@ def _drives(arm: Arm, identified: Identified) -> tuple[JointDrive, ...]:
             torque_gain_uncertainty=float(spread[i] / drive.torque[i] ** 2),
             winding_resistance=float(drive.copper[i] * described[i] / drive.torque[i] ** 2),
             switching=float(drive.switching[i] / drive.torque[i]),
-            iron=float(drive.iron[i]),
+            iron=float(drive.eddy[i]),
             hysteresis=float(drive.hysteresis[i]),
         )
         for i, joint in enumerate(arm.description.joints)

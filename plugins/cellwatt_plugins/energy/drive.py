@@ -1,26 +1,25 @@
-"""What the motors draw from the DC bus, and what the analyzer sees of it.
+"""Fitted drives of an arm: what the motors draw from the DC bus (``robot.drive``), and what the analyzer sees of it.
 
-The bus of all joints is shared. It takes the sum over the joints of mechanical power, copper loss R I², loss in the
-drive's switches k_sw |I| and iron loss, by eddy currents k_fe θ̇² and by hysteresis k_h |θ̇| (ECDP, III-D). Where
-the sum is negative the supply cannot take it back: the electronics use the share ``returned`` of it, which the
-analyzer misses in its reading, and the chopper burns the rest. The paper's estimate of E_RB by negative mechanical
-power (eq. 11) leaves out what the motors themselves lose.
+Where the bus power is negative the supply cannot take it back: the electronics use the share ``returned`` of it,
+which the analyzer misses in its reading, and the chopper burns the rest. The paper's estimate of E_RB by negative
+mechanical power (eq. 11) leaves out what the motors themselves lose.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 
 Float = NDArray[np.float64]
 
-KINDS = 5
-"""Features of a joint: mechanical power, copper, switching, iron, hysteresis."""
+KINDS = len(TERMS)
+"""Features of a joint."""
 STILL = 5e-3
 """rad/s: a slower joint stands, and its noise is not hysteresis."""
 
@@ -37,7 +36,7 @@ class Drive:
     """Winding resistance as a multiple of the described one, at the described torque constant and given torque."""
     switching: Float
     """W/A."""
-    iron: Float
+    eddy: Float
     """W s²/rad² at the joint side: eddy currents."""
     hysteresis: Float
     """W s/rad at the joint side."""
@@ -46,7 +45,7 @@ class Drive:
 
     def weights(self) -> Float:
         """Weights (5 n,) of the features in the power on the bus."""
-        return np.concatenate([self.torque, self.copper, self.switching, self.iron, self.hysteresis])
+        return np.concatenate([self.torque, self.copper, self.switching, self.eddy, self.hysteresis])
 
 
 def features(arm: Arm, torque: Float, velocity: Float) -> Float:
@@ -55,10 +54,9 @@ def features(arm: Arm, torque: Float, velocity: Float) -> Float:
     Of torque (N, n) Nm as given and velocity (N, n) rad/s.
     """
     current = torque / arm.column("torque_constant")
-    copper = arm.column("winding_resistance") * current**2
-    speed = np.abs(velocity)
-    turning = np.where(speed > STILL, speed, 0.0)
-    return np.hstack([torque * velocity, copper, np.abs(current), velocity**2, turning])
+    state = Drives.of(torque, velocity, current, arm.column("winding_resistance"))
+    turning = replace(state, qd=np.where(np.abs(velocity) > STILL, velocity, 0.0))
+    return np.hstack([term(turning) for term in TERMS.values()])
 
 
 def motion_features(arm: Arm, motion: Motion) -> Float:
@@ -73,7 +71,7 @@ def bus_power(drive: Drive, feature: Float) -> Float:
 
 def supply_power(drive: Drive, bus: Float) -> Float:
     """What the analyzer sees, (N,) W, for ``bus`` (N,) W."""
-    return drive.fixed + np.maximum(bus, 0.0) + drive.returned * np.minimum(bus, 0.0)
+    return np.asarray(drive.fixed + drawn(bus, 1.0, drive.returned))
 
 
 def chopper_power(drive: Drive, bus: Float) -> Float:

@@ -24,7 +24,7 @@ Float = NDArray[np.float64]
 
 ROUNDS = 8
 """Repetitions of the linear fit; the parameters rest after about five."""
-SPREAD = {"copper": 0.15, "switching": 0.15, "iron": 0.5, "hysteresis": 0.5}
+SPREAD = {"copper": 0.15, "switching": 0.15, "eddy": 0.5, "hysteresis": 0.5}
 """How far joints differ from their common value, as a share of it: one standard deviation, by experience with motors
 of one family. The common values themselves are free."""
 RETURNED = (0.5, 0.5)
@@ -225,6 +225,6 @@ def _vector(drive: Drive) -> Float:
 
 
 def _drive(vector: Float) -> Drive:
-    torque, copper, switching, iron, hysteresis = vector[1:-1].reshape(KINDS, -1)
+    torque, copper, switching, eddy, hysteresis = vector[1:-1].reshape(KINDS, -1)
     returned = float(np.clip(vector[-1], 0.0, 1.0))
-    return Drive(float(vector[0]), torque, copper, switching, iron, hysteresis, returned)
+    return Drive(float(vector[0]), torque, copper, switching, eddy, hysteresis, returned)

@@ -66,7 +66,7 @@ def load_known(path: Path, arm: Arm) -> Known:
 
 def _known(found: dict[str, Any], arm: Arm) -> Known:
     fixed, drives = found["fixed"], found["drives"]
-    torque, ohm, switching, iron, hysteresis = (
+    torque, ohm, switching, eddy, hysteresis = (
         np.array([joint[key] for joint in drives])
         for key in ("torque_gain", "winding_resistance", "switching", "iron", "hysteresis")
     )
@@ -74,7 +74,7 @@ def _known(found: dict[str, Any], arm: Arm) -> Known:
     described = arm.column("winding_resistance")[: len(ohm)]
     electronics = fixed["controller"] + fixed["robot_electronics"]
     level = electronics + fixed["brakes"]
-    drive = Drive(level, factor, ohm * factor**2 / described, switching * factor, iron, hysteresis, found["returned"])
+    drive = Drive(level, factor, ohm * factor**2 / described, switching * factor, eddy, hysteresis, found["returned"])
     return Known(
         robot=found["robot"],
         drive=drive,

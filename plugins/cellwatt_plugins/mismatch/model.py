@@ -17,9 +17,9 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import copper_loss
 from cellwatt_plugins.robot.motion import exact
 
 Float = NDArray[np.float64]

@@ -22,22 +22,3 @@ def nominal_torque(robot: RobotDescription, body: RigidBody, q: Float, qd: Float
     rotor = column(robot, "rotor_inertia") * qdd
     coulomb = column(robot, "coulomb_friction") * direction(qd)
     return body.inverse_dynamics(q, qd, qdd) + rotor + coulomb + column(robot, "viscous_friction") * qd
-
-
-def copper_gain(robot: RobotDescription) -> Float:
-    """Heat in each winding for a torque of 1 Nm, (n,) W/Nm²: R / K²; 0 where either is unknown."""
-    constant = column(robot, "torque_constant")
-    resistance = column(robot, "winding_resistance")
-    return np.divide(resistance, constant**2, out=np.zeros_like(constant), where=constant > 0)
-
-
-def copper_loss(robot: RobotDescription, torque: Float) -> Float:
-    """Heat (N, n) W in each winding: R (torque / torque constant)²; 0 where either is unknown."""
-    return np.asarray(torque**2 * copper_gain(robot))
-
-
-def nominal_power(robot: RobotDescription, torque: Float, qd: Float) -> Float:
-    """Supply power (N,) W: standby, and what the drives take or give back, mechanical power and copper loss."""
-    drives = np.sum(torque * qd + copper_loss(robot, torque), axis=1)
-    passed = np.where(drives > 0, drives / robot.converter_efficiency, drives * robot.regeneration)
-    return np.asarray(robot.standby_power + passed)

@@ -32,7 +32,7 @@ def drawn(known, generator):
     vector = generator.multivariate_normal(np.zeros(len(known.covariance)), known.covariance)
     drive, (electronics, fixed, *weights) = known.drive, vector
     moved = np.array(weights[:-1]).reshape(5, -1)
-    names = ("torque", "copper", "switching", "iron", "hysteresis")
+    names = ("torque", "copper", "switching", "eddy", "hysteresis")
     changed = {name: getattr(drive, name) + more for name, more in zip(names, moved, strict=True)}
     drive = replace(drive, fixed=drive.fixed + fixed, returned=drive.returned + weights[-1], **changed)
     brakes = known.brakes + fixed - electronics

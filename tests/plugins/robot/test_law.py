@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.robot import Joint, RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column, copper_loss, nominal_power, nominal_torque
+from cellwatt_plugins.robot.drive import copper_loss, nominal_power
+from cellwatt_plugins.robot.law import column, nominal_torque
 from tests.plugins.robot import planar_arm as truth
 
 SHOULDER = Joint(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.drive import copper_gain, drawn
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.motion import direction
 
@@ -57,16 +58,12 @@ class Parameters:
 
 def nominal(robot: RobotDescription, body: RigidBody) -> Parameters:
     """What the description says."""
-    constant = column(robot, "torque_constant")
-    copper = np.divide(
-        column(robot, "winding_resistance"), constant**2, out=np.zeros_like(constant), where=constant > 0
-    )
     return Parameters(
         link=body.parameters(),
         rotor=column(robot, "rotor_inertia"),
         coulomb=column(robot, "coulomb_friction"),
         viscous=column(robot, "viscous_friction"),
-        copper=copper,
+        copper=copper_gain(robot),
         standby=robot.standby_power,
         drive=1.0,
         regenerate=1.0,
@@ -90,5 +87,4 @@ def drive_power(parameters: Parameters, torque_: Float, qd: Float) -> Float:
 
 def supply_power(parameters: Parameters, drives: Float) -> Float:
     """Power (N,) W at the supply of all drives' (N, n)."""
-    total = drives.sum(axis=1)
-    return np.asarray(parameters.standby + np.where(total > 0, parameters.drive, parameters.regenerate) * total)
+    return np.asarray(parameters.standby + drawn(drives.sum(axis=1), parameters.drive, parameters.regenerate))

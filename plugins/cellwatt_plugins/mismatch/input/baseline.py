@@ -17,8 +17,9 @@ from scipy.optimize import nnls
 from cellwatt_plugins.mismatch.input.moved import later, moved, servo_lag
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column, nominal_power, nominal_torque
+from cellwatt_plugins.robot.law import column, nominal_torque
 from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression

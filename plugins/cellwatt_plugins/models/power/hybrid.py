@@ -13,8 +13,9 @@ from cellwatt_plugins.models.power.design import CARRIED, PER_WARMTH, Rows, shar
 from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.supply import Supply
-from cellwatt_plugins.models.power.terms import TORQUE, Drive, Motion
+from cellwatt_plugins.models.power.terms import TORQUE, Motion
 from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.drive import Drives
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
@@ -56,10 +57,10 @@ class Hybrid:
         load = shared @ self.inertial
         return Motion(rows.q, rows.qd, rows.qdd, load, np.tanh(rows.qd / self.width), rows.warmth)
 
-    def drive(self, torque: Any, qd: Any) -> Drive:
+    def drive(self, torque: Any, qd: Any) -> Drives:
         """What the drives have to do."""
         current = torque / self.constant
-        return Drive(torque * qd, current * current * self.resistance, qd, current)
+        return Drives.of(torque, qd, current, self.resistance)
 
     def trace(self, graph: Graph, chain: Chain, columns: int) -> tuple[Motion, Tensor]:
         """The motion and the torque (N, n) in a model file whose rows hold ``columns`` values."""

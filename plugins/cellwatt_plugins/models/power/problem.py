@@ -14,10 +14,11 @@ from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
 from cellwatt_plugins.models.power.supply import Stated
-from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, Drive
+from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS
 from cellwatt_plugins.models.power.torque import Solution, Sums
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.drive import Drives
 from cellwatt_plugins.robot.law import column
 
 Float = NDArray[np.float64]
@@ -102,10 +103,10 @@ class Problem:
         scale = _scale(self.rows, self.design, self.belief.shared, self.constant)
         return Belief.of(self.robot, self.body, self.design, scale, share)
 
-    def drive(self, torque: Float, qd: Float) -> Drive:
+    def drive(self, torque: Float, qd: Float) -> Drives:
         """What drives have to do for torques (N, n)."""
         current = torque / self.constant
-        return Drive(torque * qd, current**2 * self.stated.resistances(), qd, current)
+        return Drives.of(torque, qd, current, self.stated.resistances())
 
 
 def row_folds(moves: Moves, rows: Rows) -> NDArray[np.int64]:

@@ -1,8 +1,4 @@
-"""Electrical power from torque and velocity: equation (13) with what becomes of the energy that drives give back.
-
-Each drive takes D_j = Σ terms; the bus takes D = Σ D_j. P = P_c + up · max(D, 0) + down · min(D, 0): 1/up is the
-converter's efficiency, down is 0 where a brake resistor burns what comes back, and up where it all is used again.
-"""
+"""Fit of the supply (``robot.drive``) to measured power: which losses it has, and who uses what drives give back."""
 
 from __future__ import annotations
 
@@ -14,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from cellwatt_plugins.models.power.terms import DRIVE, DRIVE_ALWAYS, LOSSES, Drive
+from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
+from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 
 Float = NDArray[np.float64]
 Sharing = Literal["bus", "joint"]
@@ -51,12 +48,12 @@ class Supply:
     sharing: Sharing
     """Whether drives use what others give back (one bus), or each burns its own."""
 
-    def power(self, drive: Drive) -> Any:
+    def power(self, drive: Drives) -> Any:
         """(N, 1) W."""
-        taken = sum(DRIVE[name](drive) * weight for name, weight in zip(self.terms, self.weights, strict=True))
+        taken = sum(TERMS[name](drive) * weight for name, weight in zip(self.terms, self.weights, strict=True))
         if self.sharing == "bus":
             taken = taken.sum(axis=-1, keepdims=True)
-        flow = self.up * np.maximum(taken, 0.0) + self.down * np.minimum(taken, 0.0)
+        flow = drawn(taken, self.up, self.down)
         if self.sharing == "joint":
             flow = flow.sum(axis=-1, keepdims=True)
         if not self.brakes:
@@ -74,9 +71,9 @@ class Supply:
             self, standby=standby, up=up, down=down, brakes=brakes, weights=x[4:].reshape(self.weights.shape)
         )
 
-    def slopes(self, drive: Drive) -> tuple[Float, Float]:
+    def slopes(self, drive: Drives) -> tuple[Float, Float]:
         """Derivatives of the power by all numbers (N, p), and by what each drive takes (N, n)."""
-        columns = np.stack([DRIVE[name](drive) for name in self.terms])
+        columns = np.stack([TERMS[name](drive) for name in self.terms])
         taken = np.einsum("tnj,tj->nj", columns, self.weights)
         if self.sharing == "bus":
             taken = taken.sum(axis=1, keepdims=True)
@@ -91,7 +88,7 @@ class Supply:
         return np.concatenate([np.stack(fixed, axis=1), by_weight], axis=1), np.asarray(slope)
 
 
-def moving(drive: Drive) -> Any:
+def moving(drive: Drives) -> Any:
     """1 while any joint moves, (N, 1)."""
     return np.tanh(np.abs(drive.qd).sum(axis=-1, keepdims=True) / MOVING)
 
@@ -118,7 +115,7 @@ class Stated:
         return np.where(self.resistance > 0, self.resistance, GUESSED)
 
 
-def believed(drive: Drive, power: Float, effects: Sequence[str], sharing: Sharing, stated: Stated) -> Believed:
+def believed(drive: Drives, power: Float, effects: Sequence[str], sharing: Sharing, stated: Stated) -> Believed:
     """Before any data: what is stated of the drives is about right, losses are small."""
     names = (*DRIVE_ALWAYS, *(term for effect in effects if effect in LOSSES for term in LOSSES[effect]))
     weights = np.array([[float(name in DRIVE_ALWAYS)] * drive.qd.shape[1] for name in names])
@@ -126,7 +123,7 @@ def believed(drive: Drive, power: Float, effects: Sequence[str], sharing: Sharin
     known = {"mechanical": np.full(copper.shape, GAIN_SPREAD), "copper": copper}
     spreads = []
     for name in names:
-        size = np.sqrt(np.mean(DRIVE[name](drive) ** 2, axis=0))
+        size = np.sqrt(np.mean(TERMS[name](drive) ** 2, axis=0))
         # A joint that hardly moved may lose as much as the others once it does.
         spreads.append(known[name] if name in known else LOSS / np.maximum(size, 0.5 * size.max() + 1e-6))
     level = float(np.median(power))
@@ -137,7 +134,7 @@ def believed(drive: Drive, power: Float, effects: Sequence[str], sharing: Sharin
 
 
 def fit(
-    drive: Drive, power: Float, belief: Believed, noise: float | None = None, meter: csr_array | None = None
+    drive: Drives, power: Float, belief: Believed, noise: float | None = None, meter: csr_array | None = None
 ) -> tuple[Supply, float]:
     """Gauss–Newton with the prior; and the rms of what is left, W, which is also the noise where none is given.
 
@@ -168,12 +165,12 @@ def through(meter: csr_array | None, rows: Float) -> Float:
 
 
 def select(
-    drive: Drive, power: Float, fold: NDArray[np.int64], stated: Stated, meter: csr_array | None = None
+    drive: Drives, power: Float, fold: NDArray[np.int64], stated: Stated, meter: csr_array | None = None
 ) -> tuple[tuple[str, ...], Sharing]:
     """Losses that lower the held-out error, and how drives share what comes back; ``power`` as in ``fit``."""
 
-    def part(kept: NDArray[np.bool_]) -> tuple[Drive, csr_array | None]:
-        return (rows_of(drive, kept), None) if meter is None else (drive, meter[kept])
+    def part(kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:
+        return (drive.rows(kept), None) if meter is None else (drive, meter[kept])
 
     def score(effects: Sequence[str], sharing: Sharing) -> Float:
         belief = believed(drive, power, effects, sharing, stated)
@@ -202,8 +199,3 @@ def select(
     if (left_each / left).mean() < GAIN:
         return tuple(each), "joint"
     return tuple(one), "bus"
-
-
-def rows_of(drive: Drive, kept: NDArray[np.bool_]) -> Drive:
-    """Some rows of arrays."""
-    return Drive(drive.mechanical[kept], drive.copper[kept], drive.qd[kept], drive.current[kept])

@@ -91,32 +91,10 @@ EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
 WARM: Final = "friction by temperature"
 
 
-@dataclass(frozen=True)
-class Drive:
-    """What the electrical power depends on: (N, n) each."""
-
-    mechanical: Any
-    """Torque times velocity, W."""
-    copper: Any
-    """Current squared times the stated winding resistance, W."""
-    qd: Any
-    """rad/s."""
-    current: Any
-    """A."""
-
-
-DRIVE: Final[Mapping[str, Callable[[Drive], Any]]] = {
-    "mechanical": lambda d: d.mechanical,
-    "copper": lambda d: d.copper,
-    "iron": lambda d: np.abs(d.qd),
-    "eddy": lambda d: d.qd * d.qd,
-    "inverter": lambda d: np.abs(d.current),
-}
-"""Power that a joint's drive takes from the bus, each times a number of the joint; W."""
 DRIVE_ALWAYS: Final = ("mechanical", "copper")
 LOSSES: Final[Mapping[str, tuple[str, ...]]] = {
-    "iron loss": ("iron",),
+    "iron loss": ("hysteresis",),
     "eddy-current loss": ("eddy",),
-    "loss of the inverters by current": ("inverter",),
+    "loss of the inverters by current": ("switching",),
 }
 """What may be found beside what is always there, and its terms."""

@@ -13,8 +13,8 @@ from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.problem import Problem
 from cellwatt_plugins.models.power.supply import Believed, Sharing, Supply
-from cellwatt_plugins.models.power.terms import Drive
 from cellwatt_plugins.models.power.torque import Solution
+from cellwatt_plugins.robot.drive import Drives
 
 Float = NDArray[np.float64]
 
@@ -121,11 +121,11 @@ class _Step:
         x[count + 2] = np.clip(x[count + 2], 0.0, max(x[count + 1], 0.0))
         return x, self.spread * np.sqrt(np.diag(inverse)), float(np.abs(step).max())
 
-    def _taken_by_torque(self, supply: Supply, drive: Drive) -> Float:
+    def _taken_by_torque(self, supply: Supply, drive: Drives) -> Float:
         """Derivative (N, n) of what a drive takes by its torque."""
         weight = dict(zip(supply.terms, supply.weights, strict=True))
         resistance, constant = self.problem.stated.resistances(), self.problem.constant
         out = weight["mechanical"] * drive.qd + weight["copper"] * 2 * drive.current * resistance / constant
-        if "inverter" in weight:
-            out = out + weight["inverter"] * np.sign(drive.current) / constant
+        if "switching" in weight:
+            out = out + weight["switching"] * np.sign(drive.current) / constant
         return np.asarray(out)

@@ -20,7 +20,7 @@ from cellwatt_plugins.models.static.identify import Arm, Identified
 from cellwatt_plugins.models.static.leftover import Leftover
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
-from cellwatt_plugins.robot.law import copper_gain
+from cellwatt_plugins.robot.drive import copper_gain
 
 Float = NDArray[np.float64]
 

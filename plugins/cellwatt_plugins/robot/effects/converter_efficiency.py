@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.drive import nominal_drives
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import copper_loss
 
 ALL, MOTORING, BOTH_WAYS = 0.0, 1.0, 2.0
 BACK = 0.9
@@ -33,10 +33,9 @@ class ConverterEfficiency(Effect):
         return [(ALL,), (MOTORING,), (BOTH_WAYS,)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        drive = drive_power(run)
-        total = np.asarray(np.sum(drive, axis=1))
+        total = np.sum(nominal_drives(run.robot, run.torque, run.qd), axis=1, dtype=np.float64)
         if shape[0] == ALL:
-            return total[:, None]
+            return np.asarray(total)[:, None]
         back = BACK * np.maximum(-total, 0.0) if shape[0] == BOTH_WAYS else 0.0
         return np.asarray(np.maximum(total, 0.0) + back)[:, None]
 
@@ -51,8 +50,3 @@ class ConverterEfficiency(Effect):
             f"Between supply and drives only {100 * share.value:.1f} ± {100 * share.std:.1f} % of the power arrives: "
             "the converter's efficiency is missing."
         )
-
-
-def drive_power(run: States) -> Float:
-    """Electrical power (N, n) W of each drive: mechanical power and copper loss."""
-    return run.torque * run.qd + copper_loss(run.robot, run.torque)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.law import column, nominal_power
+from cellwatt_plugins.robot.drive import nominal_power
+from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.motion import Moved
 from cellwatt_plugins.robot.rigid_body import RigidBody
 

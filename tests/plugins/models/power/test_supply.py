@@ -7,7 +7,7 @@ import pytest
 
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power.supply import BRAKES, Stated
-from cellwatt_plugins.models.power.terms import Drive
+from cellwatt_plugins.robot.drive import Drives
 
 CONSTANT, RESISTANCE = np.array([12.0, 10.0, 8.0]), np.array([0.6, 0.8, 1.2])
 STATED = Stated(0.0, RESISTANCE)
@@ -20,7 +20,7 @@ def driven(seed=0):
     qd = draw.normal(size=(3000, 3))
     qd[::7] = 0
     current = torque / CONSTANT
-    return Drive(torque * qd, current**2 * RESISTANCE, qd, current), draw.normal(size=3000)
+    return Drives(torque * qd, current**2 * RESISTANCE, qd, current), draw.normal(size=3000)
 
 
 def test_one_bus_that_burns_what_comes_back():
@@ -44,7 +44,7 @@ def test_drives_that_each_burn_their_own_and_iron_loss():
     assert (effects, sharing) == (("iron loss",), "joint")
     found, left = supplies.fit(drive, power, supplies.believed(drive, power, effects, sharing, STATED))
     assert left == pytest.approx(0.5, rel=0.05)
-    assert found.weights[found.terms.index("iron")] == pytest.approx(4, rel=0.1)
+    assert found.weights[found.terms.index("hysteresis")] == pytest.approx(4, rel=0.1)
 
 
 def test_energy_that_is_fed_back_and_brakes():
@@ -82,9 +82,9 @@ def test_slopes_are_those_of_the_power():
 
 def test_a_joint_that_hardly_moved_is_believed_to_lose_what_others_lose():
     drive, noise = driven(5)
-    still = Drive(drive.mechanical * [1, 1, 1e-4], drive.copper, drive.qd * [1, 1, 1e-4], drive.current)
+    still = Drives(drive.mechanical * [1, 1, 1e-4], drive.copper, drive.qd * [1, 1, 1e-4], drive.current)
     power = 80 + (still.mechanical + still.copper).sum(axis=1) / 0.9 + 2 * noise
     belief = supplies.believed(still, power, ("eddy-current loss",), "bus", STATED)
     found, _ = supplies.fit(still, power, belief)
-    moved = Drive(still.mechanical, still.copper, still.qd + np.array([0, 0, 1.0]), still.current)
+    moved = Drives(still.mechanical, still.copper, still.qd + np.array([0, 0, 1.0]), still.current)
     assert np.abs(found.power(moved) - found.power(still)).max() < 30

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import nominal_power
+from cellwatt_plugins.robot.drive import nominal_power
 
 Float = NDArray[np.float64]
 
