@@ -55,7 +55,7 @@ TERMS: Final[Mapping[str, Callable[[Drives], Any]]] = {
 
 
 def drawn(bus: Any, up: Any, down: Any) -> Any:
-    """Return the power (W) that the supply draws for ``bus`` (W): ``up`` times what is positive, ``down`` times the rest."""
+    """Return the power (W) that the supply draws for the bus power (W): ``up`` times it above 0, ``down`` times below."""
     return up * np.maximum(bus, 0.0) + down * np.minimum(bus, 0.0)
 
 

@@ -60,7 +60,7 @@ def test_energy_that_is_fed_back_and_brakes():
 
 def test_little_data_leaves_what_is_stated():
     drive, noise = driven(3)
-    few = supplies.rows_of(drive, np.arange(3000) < 12)
+    few = drive.rows(np.arange(3000) < 12)
     power = 80 + (few.mechanical + few.copper).sum(axis=1) / 0.9 + noise[:12]
     found, _ = supplies.fit(few, power, supplies.believed(few, power, (), "bus", STATED))
     assert np.abs(found.weights - 1).max() < 0.3
@@ -68,7 +68,7 @@ def test_little_data_leaves_what_is_stated():
 
 def test_slopes_are_those_of_the_power():
     drive, noise = driven(4)
-    some = supplies.rows_of(drive, np.arange(3000) < 50)
+    some = drive.rows(np.arange(3000) < 50)
     for sharing in ("bus", "joint"):
         belief = supplies.believed(some, 80 + noise[:50], ("iron loss", BRAKES), sharing, STATED)
         x = belief.mean.vector() + 0.1
