@@ -55,7 +55,7 @@ TERMS: Final[Mapping[str, Callable[[Drives], Any]]] = {
 
 
 def drawn(bus: Any, up: Any, down: Any) -> Any:
-    """Return the power (W) that the supply draws for the bus power (W): ``up`` times it above 0, ``down`` times below."""
+    """Return the power (W) that the supply draws for a bus power (W): ``up`` times it above 0, ``down`` below."""
     return up * np.maximum(bus, 0.0) + down * np.minimum(bus, 0.0)
 
 
@@ -70,12 +70,12 @@ def copper_loss(robot: RobotDescription, torque: Float) -> Float:
     return np.asarray(torque**2 * copper_gain(robot))
 
 
-def nominal_drives(robot: RobotDescription, torque: Float, qd: Float) -> Float:
-    """Return the described power (N, n) W of the drives: mechanical power and copper loss."""
-    return np.asarray(torque * qd + copper_loss(robot, torque))
+def drive_power(copper: Float, torque: Float, qd: Float) -> Float:
+    """Return the power (N, n) W of the drives: mechanical power, and the heat ``copper`` (n,) W/Nm² of the windings."""
+    return np.asarray(torque * qd + copper * torque**2)
 
 
 def nominal_power(robot: RobotDescription, torque: Float, qd: Float) -> Float:
     """Return the described supply power (N,) W for ``torque`` (N, n) Nm and velocity ``qd`` (N, n) rad/s."""
-    bus = nominal_drives(robot, torque, qd).sum(axis=1)
+    bus = drive_power(copper_gain(robot), torque, qd).sum(axis=1)
     return np.asarray(robot.standby_power + drawn(bus, 1.0 / robot.converter_efficiency, robot.regeneration))

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.ann.bins import PARTS, Bins, together
-from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, drive_power, torque
+from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, torque
 from cellwatt_plugins.faults.cycles.effects import part_effects, warm_up
 from cellwatt_plugins.faults.cycles.explain import WARM
 from cellwatt_plugins.faults.cycles.identify import LEAST, Arm
 from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.samples import LEVEL, SHARE, SHIFT, inside_moves
+from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
@@ -176,7 +177,7 @@ class Injector:
         motion, regressor = self._regressors[still]
         if still not in drawn.driven:
             forces = torque(drawn.parameters, regressor, motion)
-            drawn.driven[still] = forces, drive_power(drawn.parameters, forces, motion.qd)
+            drawn.driven[still] = forces, drive_power(drawn.parameters.copper, forces, motion.qd)
         forces, drives = drawn.driven[still]
         return motion, forces, drives.copy()
 

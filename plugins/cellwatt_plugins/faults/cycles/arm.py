@@ -80,11 +80,6 @@ def torque(parameters: Parameters, regressor: Float, motion: Motion) -> Float:
     return np.asarray(regressor @ parameters.link + parameters.rotor * motion.qdd + friction(parameters, motion.qd))
 
 
-def drive_power(parameters: Parameters, torque_: Float, qd: Float) -> Float:
-    """What the drives take, (N, n) W, copper loss included."""
-    return np.asarray(qd * torque_ + parameters.copper * torque_**2)
-
-
 def supply_power(parameters: Parameters, drives: Float) -> Float:
     """Power (N,) W at the supply of all drives' (N, n)."""
     return np.asarray(parameters.standby + drawn(drives.sum(axis=1), parameters.drive, parameters.regenerate))

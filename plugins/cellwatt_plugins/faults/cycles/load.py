@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, drive_power, friction, supply_power, torque
+from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, friction, supply_power, torque
 from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.motion import direction
@@ -49,7 +50,7 @@ def load_of(body: RigidBody, parameters: Parameters, motion: Motion, dead: Seque
     regressor = body.regressor(motion.q, motion.qd, motion.qdd)
     forces = torque(parameters, regressor, motion)
     alive = np.array([j not in dead for j in range(motion.q.shape[1])])
-    drives = drive_power(parameters, forces, motion.qd) * alive
+    drives = drive_power(parameters.copper, forces, motion.qd) * alive
     gain = np.where(drives.sum(axis=1) > 0, parameters.drive, parameters.regenerate)
     lever = gain[:, None] * (motion.qd + 2 * parameters.copper * forces) * alive
     return Load(motion, regressor, forces, gain, lever, drives, supply_power(parameters, drives))

@@ -16,7 +16,7 @@ from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.criteria import Tolerance
-from cellwatt_plugins.faults.cycles.arm import Motion, drive_power, supply_power, torque
+from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import Arm
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
@@ -24,6 +24,7 @@ from cellwatt_plugins.faults.paper.following import CycleFollower, CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.robot.drive import drive_power
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -112,5 +113,7 @@ def _with_spring(
     forces = torque(p, regressor, motion)
     pulled = forces.copy()
     pulled[:, j] += stiffness * (motion.q[:, j] - slack)
-    more = supply_power(p, drive_power(p, pulled, motion.qd)) - supply_power(p, drive_power(p, forces, motion.qd))
+    more = supply_power(p, drive_power(p.copper, pulled, motion.qd)) - supply_power(
+        p, drive_power(p.copper, forces, motion.qd)
+    )
     return Readings(readings.t, readings.q, readings.power + more)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.drive import nominal_drives
+from cellwatt_plugins.robot.drive import copper_gain, drive_power
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
@@ -33,7 +33,7 @@ class ConverterEfficiency(Effect):
         return [(ALL,), (MOTORING,), (BOTH_WAYS,)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        total = np.sum(nominal_drives(run.robot, run.torque, run.qd), axis=1, dtype=np.float64)
+        total = np.sum(drive_power(copper_gain(run.robot), run.torque, run.qd), axis=1, dtype=np.float64)
         if shape[0] == ALL:
             return np.asarray(total)[:, None]
         back = BACK * np.maximum(-total, 0.0) if shape[0] == BOTH_WAYS else 0.0

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.drive import nominal_drives
+from cellwatt_plugins.robot.drive import copper_gain, drive_power
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
@@ -28,7 +28,7 @@ class RegenerationDissipated(Effect):
         return [(TOTAL,), (EACH,)]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        drive = nominal_drives(run.robot, run.torque, run.qd)
+        drive = drive_power(copper_gain(run.robot), run.torque, run.qd)
         back = np.maximum(-np.sum(drive, axis=1), 0.0) if shape[0] == TOTAL else np.sum(np.maximum(-drive, 0.0), axis=1)
         return np.asarray(back)[:, None]
 

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.cycles.arm import Motion, drive_power, supply_power
+from cellwatt_plugins.faults.cycles.arm import Motion, supply_power
 from cellwatt_plugins.faults.cycles.effects import joint_effects
 from cellwatt_plugins.faults.cycles.evidence import whitener
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.weigh import bend, weigh
+from cellwatt_plugins.robot.drive import drive_power
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def in_full(known, load, joint, extra):
     torque = load.torque.copy()
     torque[:, joint] += extra
     p = known.arm.parameters
-    return supply_power(p, drive_power(p, torque, load.motion.qd)) - load.power
+    return supply_power(p, drive_power(p.copper, torque, load.motion.qd)) - load.power
 
 
 @pytest.mark.parametrize("what", ["friction", "spring"])
