@@ -16,11 +16,12 @@ from cellwatt_plugins.mismatch.fit.problem import Term, torque_problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
+from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.presliding_hysteresis import dahl_state
 from cellwatt_plugins.robot.law import nominal_torque
-from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
+from cellwatt_plugins.robot.regression import Prior
 from tests.plugins.mismatch import plant
 
 CONTRACT = Path(__file__).resolve().parents[2] / ".." / "shared" / "concealed" / "explain-contract.md"

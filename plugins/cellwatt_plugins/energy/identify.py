@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
-from scipy.optimize import lsq_linear
 
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.clock import Offset, align, inside, refine, windows
 from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, motion_features, supply_power
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot.accumulate import Accumulated
+from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 Float = NDArray[np.float64]
 
@@ -26,7 +25,11 @@ ROUNDS = 8
 """Repetitions of the linear fit; the parameters rest after about five."""
 SPREAD = {"copper": 0.15, "switching": 0.15, "eddy": 0.5, "hysteresis": 0.5}
 """How far joints differ from their common value, as a share of it: one standard deviation, by experience with motors
-of one family. The common values themselves are free."""
+of one family …"""
+FREE = 1e3
+"""… and the common value itself, from 0: it is free."""
+LEAST_TORQUE = 0.2
+"""What the robot's torque is multiplied by, at least."""
 RETURNED = (0.5, 0.5)
 """What is believed of ``returned`` before measuring: mean and one standard deviation."""
 SHARPEST = 0.05
@@ -38,6 +41,7 @@ WANDERED = 0.1
 """W: how far the electronics of a run may be from the others', one standard deviation …"""
 WARMED = 0.02
 """… and the resistance of all windings, as a share: 5 K."""
+OWN = np.array([SHIFT, WANDERED, WARMED])
 NEIGHBOURS = 10.0
 """What the model misses is alike in so many neighbouring values, and again in each repetition."""
 
@@ -124,7 +128,7 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
     covariance = np.zeros((0, 0))
     for _ in range(ROUNDS):
         tables = [_equations(one, drive) for one in runs]
-        found, covariance = _solve(tables, scatter, drive, belief)
+        found, covariance = _fitted(tables, scatter, drive, belief)
         shared = len(covariance)
         drive = _drive(found[:shared])
         own = found[shared:].reshape(len(runs), -1)
@@ -179,45 +183,33 @@ def _equations(one: Observed, drive: Drive) -> tuple[Float, Float]:
     return np.column_stack([design, slope, np.ones(len(slope)), warmer]), value
 
 
-def _solve(
+def _fitted(
     tables: Sequence[tuple[Float, Float]], scatter: Sequence[float], drive: Drive, belief: Belief
 ) -> tuple[Float, Float]:
     """Parameters of the drive, then each run's own; and the covariance of the drive's."""
-    prior_design, prior_value = _prior(drive, belief)
-    shared, n = prior_design.shape[1], len(drive.torque)
-    own = block_diag(*(d[:, shared:] / s for (d, _), s in zip(tables, scatter, strict=True)))
-    common = np.vstack([d[:, :shared] / s for (d, _), s in zip(tables, scatter, strict=True)])
-    known = block_diag(prior_design, np.diag(np.tile(1 / np.array([SHIFT, WANDERED, WARMED]), len(tables))))
-    design = np.vstack([np.hstack([common, own]), known])
-    values = [v / s for (_, v), s in zip(tables, scatter, strict=True)]
-    value = np.concatenate([*values, prior_value, np.zeros(own.shape[1])])
-    free = np.full(own.shape[1], np.inf)
-    lower = np.concatenate([[0.0], np.full(n, 0.2), np.zeros((KINDS - 1) * n + 1), -free])
-    upper = np.concatenate([np.full(1 + KINDS * n, np.inf), [1.0], free])
-    scale = np.linalg.norm(design, axis=0)
-    # The triangle has the same squares in few rows.
-    triangle = np.asarray(np.linalg.qr(np.column_stack([design / scale, value]), mode="r"), np.float64)
-    solved = lsq_linear(triangle[:, :-1], triangle[:, -1], (lower * scale, upper * scale), method="bvls")
-    information = (design / scale).T @ (design / scale)
-    covariance = np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
-    return solved.x / scale, covariance[:shared, :shared]
+    shared, own = 2 + KINDS * len(drive.torque), len(OWN)
+    size = shared + own * len(tables)
+    products = Products(np.zeros((size, size)), np.zeros(size))
+    for k, ((design, value), wide) in enumerate(zip(tables, scatter, strict=True)):
+        at = np.concatenate([np.arange(shared), shared + own * k + np.arange(own)])
+        products += Products.of(design, value, wide**2).placed(at, size)
+    fit = Fit(products, Prior.joined(_prior(drive, belief), Prior.spread(np.tile(OWN, len(tables)))))
+    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+    lower[:shared], upper[shared - 1] = 0.0, 1.0
+    lower[1 : 1 + len(drive.torque)] = LEAST_TORQUE
+    return fit.bounded(lower, upper), fit.covariance[:shared, :shared]
 
 
-def _prior(drive: Drive, belief: Belief) -> tuple[Float, Float]:
-    """Rows that say what is believed beforehand: torque, likeness of the joints, fixed power, ``returned``."""
+def _prior(drive: Drive, belief: Belief) -> Prior:
+    """What is believed of the drive beforehand: fixed power, torque, likeness of the joints, ``returned``."""
     n = len(drive.torque)
-    rows = np.zeros((KINDS * n + 2, 2 + KINDS * n))
-    value = np.zeros(len(rows))
-    rows[:n, 1 : 1 + n] = np.diag(1 / belief.torque_uncertainty)
-    value[:n] = belief.torque / belief.torque_uncertainty
-    apart = np.eye(n) - 1.0 / n
-    for kind, (name, share) in enumerate(SPREAD.items(), start=1):
+    parts = [Prior.spread(np.array([belief.fixed[1]]), belief.fixed[0])]
+    parts.append(Prior.spread(belief.torque_uncertainty, belief.torque))
+    for name, share in SPREAD.items():
         common = max(float(np.mean(getattr(drive, name))), 0.05)
-        place = slice(kind * n, (kind + 1) * n)
-        rows[place, 1 + kind * n : 1 + (kind + 1) * n] = apart / (share * common)
-    rows[-2, 0], value[-2] = 1 / belief.fixed[1], belief.fixed[0] / belief.fixed[1]
-    rows[-1, -1], value[-1] = 1 / RETURNED[1], RETURNED[0] / RETURNED[1]
-    return rows, value
+        alike = (share * common) ** 2 * np.eye(n) + (FREE * common) ** 2
+        parts.append(Prior(np.zeros(n), alike))
+    return Prior.joined(*parts, Prior.spread(np.array([RETURNED[1]]), RETURNED[0]))
 
 
 def _vector(drive: Drive) -> Float:

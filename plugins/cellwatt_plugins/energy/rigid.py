@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 from scipy.signal import savgol_filter
 
 from cellwatt_plugins.energy.arm import Arm
@@ -22,6 +21,8 @@ from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.priors import body_prior, links_prior
+from cellwatt_plugins.robot.regression import Prior, solve
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
@@ -40,10 +41,8 @@ ROUNDS = 6
 """Fits, each weighted by what the one before missed."""
 FURTHEST = 3.0
 """Torque as given is taken to be within this factor of the true one, either way."""
-REACH = 0.3
-"""m: scale of a link's size, for what 1 % of a first moment is …"""
 TOOL = 0.1
-"""… and of how far the payload's centre may be from the flange."""
+"""m by which the payload's centre may be from the flange."""
 SLOWEST = 0.01
 """rad/s: a slower arm stands."""
 LAWS = {law.name: (law, *law.split) for law in FRICTION if law.split}
@@ -77,26 +76,21 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
     samples = _gather(runs)
     value = samples.torque.reshape(-1)
     n, given = arm.joints, 1.0 / expected
-    sigma, mean = _priors(arm, float(samples.payload.max()), given, uncertainty * given**2)
+    prior = _prior(arm, float(samples.payload.max()), given, uncertainty * given**2)
     largest = np.abs(samples.torque).max(axis=0)
     least = LEAST * float(largest.max())
     missed = np.tile(MISSED * largest + least, (len(samples.position), 1))
     for _ in range(ROUNDS):
         design = _equations(arm, samples, given)
-        weight = 1.0 / (missed.reshape(-1) * np.sqrt(ALIKE))
-        whole = np.vstack([design * sigma * weight[:, None], np.eye(len(sigma))])
-        right = np.concatenate([(value - design @ mean) * weight, np.zeros(len(sigma))])
-        covariance = np.linalg.inv(whole.T @ whole)
-        found = mean + sigma * (covariance @ (whole.T @ right))
-        missed = _missed((value - design @ found).reshape(-1, n)) + least
-        given = np.clip(found[:n], 1 / FURTHEST, FURTHEST)
-    spread = sigma * np.sqrt(np.diag(covariance))
-    lower = np.full(len(sigma), -np.inf)
+        fit = solve(design, value, ALIKE * missed.reshape(-1) ** 2, prior)
+        missed = _missed((value - design @ fit.coefficients).reshape(-1, n)) + least
+        given = np.clip(fit.coefficients[:n], 1 / FURTHEST, FURTHEST)
+    lower = np.full(len(prior.mean), -np.inf)
     # Friction takes energy: all but the offset only ever brakes.
     lower[-(len(LAWS) + 1) * n : -n] = 0.0
-    bounded = mean + sigma * lsq_linear(whole, right, (lower, np.inf), method="bvls").x
+    bounded = fit.bounded(lower, np.full(len(lower), np.inf))
     friction = bounded[-(len(LAWS) + 1) * n :].reshape(-1, n) / given
-    return RigidFit(1.0 / given, spread[:n] / given**2, dict(zip((*LAWS, OFFSET), friction, strict=True)))
+    return RigidFit(1.0 / given, fit.deviations[:n] / given**2, dict(zip((*LAWS, OFFSET), friction, strict=True)))
 
 
 def _missed(residual: Float) -> Float:
@@ -142,17 +136,14 @@ def _diagonal(values: Float) -> Float:
     return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 
-def _priors(arm: Arm, payload: float, expected: Float, uncertainty: Float) -> tuple[Float, Float]:
-    """One standard deviation and mean of every unknown."""
-    n = arm.joints
-    tolerance = arm.description.tolerances
-    links = arm.body.parameters().reshape(n, PER_LINK)
-    mass = np.maximum(np.abs(links[:, :1]), 1e-2)
-    size = np.hstack([mass, np.repeat(mass * REACH, 3, axis=1), np.abs(links[:, 4:]) + 0.1 * mass * REACH**2])
+def _prior(arm: Arm, payload: float, expected: Float, uncertainty: Float) -> Prior:
+    """Return the prior of every unknown, in the order of the equations' columns."""
+    n, tolerance = arm.joints, arm.description.tolerances
     rotor = tolerance.rotor_inertia * np.maximum(arm.column("rotor_inertia"), 1e-3)
+    carried = body_prior(max(payload, 1e-3), TOOL).deviations[1:]
     friction = np.repeat([*(wide for _, wide, _ in LAWS.values()), 1.0], n)
-    shape = max(payload, 1e-3) * np.array([TOOL] * 3 + [TOOL**2] * 6)
-    sigma = np.concatenate([uncertainty, tolerance.link * size.reshape(-1), rotor, shape, friction])
-    mean = np.zeros_like(sigma)
-    mean[:n] = expected
-    return sigma, mean
+    return Prior.joined(
+        Prior.spread(uncertainty, expected),
+        links_prior(arm.body.parameters(), tolerance.link),
+        Prior.spread(np.concatenate([rotor, carried, friction])),
+    )

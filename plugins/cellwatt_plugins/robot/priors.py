@@ -1,4 +1,8 @@
-"""What is known of an arm's numbers before anything is measured."""
+"""What is known of an arm's numbers before anything is measured.
+
+A tolerance of robot.yaml is one standard deviation, as a share of the stated number: two thirds of all arms are within
+it. Every plugin takes it so, with no factor of its own.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +14,36 @@ from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
+ALONE = 0.2
+"""Share of the tolerance by which a mass is off while the link's other parameters are not."""
+CLOSE = 0.001
+"""m by which a centre of mass is off at least, however near the joint it is."""
+
 
 def link_prior(own: Float, tolerance: float) -> Prior:
-    """Prior of a link's ten parameters: the whole link scaled, its centre moved, its inertia off by ``tolerance``."""
+    """Return the prior of how far a link's ten parameters (kg, kg m, kg m²) are off the described ``own`` (10,).
+
+    The whole link is scaled, its mass and its centre of mass are off by themselves, and so are its moments of inertia:
+    by ``tolerance``, one standard deviation as a share.
+    """
     mass = max(float(own[0]), 1e-3)
     centre = float(np.linalg.norm(own[1:4])) / mass
     inertia = float(np.max(np.abs(own[[4, 6, 9]])))
     deviations = np.empty(PER_LINK)
-    deviations[0] = 0.2 * tolerance * mass
-    deviations[1:4] = mass * (tolerance * centre + 0.001)
+    deviations[0] = ALONE * tolerance * mass
+    deviations[1:4] = mass * (tolerance * centre + CLOSE)
     deviations[4:] = tolerance * inertia + 1e-6 * mass
     return Prior(np.zeros(PER_LINK), np.outer(own, own) * tolerance**2 + np.diag(deviations**2))
+
+
+def links_prior(own: Float, tolerance: float) -> Prior:
+    """Return ``link_prior`` of all n links, independent of one another, for described parameters (10 n,)."""
+    return Prior.joined(*(link_prior(each, tolerance) for each in own.reshape(-1, PER_LINK)))
+
+
+def body_prior(mass: float, reach: float) -> Prior:
+    """Return the prior of the ten parameters of a body that the last link carries beside its own.
+
+    It has about ``mass`` kg, and its centre is within about ``reach`` m of the last joint's frame.
+    """
+    return Prior.spread(mass * np.array([1.0, reach, reach, reach, *(6 * [0.4 * reach**2])]))

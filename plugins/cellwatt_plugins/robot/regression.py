@@ -1,264 +1,258 @@
-"""Bayesian linear regression of several channels, and the log evidence that further columns would add.
+"""Linear least squares with normal priors, and the log evidence of what it finds.
 
-Coefficients have normal priors: nominal parameters may be off by their tolerances, an effect by its own spread. The
-evidence that columns add is then exact (Bishop, Pattern Recognition and Machine Learning, 3.5) and charges each
-coefficient for its freedom. Correlated noise is met by a factor for each channel: a residual with a correlation
-factor f counts as N / f samples.
+Coefficients x have a normal prior N(m₀, Σ₀), targets y = A x + e normal noise e of known variance. Then x given y is
+normal with information Σ₀⁻¹ + Aᵀ W A, and the evidence of the columns is exact: it charges each coefficient for its
+freedom (Bishop, Pattern Recognition and Machine Learning, 2006, 3.3 and 3.5). ``blocks`` has the same for a search
+over many candidate columns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.optimize import lsq_linear
 
 Float = NDArray[np.float64]
+Index = NDArray[np.intp] | slice
+
+FAINT = 1e-6
+"""Shared noise of less than this share of the independent noise's variance is left out."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Normal prior of k coefficients: mean (k,), covariance (k, k)."""
+    """Normal prior of k coefficients: mean (k,), covariance (k, k), positive definite."""
 
     mean: Float
     covariance: Float
 
     @classmethod
-    def spread(cls, deviations: Float, mean: float = 0.0) -> Prior:
-        """Independent coefficients with standard ``deviations`` (k,)."""
-        return cls(np.full(len(deviations), mean), np.diag(np.square(deviations)))
+    def spread(cls, deviations: Float, mean: Float | float = 0.0) -> Prior:
+        """Return the prior of independent coefficients with standard ``deviations`` (k,) about ``mean``."""
+        return cls(np.broadcast_to(np.asarray(mean, np.float64), len(deviations)), np.diag(np.square(deviations)))
 
+    @classmethod
+    def joined(cls, *parts: Prior) -> Prior:
+        """Return the prior of all coefficients of independent ``parts``, one after the other."""
+        none = np.empty((0, 0))
+        whole = cls(
+            np.concatenate([np.empty(0), *(part.mean for part in parts)]),
+            np.asarray(block_diag(*(part.covariance for part in parts)) if parts else none),
+        )
+        whole.__dict__["precision"] = block_diag(*(part.precision for part in parts)) if parts else none
+        return whole
 
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Columns of one term: (N, m) acting on one ``channel``, or (N, C, m) acting on all (``channel`` None)."""
+    @cached_property
+    def deviations(self) -> Float:
+        """Standard deviation (k,) of each coefficient."""
+        return np.sqrt(np.diag(self.covariance))
 
-    columns: Float
-    channel: int | None
-    prior: Prior
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients, m."""
-        return int(self.columns.shape[-1])
-
-    def of(self, channel: int) -> Float | None:
-        """The columns (N, m) as they act on a channel; None where they do not."""
-        if self.channel is None:
-            return np.asarray(self.columns[:, channel])
-        return self.columns if self.channel == channel else None
-
-    def times(self, coefficients: Float, channels: int) -> Float:
-        """What the term adds to all channels, (N, C)."""
-        if self.channel is None:
-            return np.asarray(self.columns @ coefficients)
-        out = np.zeros((len(self.columns), channels))
-        out[:, self.channel] = self.columns @ coefficients
-        return out
+    @cached_property
+    def precision(self) -> Float:
+        """Inverse (k, k) of the covariance."""
+        scale = self.deviations
+        scaled = self.covariance / np.outer(scale, scale)
+        return np.asarray(np.linalg.inv(scaled) / np.outer(scale, scale))
 
 
 @dataclass(frozen=True)
-class _Channel:
-    """Columns of the fixed blocks that act on a channel, each row over its standard deviation, and their products."""
+class Products:
+    """Normal equations of weighted least squares: all that a fit needs of its rows. They add up over rows."""
 
-    places: NDArray[np.intp]
-    columns: Float
-    target: Float
     gram: Float
+    """Aᵀ W A, (k, k)."""
     pull: Float
+    """Aᵀ W y, (k,)."""
+    square: float = 0.0
+    """yᵀ W y."""
+    rows: float = 0.0
+    """Number of rows."""
+
+    @classmethod
+    def of(cls, matrix: Float, target: Float, variance: Float | float = 1.0) -> Products:
+        """Return the products of ``matrix`` (N, k) with ``target`` (N,); ``variance`` (N,) is each target's noise."""
+        root = 1 / np.sqrt(np.broadcast_to(variance, len(target)))
+        columns, values = matrix * root[:, None], target * root
+        return cls(columns.T @ columns, columns.T @ values, float(values @ values), float(len(values)))
+
+    def __add__(self, other: Products) -> Products:
+        return Products(
+            self.gram + other.gram, self.pull + other.pull, self.square + other.square, self.rows + other.rows
+        )
+
+    def __sub__(self, other: Products) -> Products:
+        return Products(
+            self.gram - other.gram, self.pull - other.pull, self.square - other.square, self.rows - other.rows
+        )
+
+    def part(self, chosen: Index) -> Products:
+        """Return the products of the ``chosen`` columns alone."""
+        return Products(self.gram[chosen][:, chosen], self.pull[chosen], self.square, self.rows)
+
+    def placed(self, at: Index, size: int) -> Products:
+        """Return the same equations among ``size`` columns, these ones ``at`` their places, all others 0."""
+        gram, pull = np.zeros((size, size)), np.zeros(size)
+        gram[np.ix_(at, at) if isinstance(at, np.ndarray) else (at, at)] = self.gram
+        pull[at] = self.pull
+        return Products(gram, pull, self.square, self.rows)
+
+    def misfit(self, coefficients: Float) -> float:
+        """Return the weighted sum of squares that ``coefficients`` (k,) leave of the target."""
+        return float(self.square - 2 * coefficients @ self.pull + coefficients @ self.gram @ coefficients)
 
 
-@dataclass(frozen=True)
-class Product:
-    """A block's columns over their standard deviation at one channel, and their products."""
+class Fit:
+    """Posterior of the coefficients under ``products`` and ``prior``.
 
-    channel: int
-    columns: Float
-    cross: Float
-    """With the design's columns."""
-    gram: Float
-    pull: Float
-    """With the target."""
+    Raises ``numpy.linalg.LinAlgError`` where the two do not determine them.
+    """
 
+    def __init__(self, products: Products, prior: Prior) -> None:
+        self.products, self.prior = products, prior
+        information = products.gram + prior.precision
+        self.scale = 1 / np.sqrt(np.diag(information))
+        """(k,) by which coefficients are brought to one size, for the sake of the numerics."""
+        self._factor = cho_factor(information * np.outer(self.scale, self.scale), lower=True)
+        self.coefficients = self.solved(products.pull + prior.precision @ prior.mean)
+        """Posterior mean (k,)."""
 
-class Design:
-    """``target`` (N, C) with ``variance`` (N, C) and the blocks that are always there; their products are kept."""
+    def solved(self, right: Float) -> Float:
+        """Return the posterior covariance times ``right`` (k,) or (k, m)."""
+        return np.asarray((self.scale * cho_solve(self._factor, (self.scale * right.T).T).T).T)
 
-    def __init__(self, target: Float, variance: Float, blocks: Sequence[Block]) -> None:
-        self.target, self.blocks = target, tuple(blocks)
-        self.root = 1 / np.sqrt(variance)
-        self.slices = places(self.blocks, 0)
-        self.size = self.slices[-1].stop if self.slices else 0
-        self.channels = [self._channel(c) for c in range(target.shape[1])]
-        self._products: dict[Block, list[Product]] = {}
-
-    def _channel(self, channel: int) -> _Channel:
-        root = self.root[:, channel : channel + 1]
-        used, parts = [np.empty(0, np.intp)], [np.empty((len(self.target), 0))]
-        for block, place in zip(self.blocks, self.slices, strict=True):
-            columns = block.of(channel)
-            if columns is not None:
-                there = np.flatnonzero(np.any(columns != 0, axis=0))
-                used.append(place.start + there)
-                parts.append(columns[:, there] * root)
-        columns, target = np.concatenate(parts, axis=1), self.target[:, channel] * root[:, 0]
-        return _Channel(np.concatenate(used), columns, target, columns.T @ columns, columns.T @ target)
-
-    def products(self, blocks: Sequence[Block]) -> list[list[Product]]:
-        """For each block its products with every channel that it acts on; blocks of a channel share the work."""
-        out: list[list[Product]] = [[] for _ in blocks]
-        for c, channel in enumerate(self.channels):
-            acting = [(i, part) for i, block in enumerate(blocks) if (part := block.of(c)) is not None]
-            if not acting:
-                continue
-            together = np.concatenate([part for _, part in acting], axis=1) * self.root[:, c : c + 1]
-            cross, pull = channel.columns.T @ together, together.T @ channel.target
-            start = 0
-            for i, part in acting:
-                span = slice(start, start + part.shape[1])
-                columns = together[:, span]
-                out[i].append(Product(c, columns, cross[:, span], columns.T @ columns, pull[span]))
-                start = span.stop
-        return out
-
-    def kept_products(self, blocks: Sequence[Block]) -> list[list[Product]]:
-        """``products``, remembered for blocks that are tried again and again."""
-        new = [block for block in blocks if block not in self._products]
-        self._products.update(zip(new, self.products(new), strict=True))
-        return [self._products[block] for block in blocks]
-
-
-def places(blocks: Sequence[Block], start: int) -> list[slice]:
-    """Place of each block's coefficients, from ``start`` on."""
-    out = []
-    for block in blocks:
-        out.append(slice(start, start + block.size))
-        start += block.size
-    return out
-
-
-class Regression:
-    """The design's blocks and further ``blocks`` together, each channel with its correlation ``factor`` (C,)."""
-
-    def __init__(self, design: Design, blocks: Sequence[Block], factor: Float) -> None:
-        self.design, self.blocks, self.factor = design, tuple(blocks), factor
-        self.slices = places(self.blocks, design.size)
-        self.size = self.slices[-1].stop if self.slices else design.size
-        self._added = design.products(self.blocks)
-        self._solve()
-
-    def _solve(self) -> None:
-        design, size = self.design, self.size
-        information, right = np.zeros((size, size)), np.zeros(size)
-        for block, place in zip((*design.blocks, *self.blocks), (*design.slices, *self.slices), strict=True):
-            precision = np.linalg.inv(block.prior.covariance)
-            information[place, place] += precision
-            right[place] += precision @ block.prior.mean
-        for channel, f in zip(design.channels, self.factor, strict=True):
-            information[np.ix_(channel.places, channel.places)] += channel.gram / f
-            right[channel.places] += channel.pull / f
-        for i, place in enumerate(self.slices):
-            for own in self._added[i]:
-                f, channel = self.factor[own.channel], design.channels[own.channel]
-                there = np.arange(place.start, place.stop)
-                information[np.ix_(channel.places, there)] += own.cross / f
-                information[np.ix_(there, channel.places)] += own.cross.T / f
-                information[place, place] += own.gram / f
-                right[place] += own.pull / f
-                for before, mixed in self._mixed(own, i):
-                    information[before, place] += mixed
-                    information[place, before] += mixed.T
-        self._scale = 1 / np.sqrt(np.diag(information))
-        self._factor = cho_factor(information * np.outer(self._scale, self._scale), lower=True)
-        self.coefficients = self._scale * cho_solve(self._factor, self._scale * right)
-        self.fitted = self._predict()
-        self.residual = design.target - self.fitted
-
-    def _mixed(self, own: Product, count: int) -> list[tuple[slice, Float]]:
-        """Products of a block's columns with those of the first ``count`` added blocks at the same channel."""
-        f = self.factor[own.channel]
-        return [
-            (place, other.columns.T @ own.columns / f)
-            for place, added in zip(self.slices[:count], self._added, strict=False)
-            for other in added
-            if other.channel == own.channel
-        ]
-
-    def _predict(self) -> Float:
-        design = self.design
-        out = np.zeros_like(design.target)
-        for c, channel in enumerate(design.channels):
-            out[:, c] = channel.columns @ self.coefficients[channel.places]
-        for place, products in zip(self.slices, self._added, strict=True):
-            for product in products:
-                out[:, product.channel] += product.columns @ self.coefficients[place]
-        return np.asarray(out / design.root)
-
-    @property
+    @cached_property
     def covariance(self) -> Float:
-        """Posterior covariance of all coefficients."""
-        return np.asarray(cho_solve(self._factor, np.eye(self.size)) * np.outer(self._scale, self._scale))
+        """Posterior covariance (k, k)."""
+        return self.solved(np.eye(len(self.scale)))
 
-    def gain(self, block: Block) -> tuple[float, Float]:
-        """Log evidence (nats) that a further block adds, and the coefficients (m,) that it would have."""
-        return self.gains([block])[0]
+    @property
+    def deviations(self) -> Float:
+        """Posterior standard deviation (k,) of each coefficient."""
+        return np.sqrt(np.diag(self.covariance))
 
-    def gains(self, blocks: Sequence[Block], keep: bool = False) -> list[tuple[float, Float]]:
-        """``gain`` of several blocks, each alone; ``keep`` their products for the next time."""
-        if not blocks:
-            return []
-        products = self.design.kept_products(blocks) if keep else self.design.products(blocks)
-        mixed = np.zeros((self.size, sum(b.size for b in blocks)))
-        spans = places(blocks, 0)
-        together = self._together()
-        for span, acting in zip(spans, products, strict=True):
-            for own in acting:
-                f, (there, columns) = self.factor[own.channel], together[own.channel]
-                mixed[self.design.channels[own.channel].places, span] += own.cross / f
-                mixed[there, span] += columns.T @ own.columns / f
-        target = np.concatenate([sum(own.pull / self.factor[own.channel] for own in acting) for acting in products])
-        pull = target - mixed.T @ self.coefficients
-        scaled = mixed * self._scale[:, None]
-        every = cho_solve(self._factor, scaled)
-        out: list[tuple[float, Float] | None] = [None] * len(blocks)
-        for size in {b.size for b in blocks}:
-            same = [i for i, b in enumerate(blocks) if b.size == size]
-            own_gram = np.stack([sum(p.gram / self.factor[p.channel] for p in products[i]) for i in same])
-            columns = np.concatenate([np.arange(spans[i].start, spans[i].stop) for i in same])
-            left, right = (part[:, columns].reshape(-1, len(same), size).transpose(1, 0, 2) for part in (scaled, every))
-            information = own_gram - left.transpose(0, 2, 1) @ right
-            gain, mean = _evidence(information, pull[columns].reshape(-1, size), [blocks[i].prior for i in same])
-            for i, g, m in zip(same, gain, mean, strict=True):
-                out[i] = float(g), m
-        return [each for each in out if each is not None]
+    @property
+    def evidence(self) -> float:
+        """Log evidence (nats) of these columns over none at all."""
+        products = self.products
+        return float(log_evidence(products.gram[None], products.pull[None], [self.prior])[0][0])
 
-    def _together(self) -> list[tuple[NDArray[np.intp], Float]]:
-        """The added blocks' columns of each channel, side by side, and the places of their coefficients."""
-        out = []
-        for c in range(len(self.factor)):
-            acting = [
-                (s, p) for s, added in zip(self.slices, self._added, strict=True) for p in added if p.channel == c
-            ]
-            there = np.concatenate([np.empty(0, np.intp), *(np.arange(s.start, s.stop) for s, _ in acting)])
-            empty = np.empty((len(self.design.target), 0))
-            out.append((there.astype(np.intp), np.concatenate([empty, *(p.columns for _, p in acting)], axis=1)))
-        return out
+    def gain(self, part: slice) -> float:
+        """Return the log evidence (nats) that a ``part`` of the coefficients, a priori independent, adds to the rest.
+
+        Savage and Dickey's ratio (Verdinelli, Wasserman, JASA 90, 1995).
+        """
+        own = Prior(self.prior.mean[part], self.prior.covariance[part, part])
+        information = np.linalg.inv(self.covariance[part, part])
+        pull = information @ self.coefficients[part] - own.precision @ own.mean
+        return float(log_evidence((information - own.precision)[None], pull[None], [own])[0][0])
+
+    def bounded(self, lower: Float, upper: Float) -> Float:
+        """Return the most probable coefficients (k,) between ``lower`` and ``upper`` (k,), infinite where free."""
+        root = np.tril(self._factor[0]).T
+        found = lsq_linear(
+            root, root @ (self.coefficients / self.scale), (lower / self.scale, upper / self.scale), method="bvls"
+        )
+        return np.asarray(found.x * self.scale)
 
 
-def _evidence(information: Float, pull: Float, priors: Sequence[Prior]) -> tuple[Float, Float]:
-    """Log evidence ratios (K,) and posterior means (K, m) of K blocks of m columns, each alone.
+def solve(matrix: Float, target: Float, variance: Float | float, prior: Prior) -> Fit:
+    """Fit ``matrix`` (N, k) to ``target`` (N,) with noise of ``variance`` (N,) or of one number."""
+    return Fit(Products.of(matrix, target, variance), prior)
 
-    ``information`` (K, m, m) and ``pull`` (K, m) are what the data say of each, nuisance projected out.
+
+def gauss_newton(
+    linearised: Callable[[Float], Products],
+    prior: Prior,
+    start: Float,
+    rounds: int,
+    settled: float = 0.0,
+    within: Callable[[Float], Float] = np.asarray,
+) -> tuple[Float, Fit]:
+    """Fit what is not linear: coefficients (k,) and the last linear fit, after at most ``rounds``.
+
+    ``linearised`` gives the equations about coefficients x: of slopes J (N, k) with y - f(x) + J x. Steps end below
+    ``settled`` standard deviations of the prior; each is brought ``within`` what is possible.
+    """
+    found = start
+    for _ in range(rounds):
+        fit = Fit(linearised(found), prior)
+        before, found = found, within(fit.coefficients)
+        if np.abs((found - before) / prior.deviations).max() < settled:
+            break
+    return found, fit
+
+
+def log_evidence(information: Float, pull: Float, priors: Sequence[Prior]) -> tuple[Float, Float]:
+    """Return the log evidence (K,) in nats over no column, and the posterior means (K, m), of K sets of m columns.
+
+    ``information`` (K, m, m) and ``pull`` (K, m) are what the data say of each set alone, all else projected out:
+    ½ (b + Σ₀⁻¹m₀)ᵀ x - ½ m₀ᵀ Σ₀⁻¹ m₀ - ½ ln det(1 + Σ₀ G) (Bishop 2006, 3.86).
     """
     information = (information + information.transpose(0, 2, 1)) / 2
-    covariance = np.stack([p.covariance for p in priors])
-    expected = np.stack([p.mean for p in priors])
-    precision = np.linalg.inv(covariance)
+    covariance = np.stack([prior.covariance for prior in priors])
+    expected = np.stack([prior.mean for prior in priors])
+    precision = np.stack([prior.precision for prior in priors])
     pulled = np.einsum("kij,kj->ki", precision, expected)
     right = pull + pulled
     mean = np.linalg.solve(information + precision, right[:, :, None])[:, :, 0]
     _, volume = np.linalg.slogdet(np.eye(pull.shape[1]) + covariance @ information)
     gain = 0.5 * np.sum(right * mean, axis=1) - 0.5 * np.sum(expected * pulled, axis=1) - 0.5 * volume
     return np.asarray(gain), np.asarray(mean)
+
+
+def variance_of(residual: Float, group: NDArray[np.intp], least: Float | float, fewest: int = 1) -> Float:
+    """Return the variance (N,) of each row for the next fit: the mean square of its group's ``residual`` (N,).
+
+    ``group`` (N,) counts from 0. It is at least ``least``; of groups of less than ``fewest`` rows it is that of all
+    rows, and NaN is left out.
+    """
+    known = np.isfinite(residual)
+    square = np.where(known, residual, 0.0) ** 2
+    count = np.bincount(group, known)
+    mean = np.bincount(group, square) / np.maximum(count, 1)
+    every = float(square.sum() / known.sum()) if known.any() else 1.0
+    return np.asarray(np.maximum(np.where(count >= fewest, mean, every)[group], least))
+
+
+@dataclass(frozen=True)
+class Whitener:
+    """Σ^(-½) for noise with covariance Σ = diag(noise²) + B Bᵀ; what it returns has independent noise of variance 1."""
+
+    noise: Float
+    """(N,): standard deviation of each value's own noise."""
+    axes: Float
+    shrink: Float
+    log_det: float
+    """ln det Σ relative to that of the values' own noise."""
+    group: int
+    """So many rows after each other make one value: their mean."""
+
+    @classmethod
+    def of(cls, noise: Float, shared: Float, group: int = 1) -> Whitener:
+        """Return the whitener for ``noise`` (N group,) and ``shared`` noise (N group, h), the columns of B.
+
+        Each column is one standard deviation of what moves all rows together.
+        """
+        noise = _means(noise, group)
+        scaled = _means(shared, group) / noise[:, None]
+        tall = scaled.shape[0] >= scaled.shape[1]
+        strength, turn = np.linalg.eigh(scaled.T @ scaled if tall else scaled @ scaled.T)
+        strong = strength > max(FAINT, 1e-12 * strength.max(initial=0.0))
+        strength, turn = strength[strong], turn[:, strong]
+        axes = (scaled @ turn) / np.sqrt(strength) if tall else turn
+        return cls(noise, axes, 1.0 - 1.0 / np.sqrt(1.0 + strength), float(np.log1p(strength).sum()), group)
+
+    def __call__(self, columns: Float) -> Float:
+        """Return Σ^(-½) times one column (N group,) or several (N group, k): N values each."""
+        scaled = (_means(columns, self.group).T / self.noise).T
+        along = self.axes.T @ scaled
+        return np.asarray(scaled - self.axes @ (self.shrink * along.T).T)
+
+
+def _means(rows: Float, group: int) -> Float:
+    return rows if group == 1 else rows.reshape(-1, group, *rows.shape[1:]).mean(axis=1)

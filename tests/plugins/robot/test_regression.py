@@ -1,139 +1,182 @@
+"""Least squares with normal priors, against normal distributions written out in full."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
-
-ROWS, CHANNELS = 25, 2
-
-
-def spread_matrix(random, size):
-    root = random.standard_normal((size, size))
-    return root @ root.T + 0.3 * np.eye(size)
-
-
-def full(block):
-    """A block as columns of all channels, stacked channel by channel: (CHANNELS · ROWS, m)."""
-    out = np.zeros((CHANNELS, ROWS, block.size))
-    for channel in range(CHANNELS):
-        if block.channel is None:
-            out[channel] = block.columns[:, channel]
-        elif block.channel == channel:
-            out[channel] = block.columns
-    return out.reshape(-1, block.size)
+from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener, gauss_newton, solve, variance_of
 
 
 class Case:
-    """A random problem, and its exact normal distribution."""
+    """Four coefficients in 30 rows of unequal noise."""
 
-    def __init__(self, seed):
+    def __init__(self, seed=0):
         random = np.random.default_rng(seed)
-        self.target = 2 * random.standard_normal((ROWS, CHANNELS))
-        self.variance = random.uniform(0.3, 3, (ROWS, CHANNELS))
-        self.factor = random.uniform(1, 6, CHANNELS)
+        self.matrix, self.target = random.normal(size=(30, 4)), 2 * random.normal(size=30)
+        self.variance = random.uniform(0.3, 3.0, 30)
+        root = random.normal(size=(4, 4))
+        self.prior = Prior(random.normal(size=4), root @ root.T + 0.3 * np.eye(4))
+        self.fit = solve(self.matrix, self.target, self.variance, self.prior)
 
-        def block(channel, size, mean):
-            shape = (ROWS, CHANNELS, size) if channel is None else (ROWS, size)
-            prior = Prior(mean * random.standard_normal(size), spread_matrix(random, size))
-            return Block(random.standard_normal(shape), channel, prior)
-
-        self.fixed = [block(None, 3, 0.0), block(0, 1, 0.0), block(1, 2, 1.0)]
-        self.added = [block(1, 1, 1.0), block(None, 2, 0.5)]
-        self.tried = [block(0, 2, 1.0), block(None, 1, 0.0), block(1, 1, 0.0)]
-        self.regression = Regression(Design(self.target, self.variance, self.fixed), self.added, self.factor)
-        self.noise = (self.variance * self.factor).T.ravel()
-
-    def log_evidence(self, blocks):
-        """Of the target under the blocks' priors and the noise, each coefficient integrated out."""
-        mean, covariance = np.zeros(CHANNELS * ROWS), np.diag(self.noise)
-        for block in blocks:
-            columns = full(block)
-            mean = mean + columns @ block.prior.mean
-            covariance = covariance + columns @ block.prior.covariance @ columns.T
-        return multivariate_normal.logpdf(self.target.T.ravel(), mean, covariance)
-
-    def posterior(self, blocks):
-        """Mean and covariance of all coefficients by conditioning the joint normal distribution."""
-        columns = np.concatenate([full(b) for b in blocks], axis=1)
-        means = np.concatenate([b.prior.mean for b in blocks])
-        prior = np.zeros((len(means), len(means)))
-        at = 0
-        for b in blocks:
-            prior[at : at + b.size, at : at + b.size] = b.prior.covariance
-            at += b.size
-        gain = prior @ columns.T @ np.linalg.inv(columns @ prior @ columns.T + np.diag(self.noise))
-        return means + gain @ (self.target.T.ravel() - columns @ means), prior - gain @ columns @ prior
+    def log_evidence(self, prior, matrix):
+        covariance = matrix @ prior.covariance @ matrix.T + np.diag(self.variance)
+        return multivariate_normal.logpdf(self.target, matrix @ prior.mean, covariance)
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6))
-def test_coefficients_and_covariance_are_those_of_the_joint_distribution(seed):
+def test_the_posterior_is_the_joint_distribution_given_the_target(seed):
     case = Case(seed)
-    mean, covariance = case.posterior([*case.fixed, *case.added])
-    assert np.allclose(case.regression.coefficients, mean, atol=1e-8)
-    assert np.allclose(case.regression.covariance, covariance, atol=1e-8)
+    wide = case.prior.covariance
+    joint = case.matrix @ wide @ case.matrix.T + np.diag(case.variance)
+    gain = wide @ case.matrix.T @ np.linalg.inv(joint)
+    mean = case.prior.mean + gain @ (case.target - case.matrix @ case.prior.mean)
+    covariance = wide - gain @ case.matrix @ wide
+    assert np.allclose(case.fit.coefficients, mean, atol=1e-8)
+    assert np.allclose(case.fit.covariance, covariance, atol=1e-8)
+    assert np.allclose(case.fit.deviations, np.sqrt(np.diag(covariance)), atol=1e-8)
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6))
-def test_the_gain_is_the_ratio_of_the_evidences(seed):
+def test_the_evidence_is_the_ratio_of_the_likelihoods(seed):
     case = Case(seed)
-    there = [*case.fixed, *case.added]
-    for block in case.tried:
-        gain, coefficients = case.regression.gain(block)
-        assert gain == pytest.approx(case.log_evidence([*there, block]) - case.log_evidence(there), abs=1e-6)
-        assert np.allclose(coefficients, case.posterior([*there, block])[0][-block.size :], atol=1e-8)
+    none = multivariate_normal.logpdf(case.target, np.zeros(30), np.diag(case.variance))
+    assert case.fit.evidence == pytest.approx(case.log_evidence(case.prior, case.matrix) - none, abs=1e-7)
 
 
-@pytest.mark.parametrize("keep", [False, True])
-def test_gains_of_several_blocks_are_those_of_each_alone(keep):
+def test_the_gain_of_a_part_is_that_of_the_fit_with_it_over_the_fit_without():
     case = Case(1)
-    for _ in range(2):
-        together = case.regression.gains(case.tried, keep)
-        for block, (gain, coefficients) in zip(case.tried, together, strict=True):
-            alone = case.regression.gain(block)
-            assert gain == pytest.approx(alone[0])
-            assert np.allclose(coefficients, alone[1])
+    first, last = (Prior(case.prior.mean[p], case.prior.covariance[p, p]) for p in (slice(0, 2), slice(2, 4)))
+    both = Prior.joined(first, last)
+    fit = solve(case.matrix, case.target, case.variance, both)
+    expected = case.log_evidence(both, case.matrix) - case.log_evidence(first, case.matrix[:, :2])
+    assert fit.gain(slice(2, 4)) == pytest.approx(expected)
 
 
-def test_no_blocks_have_no_gains():
-    assert Case(2).regression.gains([]) == []
+def test_joined_priors_are_independent():
+    parts = [Case(seed).prior for seed in range(3)]
+    whole = Prior.joined(*parts)
+    assert whole.precision == pytest.approx(np.linalg.inv(whole.covariance))
+    assert whole.covariance[:4, 4:] == pytest.approx(0.0)
+    assert whole.deviations[4:8] == pytest.approx(np.sqrt(np.diag(parts[1].covariance)))
+    assert len(Prior.joined().mean) == 0
 
 
-def test_fitted_and_residual_are_the_target():
-    case = Case(3)
-    blocks = [*case.fixed, *case.added]
-    fitted = np.concatenate([full(b) for b in blocks], axis=1) @ case.regression.coefficients
-    assert np.allclose(case.regression.fitted.T.ravel(), fitted)
-    assert np.allclose(case.regression.fitted + case.regression.residual, case.target)
+def test_products_add_up_over_rows_and_are_told_by_columns():
+    case = Case(2)
+    first, last = (Products.of(case.matrix[p], case.target[p], case.variance[p]) for p in (slice(12), slice(12, None)))
+    together = Fit(first + last, case.prior)
+    assert together.coefficients == pytest.approx(case.fit.coefficients)
+    assert (first + last - last).gram == pytest.approx(first.gram)
+    assert first.part(np.array([2, 0])).gram == pytest.approx(first.gram[[2, 0]][:, [2, 0]])
+    placed = first.placed(np.array([5, 1, 2, 0]), 6)
+    assert placed.pull[[5, 1, 2, 0]] == pytest.approx(first.pull)
+    assert placed.gram[5, 1] == pytest.approx(first.gram[0, 1])
+    x = np.arange(4.0)
+    left = case.target[:12] - case.matrix[:12] @ x
+    assert first.misfit(x) == pytest.approx(np.sum(left**2 / case.variance[:12]))
 
 
-def test_a_block_times_its_coefficients_is_what_it_adds():
+def test_coefficients_of_very_different_sizes_are_found():
+    """Inertias of 1e-5 kg m² stand beside masses of 10 kg."""
+    random = np.random.default_rng(3)
+    size = 10.0 ** np.arange(-6, 3)
+    truth, matrix = size * random.normal(size=9), random.normal(size=(200, 9)) / size
+    fit = solve(matrix, matrix @ truth, 1e-8, Prior.spread(size))
+    assert fit.coefficients == pytest.approx(truth, rel=1e-5)
+
+
+def test_bounds_give_the_most_probable_of_what_is_allowed():
     case = Case(4)
-    for block in [*case.fixed, *case.tried]:
-        coefficients = np.arange(1.0, block.size + 1)
-        assert np.allclose(block.times(coefficients, CHANNELS).T.ravel(), full(block) @ coefficients)
+    lower, upper = np.array([-np.inf, 0.4, -0.2, -np.inf]), np.array([0.1, np.inf, 0.2, np.inf])
+
+    def cost(x):
+        off = x - case.prior.mean
+        return np.sum((case.target - case.matrix @ x) ** 2 / case.variance) + off @ case.prior.precision @ off
+
+    best = minimize(cost, np.array([0.0, 0.5, 0.0, 0.0]), bounds=list(zip(lower, upper, strict=True)), tol=1e-12)
+    assert case.fit.bounded(lower, upper) == pytest.approx(best.x, abs=1e-4)
+    assert case.fit.bounded(np.full(4, -np.inf), np.full(4, np.inf)) == pytest.approx(case.fit.coefficients)
 
 
-def test_a_column_of_pure_noise_costs_evidence():
-    """Of many columns that have nothing to do with the target hardly any gains: freedom is charged."""
+def test_a_curve_is_fitted_along_its_slopes():
+    time = np.linspace(0.0, 2.0, 80)
+    truth = np.array([3.0, 1.7])
+    measured = truth[0] * np.exp(-truth[1] * time)
+
+    def linearised(x):
+        slope = np.column_stack([np.exp(-x[1] * time), -x[0] * time * np.exp(-x[1] * time)])
+        return Products.of(slope, measured - x[0] * np.exp(-x[1] * time) + slope @ x, 1e-6)
+
+    start, prior = np.array([1.0, 1.0]), Prior.spread(np.full(2, 10.0))
+    found, fit = gauss_newton(linearised, prior, start, 30, settled=1e-10)
+    assert found == pytest.approx(truth, rel=1e-5)
+    assert fit.coefficients == pytest.approx(found)
+    held, _ = gauss_newton(linearised, prior, start, 30, within=lambda x: np.minimum(x, 1.5))
+    assert held.max() <= 1.5
+
+
+def test_the_variance_of_a_group_is_its_mean_square_and_no_less_than_the_least():
+    residual = np.array([1.0, 3.0, 0.01, 0.01, np.nan, 2.0])
+    group = np.array([0, 0, 1, 1, 1, 2])
+    assert variance_of(residual, group, 0.04) == pytest.approx([5.0, 5.0, 0.04, 0.04, 0.04, 4.0])
+    every = np.nanmean(residual**2)
+    assert variance_of(residual, group, 0.0, fewest=2) == pytest.approx([5.0, 5.0, 1e-4, 1e-4, 1e-4, every])
+
+
+def test_evidence_under_shared_noise_is_that_of_its_covariance():
+    random = np.random.default_rng(3)
+    y, columns, shared = random.normal(size=12), random.normal(size=(12, 2)), random.normal(size=(12, 3))
+    noise = random.uniform(0.5, 2.0, 12)
+    without = np.diag(noise**2) + shared @ shared.T
+    within = multivariate_normal(cov=without + columns @ columns.T).logpdf(y)
+    white = Whitener.of(noise, shared)
+    found = solve(white(columns), white(y), 1.0, Prior.spread(np.ones(2)))
+    assert found.evidence == pytest.approx(within - multivariate_normal(cov=without).logpdf(y))
+
+
+def test_sizes_are_found_beside_shared_noise():
+    random = np.random.default_rng(4)
+    column, shared = random.normal(size=(400, 1)), 5.0 * random.normal(size=(400, 1))
+    y = 1.5 * column[:, 0] + 2.0 * shared[:, 0] + 0.3 * random.normal(size=400)
+    white = Whitener.of(np.full(400, 0.3), shared)
+    found = solve(white(column), white(y), 1.0, Prior.spread(np.ones(1)))
+    assert abs(found.coefficients[0] - 1.5) < 4 * found.deviations[0]
+    assert found.deviations[0] == pytest.approx(0.3 / 20, rel=0.2)
+
+
+def test_columns_of_pure_noise_are_not_believed():
     random = np.random.default_rng(5)
-    target = random.standard_normal((400, 1))
-    regression = Regression(Design(target, np.ones_like(target), []), [], np.ones(1))
-    blocks = [Block(random.standard_normal((400, 1)), 0, Prior.spread(np.array([1.0]))) for _ in range(300)]
-    gains = np.array([gain for gain, _ in regression.gains(blocks)])
-    assert np.median(gains) < -2
-    assert np.max(gains) < 6
+    columns, y = random.normal(size=(400, 30)), random.normal(size=400)
+    assert max(solve(columns[:, [k]], y, 1.0, Prior.spread(np.ones(1))).evidence for k in range(30)) < 3.0
 
 
-def test_correlated_noise_counts_as_fewer_samples():
-    """A factor of 4 is a quarter of the rows."""
-    rows = np.random.default_rng(6).standard_normal((100, 1))
-    block = Block(np.ones((400, 1)), 0, Prior.spread(np.array([1.0])))
-    few = Block(np.ones((100, 1)), 0, Prior.spread(np.array([1.0])))
-    repeated = Regression(Design(np.repeat(rows, 4, axis=0), np.ones((400, 1)), []), [block], np.array([4.0]))
-    once = Regression(Design(rows, np.ones((100, 1)), []), [few], np.ones(1))
-    assert repeated.covariance == pytest.approx(once.covariance)
-    assert repeated.coefficients == pytest.approx(once.coefficients)
+def test_what_is_white_has_the_covariance_taken_off():
+    random = np.random.default_rng(6)
+    noise, harmless = random.uniform(0.5, 2.0, 40), random.normal(size=(40, 5))
+    covariance = np.diag(noise**2) + harmless @ harmless.T
+    white = Whitener.of(noise, harmless)
+    columns = random.normal(size=(40, 3))
+    assert white(columns).T @ white(columns) == pytest.approx(columns.T @ np.linalg.solve(covariance, columns))
+    assert white(columns[:, 0]) == pytest.approx(white(columns)[:, 0])
+    relative = np.linalg.slogdet(covariance)[1] - 2 * np.log(noise).sum()
+    assert white.log_det == pytest.approx(relative)
+
+
+def test_more_harmless_columns_than_samples_are_no_trouble():
+    random = np.random.default_rng(7)
+    noise, harmless = np.ones(6), random.normal(size=(6, 20))
+    white = Whitener.of(noise, harmless)
+    y = random.normal(size=6)
+    assert white(y) @ white(y) == pytest.approx(y @ np.linalg.solve(np.eye(6) + harmless @ harmless.T, y))
+
+
+def test_rows_of_a_group_are_one_value():
+    random = np.random.default_rng(8)
+    noise, shared, y = np.ones(12), random.normal(size=(12, 2)), random.normal(size=12)
+    means = [each.reshape(4, 3, *each.shape[1:]).mean(axis=1) for each in (noise, shared, y)]
+    assert Whitener.of(noise, shared, 3)(y) == pytest.approx(Whitener.of(*means[:2])(means[2]))

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.effects import PART, warm_up
-from cellwatt_plugins.faults.cycles.evidence import fit, gram
 from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_of, temper_of
 from cellwatt_plugins.faults.cycles.identify import Arm
 from cellwatt_plugins.faults.cycles.known import Known
@@ -19,6 +18,8 @@ from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.readings import STOPPED, readings
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.samples import Samples, sample
+from cellwatt_plugins.faults.cycles.weigh import fit
+from cellwatt_plugins.robot.regression import Products, Whitener
 
 Float = NDArray[np.float64]
 
@@ -143,5 +144,7 @@ def _warm(arm: Arm, samples: Samples, best: Answer, left: Float) -> float:
     """Share by which friction of all joints was higher, 0 where that is not certain."""
     column = WARM * warm_up(arm.parameters, best.reading.load)
     harmless = np.column_stack([samples.harmless, best.reading.doubt])
-    found = fit(gram(left, column[:, None], samples.sigma, harmless, samples.group), np.array([0]))
-    return WARM * float(found.sizes[0]) if abs(found.sizes[0]) > CERTAIN * found.error[0] else 0.0
+    white = Whitener.of(samples.sigma, harmless, samples.group)
+    found = fit(Products.of(white(column[:, None]), white(left)))
+    size = float(found.coefficients[0])
+    return WARM * size if abs(size) > CERTAIN * found.deviations[0] else 0.0

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
-from cellwatt_plugins.faults.cycles.evidence import Whitener, fit, products, whitener
 from cellwatt_plugins.faults.cycles.identify import Arm
 from cellwatt_plugins.faults.cycles.readings import Reading
 from cellwatt_plugins.faults.cycles.samples import Samples
-from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, weigh
+from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, fit, weigh
+from cellwatt_plugins.robot.regression import Products, Whitener
 
 Float = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float, fault_o
     ]
     effects += part_effects(arm, reading.load, inside)
     shared = [samples.harmless, reading.doubt, WARM * warm_up(arm.parameters, reading.load)[:, None]]
-    white = whitener(samples.sigma, np.column_stack(shared), samples.group)
+    white = Whitener.of(samples.sigma, np.column_stack(shared), samples.group)
     search = _Search(arm, reading, white, effects, MOST_FAULTS - len(reading.stopped), fault_odds)
     best: tuple[int, ...] = ()
     while (better := search.extended(best)) is not None:
@@ -115,14 +115,14 @@ class _Search:
         self.residual = white(reading.residual)
         ends = np.cumsum([e.columns.shape[1] for e in effects])
         self._columns = [np.arange(end - e.columns.shape[1], end) for e, end in zip(effects, ends, strict=True)]
-        self._straight = products(self.residual, white(np.column_stack([e.columns for e in effects])))
+        self._straight = Products.of(white(np.column_stack([e.columns for e in effects])), self.residual)
         self._known: dict[tuple[int, ...], Weighed] = {}
         self._lines: dict[tuple[int, ...], float] = {}
 
     def weighed(self, chosen: tuple[int, ...]) -> Weighed:
         """A set weighed with all that its torques do."""
         if not chosen:
-            return Weighed(0.0, (), self._straight.misfit)
+            return Weighed(0.0, (), self._straight.square)
         if chosen not in self._known:
             effects = [self.effects[k] for k in chosen]
             self._known[chosen] = weigh(self._parameters, self._load, self._white, self.residual, effects)
@@ -180,7 +180,7 @@ class _Search:
         """Single effects worth weighing: none where no line explains anything and little is to be explained."""
         gains = {k: self._line((k,)) - self.odds((k,)) for k in range(len(self.effects)) if self._allowed((k,))}
         ranked = sorted(gains, key=lambda k: gains[k], reverse=True)
-        little = self._straight.misfit < UNEXPLAINED * len(self.residual)
+        little = self._straight.square < UNEXPLAINED * len(self.residual)
         if not ranked or (little and gains[ranked[0]] < 0.0):
             return []
         parts = [k for k in ranked if self.effects[k].harmless][:SHORTLIST]
@@ -208,10 +208,10 @@ class _Search:
         own = np.concatenate([np.arange(cuts[len(best) - 1]), cuts[-1] + np.arange(bent.doubt.shape[1])])
         columns = self._white(np.column_stack([bent.slope, bent.doubt]))
         flat = self.residual - self._white(bent.power) + columns[:, : cuts[len(best) - 1]] @ np.concatenate(found.sizes)
-        gram = products(flat, columns)
-        alone = fit(gram, own).gain
+        products = Products.of(columns, flat)
+        alone = fit(products.part(own)).evidence
         ends = zip(cuts[len(best) - 1 : -1], cuts[len(best) :], strict=True)
-        return [fit(gram, np.concatenate([own, np.arange(a, b)])).gain - alone for a, b in ends]
+        return [fit(products.part(np.concatenate([own, np.arange(a, b)]))).evidence - alone for a, b in ends]
 
     def _line(self, chosen: tuple[int, ...]) -> float:
         """Log evidence along the slope of power without any fault."""
@@ -220,13 +220,13 @@ class _Search:
         return self._lines[chosen]
 
     def _drawn(self, chosen: tuple[int, ...]) -> float:
-        found = fit(self._straight, np.concatenate([self._columns[k] for k in chosen]))
+        found = fit(self._straight.part(np.concatenate([self._columns[k] for k in chosen])))
         begin = 0
         for k in chosen:
-            if not self.effects[k].sensible(found.sizes[begin : begin + len(self._columns[k])]):
+            if not self.effects[k].sensible(found.coefficients[begin : begin + len(self._columns[k])]):
                 return -math.inf
             begin += len(self._columns[k])
-        return found.gain
+        return found.evidence
 
     def _allowed(self, chosen: tuple[int, ...]) -> bool:
         joints = [j for k in chosen if (j := self.effects[k].joint) is not None]

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.arm import Parameters
 from cellwatt_plugins.faults.cycles.effects import Effect
-from cellwatt_plugins.faults.cycles.evidence import Whitener, fit, products
 from cellwatt_plugins.faults.cycles.load import Load, unsure_friction
+from cellwatt_plugins.robot.regression import Fit, Prior, Products, Whitener
 
 Float = NDArray[np.float64]
 
@@ -64,15 +65,25 @@ def weigh(
         bent = bend(parameters, load, effects, sizes)
         columns = white(np.column_stack([bent.slope, bent.doubt]))
         flat = residual - white(bent.power) + columns[:, :count] @ np.concatenate(sizes)
-        found = fit(products(flat, columns), np.arange(columns.shape[1]))
-        gain = found.gain + 0.5 * float(residual @ residual - flat @ flat)
-        rest = flat - columns @ found.sizes
+        found = fit(Products.of(columns, flat))
+        gain = found.evidence + 0.5 * float(residual @ residual - flat @ flat)
+        rest = flat - columns @ found.coefficients
         left = float(rest @ rest)
-        moved = float(np.abs(found.sizes[:count] - np.concatenate(sizes)).max())
-        sizes = tuple(np.split(found.sizes[:count], cuts))
-        if moved < SETTLED * float(np.abs(found.sizes[:count]).max()):
+        moved = float(np.abs(found.coefficients[:count] - np.concatenate(sizes)).max())
+        sizes = tuple(np.split(found.coefficients[:count], cuts))
+        if moved < SETTLED * float(np.abs(found.coefficients[:count]).max()):
             break
     return Weighed(gain, sizes, left)
+
+
+def fit(products: Products) -> Fit:
+    """Fit columns that are scaled to one sigma of their sizes."""
+    return Fit(products, _unit(len(products.pull)))
+
+
+@cache
+def _unit(count: int) -> Prior:
+    return Prior.spread(np.ones(count))
 
 
 def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: Sequence[Float]) -> Bent:

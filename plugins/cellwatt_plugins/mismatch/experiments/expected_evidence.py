@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.fit.problem import STOP, Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.effect import Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import column
-from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
+from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 

@@ -11,9 +11,10 @@ from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
+from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.possible import impossible
-from cellwatt_plugins.robot.regression import Block, Prior
+from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
-from cellwatt_plugins.robot.regression import Block, Design, Regression
+from cellwatt_plugins.robot.blocks import Block, Design, Regression
 
 Float = NDArray[np.float64]
 

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.priors import link_prior
-from cellwatt_plugins.robot.regression import Block, Prior
+from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]

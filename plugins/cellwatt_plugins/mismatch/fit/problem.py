@@ -15,10 +15,10 @@ from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
 from cellwatt_plugins.mismatch.fit.rows import Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import column
-from cellwatt_plugins.robot.regression import Block, Design, Regression
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]

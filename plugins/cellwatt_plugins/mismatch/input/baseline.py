@@ -17,12 +17,13 @@ from scipy.optimize import nnls
 from cellwatt_plugins.mismatch.input.moved import later, moved, servo_lag
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.law import column, nominal_torque
 from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
-from cellwatt_plugins.robot.priors import link_prior
-from cellwatt_plugins.robot.regression import Block, Design, Prior, Regression
+from cellwatt_plugins.robot.priors import body_prior, link_prior
+from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
@@ -189,9 +190,8 @@ class _LinkFit:
         regressor = body.regressor(plan.position, plan.velocity, plan.acceleration)
         links = body.parameters().reshape(-1, PER_LINK)
         priors = [link_prior(each, OFF) for each in links]
-        heavy, reach = TOOL[0] * float(np.sum(links[:, 0])), TOOL[1]
-        tool = np.square(heavy * np.array([1.0, *(3 * [reach]), *(6 * [reach**2])]))
-        priors[-1] = Prior(priors[-1].mean, priors[-1].covariance + np.diag(tool))
+        tool = body_prior(TOOL[0] * float(np.sum(links[:, 0])), TOOL[1])
+        priors[-1] = Prior(priors[-1].mean, priors[-1].covariance + tool.covariance)
         self._links = [
             Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, prior) for i, prior in enumerate(priors)
         ]

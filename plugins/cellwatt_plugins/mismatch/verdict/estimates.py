@@ -11,9 +11,10 @@ from cellwatt_plugins.mismatch.fit.cross_validation import confirmed_share
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned
+from cellwatt_plugins.robot.blocks import Block, Regression
 from cellwatt_plugins.robot.effects.effect import Estimate
 from cellwatt_plugins.robot.law import column
-from cellwatt_plugins.robot.regression import Block, Prior, Regression
+from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.priors import body_prior
 from cellwatt_plugins.robot.regression import Prior
 
 HEAVY = 0.15
@@ -46,11 +47,6 @@ class Payload(Effect):
             f"The flange carries {said(parameters['mass'])} at ({parameters['com_x'].value:.3f}, "
             f"{parameters['com_y'].value:.3f}, {parameters['com_z'].value:.3f}) m: a payload is missing."
         )
-
-
-def body_prior(mass: float, reach: float) -> Prior:
-    """Prior of ten inertial coefficients: a body of about ``mass`` kg whose centre is within about ``reach`` m."""
-    return Prior.spread(mass * np.array([1.0, reach, reach, reach, *(6 * [0.4 * reach**2])]))
 
 
 def body_parameters(estimate: Estimate) -> dict[str, Parameter]:

@@ -3,10 +3,10 @@ import pytest
 
 from cellwatt_plugins.faults.cycles.arm import Motion, supply_power
 from cellwatt_plugins.faults.cycles.effects import joint_effects
-from cellwatt_plugins.faults.cycles.evidence import whitener
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.weigh import bend, weigh
 from cellwatt_plugins.robot.drive import drive_power
+from cellwatt_plugins.robot.regression import Whitener
 
 
 @pytest.fixture(scope="module")
@@ -47,29 +47,9 @@ def test_the_size_of_a_large_fault_is_found(known, load):
     it = effect(known, load, "spring", 2)
     truth = np.array([4.0, -1.0])
     residual = in_full(known, load, 2, it.torque @ truth) + np.random.default_rng(2).normal(0.0, 1.0, len(load.power))
-    white = whitener(np.ones(len(residual)), np.empty((len(residual), 0)))
+    white = Whitener.of(np.ones(len(residual)), np.empty((len(residual), 0)))
     found = weigh(known.arm.parameters, load, white, white(residual), [it])
     straight = weigh(known.arm.parameters, load, white, white(residual), [it], rounds=1)
     assert found.sizes[0] == pytest.approx(truth, rel=0.03)
     assert abs(straight.sizes[0][0] / truth[0] - 1.0) > 0.1
     assert found.misfit < 1.3 * len(residual) < straight.misfit
-
-
-def test_what_is_white_has_the_covariance_taken_off():
-    random = np.random.default_rng(6)
-    noise, harmless = random.uniform(0.5, 2.0, 40), random.normal(size=(40, 5))
-    covariance = np.diag(noise**2) + harmless @ harmless.T
-    white = whitener(noise, harmless)
-    columns = random.normal(size=(40, 3))
-    assert white(columns).T @ white(columns) == pytest.approx(columns.T @ np.linalg.solve(covariance, columns))
-    assert white(columns[:, 0]) == pytest.approx(white(columns)[:, 0])
-    relative = np.linalg.slogdet(covariance)[1] - 2 * np.log(noise).sum()
-    assert white.log_det == pytest.approx(relative)
-
-
-def test_more_harmless_columns_than_samples_are_no_trouble():
-    random = np.random.default_rng(7)
-    noise, harmless = np.ones(6), random.normal(size=(6, 20))
-    white = whitener(noise, harmless)
-    y = random.normal(size=6)
-    assert white(y) @ white(y) == pytest.approx(y @ np.linalg.solve(np.eye(6) + harmless @ harmless.T, y))

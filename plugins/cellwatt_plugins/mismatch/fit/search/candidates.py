@@ -11,9 +11,9 @@ from cellwatt_plugins.mismatch.fit.acceptance import physical, within_prior
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
+from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.law import column
-from cellwatt_plugins.robot.regression import Block
 
 Float = NDArray[np.float64]
 

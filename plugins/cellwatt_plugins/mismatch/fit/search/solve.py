@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
-from cellwatt_plugins.robot.regression import Regression
+from cellwatt_plugins.robot.blocks import Regression
 
 Float = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Thresholds, Trial
+from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
-from cellwatt_plugins.robot.regression import Block
 
 Float = NDArray[np.float64]
 Place = tuple[str, int | None]
