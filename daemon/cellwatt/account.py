@@ -13,9 +13,9 @@ class Account:
 
     Driver and daemon count independently, so that the sum is a check and not a definition: the driver calls
     ``expect`` from the device's own numbering, time stamps or poll schedule, and ``miss`` for samples that never
-    arrived; the daemon calls ``receive`` and ``drop`` for those that did. ``counters`` holds everything else (retries,
-    duplicates, late answers, checksum errors, reconnects, merged ticks). Counters that indicate a disturbed or forged
-    line are also named in ``anomalies`` and ``forgeries``: health warns when they grow.
+    arrived (``lose``: both at once); the daemon calls ``receive`` and ``drop`` for those that did. ``counters`` holds
+    everything else (retries, duplicates, late answers, checksum errors, reconnects, merged ticks). Counters that
+    indicate a disturbed or forged line are also named in ``anomalies`` and ``forgeries``: health warns when they grow.
     """
 
     expected: int = 0
@@ -40,6 +40,11 @@ class Account:
         """Count n samples that were due and never arrived (``gap``, ``timeout``, ``merged tick`` …)."""
         if n:
             self.missed[reason] += n
+
+    def lose(self, n: int, reason: str) -> None:
+        """n samples fell due, or were made, and never arrived: ``expect`` and ``miss`` in one."""
+        self.expect(n)
+        self.miss(n, reason)
 
     def late(self, n: int, reason: str) -> None:
         """Take back n samples that were missed for ``reason``: they arrived late and are received now."""
@@ -83,3 +88,21 @@ class Account:
             "anomalies": sorted(self.anomalies),
             "forgeries": sorted(self.forgeries),
         }
+
+
+@dataclass(slots=True)
+class Losses:
+    """Samples that a device made, by its own numbering or time, and that never came.
+
+    Those before the first sample of a connection count as ``outage``, all others as ``gap``.
+    """
+
+    account: Account
+    outage: str = "outage"
+    resumed: bool = False
+    """No sample has come since the connection was opened anew."""
+
+    def before_next(self, missing: int) -> None:
+        """Count the samples missing between the last one that came and the next."""
+        self.account.lose(missing, self.outage if self.resumed else "gap")
+        self.resumed = False

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import time
+from collections.abc import AsyncIterator, Callable
 from typing import Final
 
 from cellwatt.kept import Kept
-from cellwatt.ticker import Beat
+from cellwatt.ticker import Beat, Ticker
 
 HOST: Final = "host stalled"
 """This PC stood still, or gave its cores to others: neither the device nor this program was at work."""
 
 
 class Slots:
-    """Follows the beats of one device at ``rate`` Hz over all its connections: ``begin`` and ``end`` once a slot.
+    """The slots of one device at ``rate`` Hz over all its connections: ``async with slots: async for beat in slots``.
 
-    The cause is measured (see ``Kept``). A loop that is late although it computed for less than half of the time was
-    kept from running, too.
+    Before a slot is served, ``missed`` is told how many before it were not, and why. The cause is measured (see
+    ``Kept``). A loop that is late although it computed for less than half of the time was kept from running, too.
     """
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, missed: Callable[[int, str], None]) -> None:
+        self._rate = rate
         self._period = round(1e9 / rate)
+        self._missed = missed
+        self._ticker: Ticker | None = None
+        self._serving = False
         self.deadline = 0
         """Of the slot begun last, ns of CLOCK_MONOTONIC; 0 before the first."""
         self._resumed = False
@@ -29,9 +34,35 @@ class Slots:
         """Slots that went by while an answer was awaited, and what is known yet of what held this PC up, ns."""
         self._kept = Kept()
 
+    async def __aenter__(self) -> Slots:
+        self.connected()
+        self._ticker = await Ticker(self._rate).__aenter__()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._ticker is not None:
+            await self._ticker.__aexit__()
+            self._ticker = None
+
+    def __aiter__(self) -> AsyncIterator[Beat]:
+        return self
+
+    async def __anext__(self) -> Beat:
+        if self._ticker is None:
+            raise RuntimeError("slots fall due inside 'async with' only")
+        if self._serving:
+            self.end()
+            self._serving = False
+        beat = await anext(self._ticker)
+        for slots, reason in self.begin(beat):
+            self._missed(slots, reason)
+        self._serving = True
+        return beat
+
     def connected(self) -> None:
         """Begin a connection; slots since the last one were unserved for lack of a connection."""
         self._resumed = self.deadline != 0
+        self._serving = False
 
     def begin(self, beat: Beat) -> list[tuple[int, str]]:
         """Begin a slot; return the unserved slots before it by reason. Slow answers are counted a slot late."""

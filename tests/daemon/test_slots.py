@@ -21,30 +21,29 @@ import asyncio, json, sys, time
 from collections import Counter
 from cellwatt.kept import Kept
 from cellwatt.slots import Slots
-from cellwatt.ticker import Ticker
 
 async def main(how):
-    slots, missed, held = Slots(50.0), Counter(), False
-    slots.connected()
-    async with Ticker(50.0) as ticker:
-        async for beat in ticker:
-            for n, reason in slots.begin(beat):
-                missed[reason] += n
+    missed, held = Counter(), False
+
+    def compute():
+        end = time.thread_time() + 0.4
+        kept = Kept()
+        while time.thread_time() < end:
+            pass
+        missed["kept from it"] = kept.look() > 2e8
+
+    async with Slots(50.0, lambda n, reason: missed.update({reason: n})) as slots:
+        async for beat in slots:
             if sum(missed.values()) > 9:
                 break
-            if how == "slow answers" and not held:
-                held = True
+            if held:
+                continue
+            held = True
+            if how == "slow answers":
                 await asyncio.sleep(0.4)
-            slots.end()
-            if how == "merged tick" and not held:
-                held = True
-                end = time.thread_time() + 0.4
-                kept = Kept()
-                while time.thread_time() < end:
-                    pass
-                missed["kept from it"] = kept.look() > 2e8
-            if how == "host stalled" and not held:
-                held = True
+            elif how == "merged tick":
+                asyncio.get_running_loop().call_soon(compute)
+            else:
                 print("stop me", flush=True)
     print(json.dumps(missed))
 
@@ -68,8 +67,12 @@ def test_what_held_a_slot_up_is_measured(how: str) -> None:
     assert max(missed, key=lambda reason: missed[reason]) == how
 
 
+def untold(slots: int, reason: str) -> None:
+    raise AssertionError("only slots that a ticker beats are told")
+
+
 def test_slots_without_a_connection_are_told_apart() -> None:
-    slots = Slots(50.0)
+    slots = Slots(50.0, untold)
     slots.connected()
     assert slots.begin(Beat(1000 * MS, 0)) == [], "nothing was due before the first connection"
     slots.end()
@@ -82,7 +85,7 @@ def test_slots_without_a_connection_are_told_apart() -> None:
 def test_an_answer_that_nothing_else_held_up_was_slow(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
     monkeypatch.setattr("cellwatt.kept._steal.now", lambda: ())
-    slots = Slots(50.0)
+    slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))
     slots.end()
     slots._idle = 1070 * MS  # an answer that took 70 ms
@@ -100,7 +103,7 @@ def test_an_answer_that_waited_for_a_core_kept_by_the_hypervisor_was_not_slow(
     at = {"now": tuple(5000 * MS for _ in stolen)}
     monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
     monkeypatch.setattr("cellwatt.kept._steal.now", lambda: at["now"])
-    slots = Slots(50.0)
+    slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))
     at["now"] = tuple(5000 * MS + MS * core for core in stolen)
     slots.end()
@@ -115,7 +118,7 @@ def test_what_the_hypervisor_took_may_be_told_a_slot_later(monkeypatch: pytest.M
     at = {"now": (0,)}
     monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: 0)
     monkeypatch.setattr("cellwatt.kept._steal.now", lambda: at["now"])
-    slots = Slots(50.0)
+    slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))
     slots.end()
     slots._idle = 1070 * MS
@@ -129,7 +132,7 @@ def test_a_device_that_is_always_slow_stays_slow(monkeypatch: pytest.MonkeyPatch
     at = {"ready": 0}
     monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: at["ready"])
     monkeypatch.setattr("cellwatt.kept._steal.now", lambda: ())
-    slots, told = Slots(50.0), []
+    slots, told = Slots(50.0, untold), []
     for k in range(50):
         told += slots.begin(Beat((1000 + 60 * k) * MS, 2 if k else 0))
         at["ready"] += 2 * MS  # a PC that is a little busy
@@ -148,7 +151,7 @@ def test_a_late_turn_is_ours_where_computing_took_longer_than_waiting_for_a_core
     monkeypatch.setattr("cellwatt.kept._ready_ns", lambda: at["ready"])
     monkeypatch.setattr("cellwatt.kept._steal.now", lambda: ())
     monkeypatch.setattr("cellwatt.slots.time.thread_time_ns", lambda: at["computed"])
-    slots = Slots(50.0)
+    slots = Slots(50.0, untold)
     slots.begin(Beat(1000 * MS, 0))
     slots.end()
     slots._idle = 1005 * MS

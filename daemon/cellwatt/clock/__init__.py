@@ -2,5 +2,6 @@
 
 from cellwatt.clock.model import ClockModel, ClockState
 from cellwatt.clock.polled import middle
+from cellwatt.clock.wrap import unwrapped
 
-__all__ = ["ClockModel", "ClockState", "middle"]
+__all__ = ["ClockModel", "ClockState", "middle", "unwrapped"]

@@ -7,14 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from cellwatt.batch import Reading
+from cellwatt.batch import Float
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.driver import Identity, Outlet
 from cellwatt.errors import DeviceError, ProtocolError, SourceError, WrongDeviceError
-from cellwatt.ticker import Ticker
+from cellwatt.slots import Slots
 from cellwatt_drivers.abb import rws
 from cellwatt_drivers.abb.rws import Energy, RobotWare
 from cellwatt_drivers.abb.web import Web
+from cellwatt_drivers.shared.polling import deliver
 
 Page = Literal["state", "energy"]
 
@@ -45,14 +46,21 @@ def energy_stream(axes: int) -> Stream:
 
 
 class Controller:
-    """What a controller's pages say, poll by poll.
+    """Polls a controller's pages ``rate`` times a second.
 
-    A poll reads the pages of ``streams`` one after the other. Energy is handed over when the controller has made a
-    new measurement; ``energy_unit`` is J per unit of its figures.
+    A poll reads the pages of both streams one after the other. Energy, that of the mechanical ``unit``, is handed over
+    when the controller has made a new measurement; ``joule`` is J per unit of its figures.
     """
 
     def __init__(
-        self, outlet: Outlet, state: Stream | None, energy: Stream | None, robotware: RobotWare, unit: str, joule: float
+        self,
+        outlet: Outlet,
+        rate: float,
+        state: Stream | None,
+        energy: Stream | None,
+        robotware: RobotWare,
+        unit: str,
+        joule: float,
     ) -> None:
         self._outlet = outlet
         self._state = state
@@ -63,7 +71,7 @@ class Controller:
         self._count: int | None = None
         self._valid = True
         self._before: dict[str, str] = {}
-        self._deadline = 0
+        self._slots = Slots(rate, self._miss_slots)
         self.taken = 0
 
     async def identify(self, web: Web) -> Identity:
@@ -79,23 +87,20 @@ class Controller:
             notes={"system": values["name"]} if "name" in values else {},
         )
 
-    async def poll(self, web: Web, rate: float) -> None:
-        """Read ``rate`` times a second until a page cannot be read (``SourceError``)."""
-        period = round(1e9 / rate)
-        resumed = self._deadline != 0
+    async def poll(self, web: Web) -> None:
+        """Read the pages of each slot until one cannot be read (``SourceError``)."""
         energy = self._energy
-        async with Ticker(rate) as ticker:
-            async for beat in ticker:
-                lost = round((beat.deadline - self._deadline) / period) - 1 if resumed else beat.merged
-                if self._state is not None and lost > 0:
-                    self._outlet.account.expect(lost)
-                    self._outlet.account.miss(lost, "disconnected" if resumed else "slow answers")
-                resumed, self._deadline = False, beat.deadline
+        async with self._slots as slots:
+            async for _ in slots:
                 if self._state is not None:
                     await self._read_state(web, self._state)
                 if energy is not None and not await self._has_energy(web, energy):
                     energy = None
                 self.taken += 1
+
+    def _miss_slots(self, slots: int, reason: str) -> None:
+        if self._state is not None:
+            self._outlet.account.lose(slots, reason)
 
     async def _read_state(self, web: Web, stream: Stream) -> None:
         asked, since = self._outlet.now(), time.monotonic_ns()
@@ -107,8 +112,7 @@ class Controller:
             }
             ratio = rws.ratio(await web.get(rws.SPEED))
         except SourceError:
-            self._outlet.account.expect()
-            self._outlet.account.miss(1, "not answered")
+            self._outlet.account.lose(1, "not answered")
             raise
         self._tell(words)
         values = [
@@ -118,8 +122,7 @@ class Controller:
             float(words["controller"].startswith("emergencystop")),
             ratio,
         ]
-        self._outlet.account.expect()
-        self._outlet.emit(Reading(stream, np.array([values]), asked + time.monotonic_ns() - since, asked=asked))
+        deliver(self._outlet, stream, np.array(values), asked, asked + time.monotonic_ns() - since)
 
     async def _has_energy(self, web: Web, stream: Stream) -> bool:
         """Read the energy page; a controller that has none keeps its other pages."""
@@ -140,8 +143,7 @@ class Controller:
         if found.count == self._count:
             return
         if self._count is not None and found.count > self._count + 1:
-            self._outlet.account.expect(found.count - self._count - 1)
-            self._outlet.account.miss(found.count - self._count - 1, "energy between polls")
+            self._outlet.account.lose(found.count - self._count - 1, "energy between polls")
         self._count = found.count
         self._tell({"energy": found.state})
         joints = len(stream.channels) - 3
@@ -152,20 +154,12 @@ class Controller:
             self._valid = found.valid
             kind, said = ("energy_valid", "valid") if found.valid else ("energy_not_valid", "not valid")
             self._outlet.event(kind, f"the controller calls its energy measurement {said} ({found.state})")
-        self._outlet.account.expect()
-        self._outlet.emit(
-            Reading(
-                stream,
-                self._row(found, joints),
-                asked + time.monotonic_ns() - since,
-                asked=asked,
-                quality=np.array([quality], dtype=np.uint8),
-            )
-        )
+        arrival = asked + time.monotonic_ns() - since
+        deliver(self._outlet, stream, self._row(found, joints), asked, arrival, quality)
 
-    def _row(self, found: Energy, joints: int) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    def _row(self, found: Energy, joints: int) -> Float:
         energies = np.array([found.accumulated, found.interval_energy, *found.joints[:joints]]) * self._joule
-        return np.array([[energies[0], energies[1], found.interval, *energies[2:]]])
+        return np.array([energies[0], energies[1], found.interval, *energies[2:]])
 
     def _tell(self, words: dict[str, str]) -> None:
         """Report states that are others than before."""

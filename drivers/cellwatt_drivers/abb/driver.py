@@ -141,7 +141,7 @@ class AbbDriver(Driver[AbbSettings]):
         s = self.settings
         state = state_stream(s.web_rate) if "state" in s.web else None
         energy = energy_stream(s.axes) if "energy" in s.web else None
-        made = Controller(self.outlet, state, energy, s.robotware, s.mechanical_unit, s.energy_unit)
+        made = Controller(self.outlet, s.web_rate, state, energy, s.robotware, s.mechanical_unit, s.energy_unit)
         return made, [stream for stream in (state, energy) if stream is not None]
 
     @property
@@ -194,7 +194,7 @@ class AbbDriver(Driver[AbbSettings]):
                 async with session(self._access()) as web:
                     identity = await controller.identify(web)
                     self._greet(identity)
-                    await controller.poll(web, self.settings.web_rate)
+                    await controller.poll(web)
             except SourceError as failure:
                 pause = 1.0 if controller.taken > before else min(2 * pause, _LONGEST_PAUSE)
                 self.outlet.account.count("web failures")

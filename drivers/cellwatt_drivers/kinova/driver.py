@@ -3,26 +3,34 @@
 from __future__ import annotations
 
 from contextlib import AbstractAsyncContextManager
-from importlib import import_module
 from typing import Literal
 
-import numpy as np
 from pydantic import Field, SecretStr, field_validator
 
-from cellwatt.batch import Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
-from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError
+from cellwatt.errors import SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
-from cellwatt.ticker import Ticker
 from cellwatt_drivers.kinova import kortex, registers
 from cellwatt_drivers.kinova.kortex import KortexLink, open_kortex
-from cellwatt_drivers.kinova.link import Answer, LateError, Link, open_link
+from cellwatt_drivers.kinova.link import Answer, Link, open_link
 from cellwatt_drivers.kinova.registers import Block, Float, Read, Turns
+from cellwatt_drivers.shared.polling import deliver, keep_conversing, reason_of
+from cellwatt_drivers.shared.requirements import require
+from cellwatt_drivers.shared.states import State, StateWatch
 
 _NUMBER = {name: i for i, name in enumerate(c.name for c in registers.ARM_CHANNELS)}
+_LIBRARIES = {
+    "modbus": ("pymodbus.client", "the package pymodbus", "pip install 'cellwatt[modbus]'"),
+    "kortex": (
+        "kortex_api.RouterClient",
+        "Kinova's own library kortex_api",
+        "install its wheel from Kinova, or use protocol modbus",
+    ),
+}
+"""By protocol: a module of the library, its name, and how to get it."""
 
 
 class KinovaSettings(SourceSettings):
@@ -80,13 +88,15 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     def __init__(self, name: str, settings: KinovaSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
-        _require(name, settings.protocol)
+        module, package, how = _LIBRARIES[settings.protocol]
+        require(name, f"protocol {settings.protocol}", {module: package}, how)
         self._reads = _reads(settings)
-        self._slots = Slots(settings.rate)
+        self._slots = Slots(settings.rate, self._miss_slots)
         self._turns = Turns()
         self._last: dict[str, list[int]] = {}
-        self._before: Float | None = None
-        self._delivered = 0
+        self._flags: dict[str, int] = {}
+        states = {"robot.state": State("state", name, registers.STATES)}
+        self._watches = {read.stream.name: StateWatch(outlet, read.stream, states) for read in self._reads}
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -100,15 +110,7 @@ class KinovaDriver(Driver[KinovaSettings]):
 
     async def run(self) -> None:
         """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
-        while True:
-            delivered = self._delivered
-            try:
-                await self._converse()
-            except (ConnectError, ProtocolError) as error:
-                if self._delivered == delivered:
-                    raise
-                self.outlet.account.count("reconnects")
-                self.outlet.event("reopened", f"{self.name}: {error}; the connection is opened anew")
+        await keep_conversing(self, self._converse)
 
     def _open(self) -> AbstractAsyncContextManager[Link | KortexLink]:
         s = self.settings
@@ -130,34 +132,20 @@ class KinovaDriver(Driver[KinovaSettings]):
         async with self._open() as link:
             self.outlet.connected(await self._greet(link))
             self._turns = Turns()
-            self._slots.connected()
-            async with Ticker(self.settings.rate) as ticker:
-                async for beat in ticker:
-                    for slots, reason in self._slots.begin(beat):
-                        self._miss(slots * len(self._reads), reason)
+            async with self._slots as slots:
+                async for _ in slots:
                     for done, read in enumerate(self._reads):
                         await self._serve(link, read, len(self._reads) - done)
-                    self._slots.end()
 
-    def _miss(self, polls: int, reason: str) -> None:
-        self.outlet.account.expect(polls)
-        self.outlet.account.miss(polls, reason)
+    def _miss_slots(self, slots: int, reason: str) -> None:
+        self.outlet.account.lose(slots * len(self._reads), reason)
 
     async def _serve(self, link: Link | KortexLink, read: Read, left: int) -> None:
         """One request; where it fails, the ``left`` ones of this slot are missed."""
         try:
             answer = await link.read(read.first, read.count)
-        except LateError:
-            self._miss(left, "timeout")
-            raise
-        except ConnectError:
-            self._miss(left, "connection lost")
-            raise
-        except ProtocolError:
-            self._miss(left, "malformed")
-            raise
-        except DeviceError:
-            self._miss(left, "device error")
+        except SourceError as error:
+            self.outlet.account.lose(left, reason_of(error))
             raise
         self._emit(read, answer)
 
@@ -168,44 +156,23 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._last[name] = answer.registers
         if name == "arm":
             values = registers.arm_values(answer.registers)
-            self._report(values)
+            self._report_flags(values)
         else:
             axes = self.settings.axes
             values = registers.motion_values(answer.registers, axes)
             values[:axes] = self._turns.unwrap(values[:axes])
-        self._delivered += 1
-        self.outlet.account.expect()
-        self.outlet.emit(Reading(read.stream, values.reshape(1, -1), answer.arrival, asked=answer.asked))
+        deliver(self.outlet, read.stream, values, answer.asked, answer.arrival)
+        self._watches[name].see(values.reshape(1, -1))
 
-    def _report(self, values: Float) -> None:
-        """Tell of a state, and of faults and warnings, that are others than before."""
-        before, self._before = self._before, values
-        if before is None:
-            return
-        for name, kind in (("robot.fault_flags", "fault"), ("robot.warning_flags", "warning")):
-            old, new = (int(row[_NUMBER[name]]) for row in (before, values))
-            if old != new:
-                self.outlet.event(kind, f"{self.name}: {kind} flags 0x{old:08x} → 0x{new:08x}", before=old, after=new)
-        old_state, new_state = (_state(row) for row in (before, values))
-        if old_state != new_state:
-            self.outlet.event("state", f"{self.name}: {old_state} → {new_state}", before=old_state, after=new_state)
-
-
-def _require(source: str, protocol: str) -> None:
-    """Load the protocol's library; raises ``ConfigError`` where it is missing."""
-    try:
-        import_module({"modbus": "pymodbus.client", "kortex": "kortex_api.RouterClient"}[protocol])
-    except ImportError as error:
-        how = {
-            "modbus": "the package pymodbus: pip install 'cellwatt[modbus]'",
-            "kortex": "Kinova's own library kortex_api: install its wheel from Kinova, or use protocol modbus",
-        }
-        raise ConfigError(f"source {source}: protocol {protocol} needs {how[protocol]}") from error
-
-
-def _state(values: Float) -> str:
-    number = values[_NUMBER["robot.state"]]
-    return "unknown" if np.isnan(number) else registers.STATES.get(int(number), str(int(number)))
+    def _report_flags(self, values: Float) -> None:
+        """Report faults and warnings that are others than before."""
+        for kind in ("fault", "warning"):
+            flags = int(values[_NUMBER[f"robot.{kind}_flags"]])
+            before = self._flags.get(kind, flags)
+            self._flags[kind] = flags
+            if before != flags:
+                text = f"{self.name}: {kind} flags 0x{before:08x} → 0x{flags:08x}"
+                self.outlet.event(kind, text, before=before, after=flags)
 
 
 def _reads(settings: KinovaSettings) -> tuple[Read, ...]:

@@ -14,8 +14,9 @@ from functools import partial
 from typing import Any
 
 from cellwatt.errors import ConnectError, DeviceError, SourceError
-from cellwatt_drivers.kinova.link import Answer, LateError
+from cellwatt_drivers.kinova.link import Answer
 from cellwatt_drivers.kinova.registers import ARM, MOST_JOINTS, encode
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 PORT = 10000
 _SESSION_MS = 10_000
@@ -40,7 +41,7 @@ class KortexLink:
         self._fresh: tuple[Any, int, int] | None = None
 
     async def read(self, first: int, count: int) -> Answer:
-        """``count`` registers from ``first`` on. Raises ``LateError``, ``ConnectError`` or ``DeviceError``."""
+        """Read ``count`` registers from ``first`` on. Raises ``NoAnswerError``, ``ConnectError`` or ``DeviceError``."""
         if first == ARM[0] or self._fresh is None:
             asked = self._now()
             feedback = await self._refresh()
@@ -54,7 +55,7 @@ class KortexLink:
 
 
 def arm_registers(feedback: Any) -> list[int]:
-    """The arm's block."""
+    """Return the registers of the arm's block."""
     base = feedback.base
     words = [1 << int(base.active_state), 0]
     for flags in (base.fault_bank_a, base.warning_bank_a):
@@ -63,7 +64,7 @@ def arm_registers(feedback: Any) -> list[int]:
 
 
 def motion_registers(feedback: Any) -> list[int]:
-    """The block of joints and tool; 0 for joints that the arm lacks."""
+    """Return the registers of the block of joints and tool; 0 for joints that the arm lacks."""
     actuators = list(feedback.actuators)[:MOST_JOINTS]
     absent = [0.0] * (MOST_JOINTS - len(actuators))
     values: list[float] = []
@@ -77,7 +78,7 @@ def motion_registers(feedback: Any) -> list[int]:
 async def open_kortex(
     host: str, port: int, user: str, password: str, timeout: float, now: Callable[[], int]
 ) -> AsyncIterator[KortexLink]:
-    """A session of one's own. Raises ``ConnectError`` or ``DeviceError``."""
+    """Open a session of one's own. Raises ``ConnectError`` or ``DeviceError``."""
     place = f"{host}:{port}"
     loop = asyncio.get_running_loop()
     thread = ThreadPoolExecutor(1, thread_name_prefix=f"kortex {place}")
@@ -142,7 +143,7 @@ class _Session:
 
 def _meaning(place: str, timeout: float, error: Exception) -> SourceError:
     if isinstance(error, TimeoutError):
-        return LateError(f"{place} gave no answer within {timeout:g} s")
+        return NoAnswerError(f"{place} gave no answer within {timeout:g} s")
     if isinstance(error, OSError):
         return ConnectError(f"nobody answers at TCP {place}: {error.strerror or error}; check the address")
     return DeviceError(f"{place}: {type(error).__name__}: {' '.join(str(error).split())}")

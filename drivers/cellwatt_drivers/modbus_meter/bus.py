@@ -3,45 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import termios
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError
+from cellwatt.errors import ConnectError
+from cellwatt_drivers.shared.modbus import Modbus, connect
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 if TYPE_CHECKING:
     from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
+    from cellwatt_drivers.shared.modbus import Client
+
 Framing = Literal["tcp", "rtu"]
 Parity = Literal["none", "even", "odd"]
-
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
-_WORDS = {
-    ILLEGAL_FUNCTION: "it does not know the function",
-    ILLEGAL_ADDRESS: "it has no such register",
-    ILLEGAL_VALUE: "it does not give so many registers",
-    4: "it failed",
-    5: "it needs time",
-    6: "it is busy",
-    10: "the gateway finds no way to it",
-    11: "the gateway got no answer from it",
-}
-
-
-class NoAnswerError(ConnectError):
-    """A request timed out; the connection stands."""
-
-
-class RefusedError(DeviceError):
-    """The meter, or the gateway before it, answered with an exception ``code``."""
-
-    def __init__(self, message: str, code: int) -> None:
-        super().__init__(message)
-        self.code = code
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,74 +51,22 @@ class SerialPlace:
 Place = TcpPlace | SerialPlace
 
 
-class Bus:
+class Bus(Modbus):
     """An open line. Whoever holds ``turn`` has it alone; ``settle`` s pass after a request nobody answered."""
 
-    def __init__(self, place: Place, client: AsyncModbusTcpClient | AsyncModbusSerialClient, settle: float) -> None:
-        self.place = place
+    def __init__(self, client: Client, place: Place, settle: float) -> None:
+        super().__init__(client, str(place))
         self.turn = asyncio.Lock()
         self.users = 0
         self._client = client
         self._settle = settle
 
-    @property
-    def alive(self) -> bool:
-        """Whether the connection stands."""
-        return bool(self._client.connected)
-
-    async def read(self, function: Literal["input", "holding"], address: int, count: int, unit: int) -> Sequence[int]:
-        """Registers ``address`` … of the meter ``unit``.
-
-        Raises ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` where the answer is another meter's, and
-        ``ConnectError`` where the connection is gone.
-        """
-        client = self._client
-        ask = client.read_input_registers if function == "input" else client.read_holding_registers
-        answer = await self._exchange(lambda: ask(address, count=count, device_id=unit), unit)
-        if answer.isError():
-            code = int(answer.exception_code)
-            text = _WORDS.get(code, "it does not say why")
-            raise RefusedError(
-                f"unit {unit} at {self.place} refuses registers {address} to {address + count - 1}: {text} "
-                f"(exception {code})",
-                code,
-            )
-        registers: Sequence[int] = answer.registers
-        return registers
-
-    async def identification(self, unit: int) -> tuple[str, ...]:
-        """What the meter says of itself (function 43, type 14): maker, product, version, as far as it does.
-
-        Raises what ``read`` raises.
-        """
-        ask = self._client.read_device_information
-        answer = await self._exchange(lambda: ask(read_code=1, device_id=unit), unit)
-        if answer.isError():
-            code = int(answer.exception_code)
-            raise RefusedError(f"unit {unit} at {self.place} does not say who it is (exception {code})", code)
-        texts = (value.decode("ascii", "replace").strip() for _, value in sorted(answer.information.items()))
-        return tuple(text for text in texts if text)
-
     async def _exchange(self, ask: Callable[[], Awaitable[Any]], unit: int) -> Any:
-        from pymodbus.exceptions import ModbusException, ModbusIOException
-
-        client = self._client
-        if not client.connected:
-            raise ConnectError(f"{self.place}: the connection is gone")
         try:
-            answer = await ask()
-        except ModbusIOException as error:
-            if not client.connected:  # pymodbus closes it after a few requests that nobody answered
-                reason = "no answer any more" if "No response" in str(error) else "the connection is gone"
-                raise ConnectError(f"unit {unit} at {self.place}: {reason}") from error
-            if "received" in str(error) and "No response" not in str(error):
-                raise ProtocolError(f"{self.place}: another answer than asked for: {error}") from error
+            return await super()._exchange(ask, unit)
+        except NoAnswerError:
             await asyncio.sleep(self._settle)
-            raise NoAnswerError(f"unit {unit} at {self.place} gave no answer") from error
-        except ModbusException as error:
-            raise ConnectError(f"{self.place}: {error}") from error
-        _obey_cancellation()
-        return answer
+            raise
 
     def close(self) -> None:
         """Let go of the line."""
@@ -152,7 +79,7 @@ _OPENING: dict[tuple[asyncio.AbstractEventLoop, Place], asyncio.Lock] = {}
 
 @asynccontextmanager
 async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
-    """The line at a place, opened where it is not open yet. Raises ``ConnectError`` that says what to check."""
+    """Use the line at a place; open it where it is not open yet. Raises ``ConnectError`` that says what to check."""
     key = (asyncio.get_running_loop(), place)
     async with _OPENING.setdefault(key, asyncio.Lock()):
         bus = _OPEN.get(key)
@@ -171,33 +98,16 @@ async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
 
 
 async def _connect(place: Place, timeout: float) -> Bus:
-    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs what is raised here
     client = _tcp(place, timeout) if isinstance(place, TcpPlace) else _serial(place, timeout)
     try:
-        async with asyncio.timeout(timeout):
-            connected = await client.connect()
-    except TimeoutError:
-        connected = False
-    except (OSError, ValueError, termios.error) as error:
-        client.close()
-        raise ConnectError(f"{place} cannot be opened: {error}") from error
-    except BaseException:
-        client.close()
+        await connect(client, timeout, lambda: _unreachable(place, timeout))
+    except ConnectError:
         raise
-    if not connected:
-        client.close()
-        _obey_cancellation()
-        raise ConnectError(_unreachable(place, timeout))
+    except (OSError, ValueError, termios.error) as error:
+        raise ConnectError(f"{place} cannot be opened: {error}") from error
     numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
     # Answers on RTU carry no number: a late one must not be taken for that of the next request.
-    return Bus(place, client, 0.0 if numbered else timeout)
-
-
-def _obey_cancellation() -> None:
-    """pymodbus waits by ``asyncio.wait_for``, which up to Python 3.11 forgets a cancellation that meets the answer."""
-    task = asyncio.current_task()
-    if task is not None and task.cancelling():
-        raise asyncio.CancelledError
+    return Bus(client, place, 0.0 if numbered else timeout)
 
 
 def _tcp(place: TcpPlace, timeout: float) -> AsyncModbusTcpClient:

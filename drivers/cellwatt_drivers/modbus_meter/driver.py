@@ -5,29 +5,23 @@ from __future__ import annotations
 import math
 import time
 from contextlib import AbstractAsyncContextManager
-from importlib.util import find_spec
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, FilePath, model_validator
 
-from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, ProtocolError, SourceError, WrongDeviceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
-from cellwatt.ticker import Ticker
 from cellwatt_drivers.modbus_meter import likeness
 from cellwatt_drivers.modbus_meter.bus import (
-    ILLEGAL_FUNCTION,
     Bus,
     Framing,
-    NoAnswerError,
     Parity,
-    RefusedError,
     SerialPlace,
     TcpPlace,
     open_bus,
@@ -35,6 +29,9 @@ from cellwatt_drivers.modbus_meter.bus import (
 from cellwatt_drivers.modbus_meter.counter import RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
+from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
+from cellwatt_drivers.shared.requirements import require
 
 PORT = 502
 
@@ -112,10 +109,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def __init__(self, name: str, settings: ModbusMeterSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
-        if find_spec("pymodbus") is None:
-            raise ConfigError(
-                f"source {name}: driver modbus_meter needs the package pymodbus: pip install 'cellwatt[modbus]'"
-            )
+        require(name, "driver modbus_meter", {"pymodbus": "the package pymodbus"}, "pip install 'cellwatt[modbus]'")
         self._map = _map(settings)
         self._names = _chosen(self._map, settings.read)
         values = [self._map.values[n] for n in self._names]
@@ -127,7 +121,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         window = settings.window or self._map.window
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
-        self._slots = Slots(settings.rate)
+        self._slots = Slots(settings.rate, outlet.account.lose)
         self._heard = 0
         self._told = ""
         self._overloaded: frozenset[str] = frozenset()
@@ -147,13 +141,9 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         async with self._open() as bus:
             self.outlet.connected(await self._greet(bus))
             self._heard = time.monotonic_ns()
-            self._slots.connected()
-            async with Ticker(self.settings.rate) as ticker:
-                async for tick in ticker:
-                    for slots, reason in self._slots.begin(tick):
-                        self._miss(slots, reason)
+            async with self._slots as slots:
+                async for _ in slots:
                     await self._serve(bus)
-                    self._slots.end()
 
     def _open(self) -> AbstractAsyncContextManager[Bus]:
         s = self.settings
@@ -188,34 +178,24 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
     def _left_out(self, name: str, error: RefusedError) -> None:
         self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
 
-    def _miss(self, polls: int, reason: str) -> None:
-        self.outlet.account.expect(polls)
-        self.outlet.account.miss(polls, reason)
-
     async def _serve(self, bus: Bus) -> None:
         try:
             async with bus.turn:
                 asked = self.outlet.now()
                 raw = await self._reader.read(bus)
                 arrival = self.outlet.now()
-        except NoAnswerError as error:
-            self._miss(1, "timeout")
+        except SourceError as error:
+            self.outlet.account.lose(1, reason_of(error))
+            if isinstance(error, RefusedError):
+                self._tell("device_error", str(error))
+            if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
+                raise
             self._endure(error)
-        except RefusedError as error:
-            self._miss(1, "device error")
-            self._tell("device_error", str(error))
-            self._endure(error)
-        except ProtocolError as error:
-            self._miss(1, "malformed")
-            self._endure(error)
-        except ConnectError:
-            self._miss(1, "connection lost")
-            raise
         else:
             self._told = ""
             self._heard = time.monotonic_ns()
-            self.outlet.account.expect()
-            self.outlet.emit(self._reading(raw, asked, arrival))
+            values, quality = self._measured(raw)
+            deliver(self.outlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
         """Go on after a failed poll, unless there has been no good one for long."""
@@ -229,7 +209,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self._told = text
             self.outlet.event(kind, f"{self.name}: {text}")
 
-    def _reading(self, raw: NDArray[np.float64], asked: int, arrival: int) -> Reading:
+    def _measured(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], Quality]:
+        """Return the values in SI units and their quality from the numbers in the registers."""
         for column, mark in self._missing:
             if raw[column] == mark:
                 raw[column] = np.nan
@@ -246,8 +227,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             quality = Quality.CLIPPED
             self.outlet.account.count("overloads")
         self._note_overload(frozenset(n for n, o in zip(self._names, over, strict=True) if o))
-        flags = np.array([quality], dtype=np.uint8)
-        return Reading(self._stream, row.reshape(1, -1), arrival, asked=asked, quality=flags)
+        return row, quality
 
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:

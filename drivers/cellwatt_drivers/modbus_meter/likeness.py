@@ -8,9 +8,11 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 
 from cellwatt.errors import SourceError, WrongDeviceError
-from cellwatt_drivers.modbus_meter.bus import ILLEGAL_FUNCTION, Bus, NoAnswerError, RefusedError
+from cellwatt_drivers.modbus_meter.bus import Bus
 from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 
 def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:

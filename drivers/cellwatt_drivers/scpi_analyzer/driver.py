@@ -11,18 +11,18 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from cellwatt.batch import Reading
+from cellwatt.batch import Float
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
-from cellwatt.errors import ConnectError, DeviceError, ProtocolError
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.slots import Slots
-from cellwatt.ticker import Ticker
 from cellwatt_drivers.scpi_analyzer.analyzer import Analyzer
 from cellwatt_drivers.scpi_analyzer.dialect import DIALECTS, Element, Model
-from cellwatt_drivers.scpi_analyzer.line import Answer, LateError, Line, open_serial, open_tcp
+from cellwatt_drivers.scpi_analyzer.line import Line, open_serial, open_tcp
 from cellwatt_drivers.scpi_analyzer.wire import PORT, Value, parse_values
+from cellwatt_drivers.shared.polling import NoAnswerError, deliver, keep_conversing, reason_of
 
 FunctionName = Literal["URMS", "IRMS", "P", "S", "Q", "LAMB", "PHI", "FU", "WH"]
 
@@ -112,8 +112,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         window = settings.window or self._dialect.window
         channels = (replace(f.channel, window=0.0 if f.channel.kind == "counter" else window) for f in functions)
         self._stream = Stream("measured", tuple(channels), settings.rate, "host")
-        self._slots = Slots(settings.rate)
-        self._delivered = 0
+        self._slots = Slots(settings.rate, outlet.account.lose)
         self._last_text = ""
         self._overloaded: set[str] = set()
         self._before: tuple[str, ...] = ()
@@ -130,17 +129,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     async def run(self) -> None:
         """See ``Driver.run``. A connection that had delivered is opened anew at once, any other is given up."""
-        while True:
-            delivered = self._delivered
-            try:
-                await self._converse()
-            except (ConnectError, ProtocolError) as error:
-                if isinstance(error, LateError | ProtocolError):
-                    self.outlet.account.anomaly("timeouts" if isinstance(error, LateError) else "malformed")
-                if self._delivered == delivered:
-                    raise
-                self.outlet.account.count("reconnects")
-                self.outlet.event("reopened", f"{self.name}: {error}; the connection is opened anew")
+        await keep_conversing(self, self._converse)
 
     def _open(self) -> AbstractAsyncContextManager[Line]:
         s = self.settings
@@ -158,6 +147,13 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     async def _converse(self) -> None:
         """One connection, from the greeting on."""
+        try:
+            await self._use_line()
+        except (NoAnswerError, ProtocolError) as error:
+            self.outlet.account.anomaly("timeouts" if isinstance(error, NoAnswerError) else "malformed")
+            raise
+
+    async def _use_line(self) -> None:
         async with self._open() as line:
             analyzer = self._analyzer(line)
             identity = await self._greet(analyzer)
@@ -194,44 +190,30 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
 
     async def _poll(self, analyzer: Analyzer, order: tuple[str, ...]) -> None:
         columns = [order.index(item) for item in self._items]
-        self._slots.connected()
         check = time.monotonic() + self.settings.error_check
-        async with Ticker(self.settings.rate) as ticker:
-            async for tick in ticker:
-                for slots, reason in self._slots.begin(tick):
-                    self._miss(slots, reason)
+        async with self._slots as slots:
+            async for _ in slots:
                 await self._read(analyzer, columns, order)
                 if time.monotonic() >= check:
                     check = time.monotonic() + self.settings.error_check
                     self._report(await analyzer.errors(), "while measuring")
-                self._slots.end()
-
-    def _miss(self, polls: int, reason: str) -> None:
-        self.outlet.account.expect(polls)
-        self.outlet.account.miss(polls, reason)
 
     async def _read(self, analyzer: Analyzer, columns: list[int], order: tuple[str, ...]) -> None:
         try:
             answer = await analyzer.read(order)
             values = parse_values(answer.text, len(order), self._dialect.separator)
-        except LateError:
-            self._miss(1, "timeout")
-            raise
-        except ConnectError:
-            self._miss(1, "connection lost")
-            raise
-        except ProtocolError:
-            self._miss(1, "malformed")
+        except SourceError as error:
+            self.outlet.account.lose(1, reason_of(error))
             raise
         if answer.text == self._last_text:
             self.outlet.account.count("repeats")
         self._last_text = answer.text
-        self._delivered += 1
-        self.outlet.account.expect()
-        self.outlet.emit(self._reading([values[c] for c in columns], answer))
+        row, quality = self._measured([values[c] for c in columns])
+        deliver(self.outlet, self._stream, row, answer.asked, answer.arrival, quality)
 
-    def _reading(self, values: list[Value], answer: Answer) -> Reading:
-        row = np.array([[v.number for v in values]]) * self._scale
+    def _measured(self, values: list[Value]) -> tuple[Float, Quality]:
+        """Return the values (functions,) in SI units and their quality."""
+        row = np.array([v.number for v in values]) * self._scale
         overloaded: set[str] = {f for f, v in zip(self.settings.functions, values, strict=True) if v.overload}
         quality = Quality.GOOD
         if overloaded:
@@ -243,9 +225,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
             names = ", ".join(f for f in self.settings.functions if f in overloaded)
             self.outlet.event("overload", f"{self.name}: {names} overloaded: the range is too small", functions=names)
         self._overloaded = overloaded
-        return Reading(
-            self._stream, row, answer.arrival, asked=answer.asked, quality=np.array([quality], dtype=np.uint8)
-        )
+        return row, quality
 
     def _report(self, errors: list[tuple[int, str]], when: str) -> None:
         for code, text in errors:

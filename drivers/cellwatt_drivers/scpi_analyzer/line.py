@@ -12,14 +12,12 @@ import serial
 
 from cellwatt.errors import ConnectError, ProtocolError, why
 from cellwatt_drivers.scpi_analyzer.wire import LONGEST, decode_line
+from cellwatt_drivers.shared.aside import opened_aside
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 _MOST_LINES = 16
 _CLOSING = 1.0
 """s to wait for a connection to close; it goes on by itself after that."""
-
-
-class LateError(ConnectError):
-    """No answer in time. A late one would be taken for the next query's: the connection must be opened anew."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ class Line(asyncio.Protocol):
 
     @property
     def unread(self) -> bool:
-        """Whether something has come that nobody asked for."""
+        """True if something has come that nobody asked for."""
         return bool(self._lines or self._partial)
 
     def tell(self, command: str) -> None:
@@ -61,9 +59,9 @@ class Line(asyncio.Protocol):
             raise ConnectError(f"{self.place}: {error.strerror or error}") from error
 
     async def ask(self, query: str, timeout: float) -> Answer:
-        """The answer to a query.
+        """Ask, and return the answer.
 
-        Raises ``LateError``, ``ConnectError`` where the connection is gone, and ``ProtocolError`` where the answer
+        Raises ``NoAnswerError``, ``ConnectError`` where the connection is gone, and ``ProtocolError`` where the answer
         is not text or something unasked came before the query: answers would be shifted from then on.
         """
         if self.unread:
@@ -74,7 +72,7 @@ class Line(asyncio.Protocol):
         return Answer(text, asked, arrival)
 
     async def read(self, timeout: float) -> tuple[str, int]:
-        """The next line and when it came. Raises as ``ask``."""
+        """Return the next line and when it came, ns of the cell's time. Raises as ``ask``."""
         try:
             async with asyncio.timeout(timeout):
                 while not self._lines:
@@ -83,7 +81,7 @@ class Line(asyncio.Protocol):
                     self._news.clear()
                     await self._news.wait()
         except TimeoutError as error:
-            raise LateError(f"{self.place} gave no answer within {timeout:g} s") from error
+            raise NoAnswerError(f"{self.place} gave no answer within {timeout:g} s") from error
         data, arrival = self._lines.popleft()
         return decode_line(data), arrival
 
@@ -109,7 +107,7 @@ class Line(asyncio.Protocol):
 
 @asynccontextmanager
 async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int]) -> AsyncIterator[Line]:
-    """A line over a raw TCP socket. Raises ``ConnectError`` that says what to check."""
+    """Open a line over a raw TCP socket. Raises ``ConnectError`` that says what to check."""
     line = Line(f"{host}:{port}", now)
     loop = asyncio.get_running_loop()
     try:
@@ -131,42 +129,24 @@ async def open_tcp(host: str, port: int, timeout: float, now: Callable[[], int])
 
 @asynccontextmanager
 async def open_serial(path: str, baud: int, now: Callable[[], int]) -> AsyncIterator[Line]:
-    """A line over a serial port, for this process alone. Raises ``ConnectError``."""
+    """Open a line over a serial port, for this process alone. Raises ``ConnectError``."""
     line = Line(path, now)
-    device = await _open_device(path, baud)
-    try:
-        transport, _ = await asyncio.get_running_loop().connect_read_pipe(lambda: line, device)
-    except BaseException:
-        device.close()
-        raise
-    line.write = device.write
-    try:
-        yield line
-    finally:
-        await _close(transport, line)
-
-
-async def _open_device(path: str, baud: int) -> serial.Serial:
-    """Open and empty the port in a thread, because it blocks; closed again where nobody waits for it any more."""
 
     def open_port() -> serial.Serial:
-        device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-        device.reset_input_buffer()
+        try:
+            device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+            device.reset_input_buffer()
+        except (OSError, ValueError) as error:
+            raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
         return device
 
-    opening = asyncio.ensure_future(asyncio.to_thread(open_port))
-    try:
-        return await asyncio.shield(opening)
-    except asyncio.CancelledError:
-        opening.add_done_callback(_discard)
-        raise
-    except (OSError, ValueError) as error:
-        raise ConnectError(f"serial port {path} cannot be opened: {error}") from error
-
-
-def _discard(opening: asyncio.Future[serial.Serial]) -> None:
-    if not opening.cancelled() and opening.exception() is None:
-        opening.result().close()
+    async with opened_aside(open_port, serial.Serial.close) as device:
+        transport, _ = await asyncio.get_running_loop().connect_read_pipe(lambda: line, device)
+        line.write = device.write
+        try:
+            yield line
+        finally:
+            await _close(transport, line)
 
 
 async def _close(transport: asyncio.BaseTransport, line: Line) -> None:

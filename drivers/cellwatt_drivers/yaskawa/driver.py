@@ -18,7 +18,7 @@ from cellwatt.errors import ConnectError, DeviceError, ProtocolError
 from cellwatt.host import Host
 from cellwatt.quantity import Fraction, Hertz, Radians, Seconds
 from cellwatt.slots import Slots
-from cellwatt.ticker import Ticker
+from cellwatt_drivers.shared.polling import deliver
 from cellwatt_drivers.yaskawa import payload, polls, wire
 from cellwatt_drivers.yaskawa.greeting import greet
 from cellwatt_drivers.yaskawa.link import Exchange, Link, NoAnswerError, TakeLate, open_link
@@ -129,7 +129,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         self._alarms = AlarmWatch(name, outlet)
         self._torques = TorqueWatch(name, outlet, settings.torque_count)
         self._slot = 0
-        self._slots = Slots(self._rate)
+        self._slots = Slots(self._rate, self._miss_slots)
         self._heard = 0
         self._failure: NoAnswerError | None = None
         self._newest: dict[str, int] = {}
@@ -150,12 +150,9 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         async with self._open() as link:
             self.outlet.connected(await self._greet(link))
             self._heard = time.monotonic_ns()
-            self._slots.connected()
-            async with Ticker(self._rate) as ticker:
-                async for tick in ticker:
-                    for slots, reason in self._slots.begin(tick):
-                        self._miss_slots(slots, reason)
-                    await self._serve_slot(link, tick.deadline)
+            async with self._slots as slots:
+                async for beat in slots:
+                    await self._serve_slot(link, beat.deadline)
                     self._check_silence(link)
 
     def _open(self) -> AbstractAsyncContextManager[Link]:
@@ -172,8 +169,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         if self._state:
             due += (self._slot + slots) // self._every - self._slot // self._every
         self._slot += slots
-        self.outlet.account.expect(due)
-        self.outlet.account.miss(due, reason)
+        self.outlet.account.lose(due, reason)
 
     async def _serve_slot(self, link: Link, deadline: int) -> None:
         until = deadline + self._period
@@ -182,7 +178,6 @@ class YaskawaDriver(Driver[YaskawaSettings]):
             await self._serve(link, poll, until)
         if self._state and self._slot % self._every == 0:
             await self._serve_state(link, self._state, until)
-        self._slots.end()
 
     async def _serve(self, link: Link, poll: Poll, until: int) -> None:
         missed = False
@@ -244,12 +239,11 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         return exchange, found
 
     def _emit(self, stream: Stream, exchange: Exchange, values: Float) -> None:
-        self.outlet.account.expect()
         self._newest[stream.name] = exchange.asked + exchange.arrival
-        self.outlet.emit(Reading(stream, values.reshape(1, -1), exchange.arrival, asked=exchange.asked))
+        deliver(self.outlet, stream, values, exchange.asked, exchange.arrival)
 
     def _is_newest(self, stream: Stream, exchange: Exchange) -> bool:
-        """Whether nothing newer has been given: what is older would turn the stream's time back."""
+        """True if nothing newer has been given: what is older would turn the stream's time back."""
         return exchange.asked + exchange.arrival > self._newest.get(stream.name, 0)
 
     def _emit_late(self, link: Link, poll: Poll, exchange: Exchange) -> None:
@@ -268,8 +262,7 @@ class YaskawaDriver(Driver[YaskawaSettings]):
         )
 
     def _miss(self, failure: NoAnswerError) -> None:
-        self.outlet.account.expect()
-        self.outlet.account.miss(1, failure.reason)
+        self.outlet.account.lose(1, failure.reason)
         self._note(failure)
 
     def _note(self, failure: NoAnswerError) -> None:

@@ -58,8 +58,8 @@ async def test_pages_that_are_cut_short_by_the_stop_are_not_missed():
             await asyncio.Event().wait()
 
     asked, outlet = asyncio.Event(), CollectingOutlet()
-    controller = Controller(outlet, state_stream(10.0), None, 7, "ROB_1", 1.0)
-    polling = asyncio.create_task(controller.poll(Silent(), 10.0))
+    controller = Controller(outlet, 10.0, state_stream(10.0), None, 7, "ROB_1", 1.0)
+    polling = asyncio.create_task(controller.poll(Silent()))
     await asked.wait()
     polling.cancel()
     await asyncio.gather(polling, return_exceptions=True)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from cellwatt.emulation import ArmSignals, Fault
 from cellwatt.errors import ConfigError, ConnectError, DeviceError
 from cellwatt_drivers.kinova import KinovaSettings
-from cellwatt_drivers.kinova import driver as module
+from cellwatt_drivers.shared import requirements
 from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
@@ -111,15 +111,12 @@ async def test_who_is_there():
 async def test_an_arm_without_these_registers_says_so(monkeypatch):
     async with emulated() as (emulator, port):
         monkeypatch.setattr(emulator, "_answer", lambda function, body: bytes([0x84, 2]))
-        with pytest.raises(DeviceError, match="registers 0 to 13 with error 2: it has no such registers"):
+        with pytest.raises(DeviceError, match=r"registers 0 to 13: it has no such register \(exception 2\)"):
             await driver(port, CollectingOutlet()).identify()
 
 
 def test_a_missing_library_is_named(monkeypatch):
-    def absent(name: str):
-        raise ModuleNotFoundError(name)
-
-    monkeypatch.setattr(module, "import_module", absent)
+    monkeypatch.setattr(requirements, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[modbus\]'"):
         driver(1, CollectingOutlet())
 

@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from cellwatt_drivers.kinova.link import LateError, open_link
+from cellwatt_drivers.kinova.link import open_link
+from cellwatt_drivers.shared.polling import NoAnswerError
 
 UNASKED = bytes.fromhex("beef 0000 0005 01 04 02 0000") * 20
 
@@ -31,6 +32,6 @@ async def test_answers_that_nobody_asked_for_are_no_lines_of_the_log(caplog: pyt
     async with server:
         port = server.sockets[0].getsockname()[1]
         async with open_link("127.0.0.1", port, 1, 0.2, time.time_ns) as link:
-            with pytest.raises(LateError), caplog.at_level(logging.INFO):
+            with pytest.raises(NoAnswerError), caplog.at_level(logging.INFO):
                 await link.read(0, 2)
     assert not [record for record in caplog.records if record.name.startswith("pymodbus")]

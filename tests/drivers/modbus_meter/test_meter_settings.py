@@ -6,7 +6,8 @@ import pytest
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
-from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings, driver
+from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
+from cellwatt_drivers.shared import requirements
 
 from ..outlet import CollectingOutlet
 
@@ -69,6 +70,6 @@ def test_a_missing_extra_is_named(monkeypatch):
     def nothing(name: str) -> object:
         return None if name == "pymodbus" else PathFinder.find_spec(name)
 
-    monkeypatch.setattr(driver, "find_spec", nothing)
+    monkeypatch.setattr(requirements, "find_spec", nothing)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[modbus\]'"):
         make()

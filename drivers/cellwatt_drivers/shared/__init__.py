@@ -1,0 +1,1 @@
+"""What several drivers need, each thing once; knows no driver."""

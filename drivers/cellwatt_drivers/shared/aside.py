@@ -1,0 +1,33 @@
+"""Devices that block while they are opened and closed: a thread does both."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+@asynccontextmanager
+async def opened_aside(open_device: Callable[[], T], close: Callable[[T], object]) -> AsyncIterator[T]:
+    """Open in a thread and close in one at the end. Raises what ``open_device`` raises.
+
+    A device that nobody waits for any more is closed as soon as it is open.
+    """
+
+    def discard(opening: asyncio.Future[T]) -> None:
+        if not opening.cancelled() and opening.exception() is None:
+            close(opening.result())
+
+    opening = asyncio.ensure_future(asyncio.to_thread(open_device))
+    try:
+        device = await asyncio.shield(opening)
+    except asyncio.CancelledError:
+        opening.add_done_callback(discard)
+        raise
+    try:
+        yield device
+    finally:
+        await asyncio.shield(asyncio.to_thread(close, device))

@@ -1,0 +1,52 @@
+"""Polls of a device that answers one question at a time: what one gave, why one gave nothing, when to connect anew."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any, NoReturn
+
+import numpy as np
+
+from cellwatt.batch import Float, Reading
+from cellwatt.channel import Quality, Stream
+from cellwatt.driver import Driver, Outlet
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError
+
+
+class NoAnswerError(ConnectError):
+    """No answer came in time; a late one could be taken for that of the next question."""
+
+
+def reason_of(error: SourceError) -> str:
+    """Return the reason under which the account counts a poll that failed with this error."""
+    if isinstance(error, NoAnswerError):
+        return "timeout"
+    if isinstance(error, ConnectError):
+        return "connection lost"
+    return "device error" if isinstance(error, DeviceError) else "malformed"
+
+
+def deliver(
+    outlet: Outlet, stream: Stream, values: Float, asked: int, arrival: int, quality: Quality = Quality.GOOD
+) -> None:
+    """Count and hand over one sample (channels,), asked for and read at these times of the cell, ns."""
+    outlet.account.expect()
+    flags = np.array([quality], dtype=np.uint8)
+    outlet.emit(Reading(stream, values.reshape(1, -1), arrival, asked=asked, quality=flags))
+
+
+async def keep_conversing(driver: Driver[Any], converse: Callable[[], Awaitable[None]]) -> NoReturn:
+    """Converse over one connection after the other, as long as each one delivers.
+
+    Raises the ``ConnectError`` or ``ProtocolError`` that ended a connection without a sample, and every other error.
+    """
+    account = driver.outlet.account
+    while True:
+        before = account.expected - account.missed.total()
+        try:
+            await converse()
+        except (ConnectError, ProtocolError) as error:
+            if account.expected - account.missed.total() == before:
+                raise
+            account.count("reconnects")
+            driver.outlet.event("reopened", f"{driver.name}: {error}; the connection is opened anew")

@@ -1,0 +1,51 @@
+"""States of a robot that are told when they change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellwatt.batch import Float
+from cellwatt.channel import Stream
+from cellwatt.driver import Outlet
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A channel whose values have ``names``; a change is an event of this ``kind``, ``title`` begins its text."""
+
+    kind: str
+    title: str
+    names: Mapping[int, str]
+
+    def name(self, value: float) -> str:
+        """Return the name of a value, or its digits."""
+        return "unknown" if np.isnan(value) else self.names.get(int(value), f"{value:g}")
+
+
+class StateWatch:
+    """Reports each change of the ``states`` (by channel) that a stream has."""
+
+    def __init__(self, outlet: Outlet, stream: Stream, states: Mapping[str, State]) -> None:
+        self._outlet = outlet
+        self._states = [states[name] for name in stream.names if name in states]
+        self._columns = np.array([i for i, name in enumerate(stream.names) if name in states], dtype=np.intp)
+        self._before: Float | None = None
+
+    def see(self, values: Float) -> None:
+        """Compare the next samples (n, channels) of the stream, each with the one before it."""
+        if not len(self._columns):
+            return
+        found = values.take(self._columns, axis=1)
+        before = found[0] if self._before is None else self._before
+        self._before = found[-1]
+        if found.tobytes() == before.tobytes() * len(found):
+            return
+        rows = np.vstack((before, found))
+        changed = (rows[1:] != rows[:-1]) & ~(np.isnan(rows[1:]) & np.isnan(rows[:-1]))
+        for row, column in np.argwhere(changed):
+            state = self._states[column]
+            old, new = (state.name(value) for value in rows[row : row + 2, column])
+            self._outlet.event(state.kind, f"{state.title}: {old} → {new}", before=old, after=new)
