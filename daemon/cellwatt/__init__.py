@@ -4,6 +4,7 @@ This module is the whole public interface for drivers, stages and sinks, in this
 """
 
 from cellwatt.account import Account
+from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.batch import Batch, Reading, Tick
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
@@ -29,6 +30,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Account",
     "Alarm",
+    "AlarmBook",
     "Batch",
     "CellInfo",
     "CellView",
@@ -47,6 +49,7 @@ __all__ = [
     "Layout",
     "ModelError",
     "Outlet",
+    "Patience",
     "Prediction",
     "ProtocolError",
     "Quality",

@@ -98,7 +98,7 @@ class Alarm:
 
     ``id`` is the same for raise, updates and clear. ``kind`` names what (``joint_fault``,
     ``encoder_fault``, ``source_down``, …). ``since`` ns UTC of the first evidence, ``time`` of this
-    message. ``evidence`` holds figures with units in their keys.
+    message. ``evidence`` holds figures with units in their keys. ``stage`` raised it; None: the daemon itself.
     """
 
     id: str
@@ -113,6 +113,7 @@ class Alarm:
     alternatives: tuple[int, ...] = ()
     interval: int | None = None
     evidence: Mapping[str, Any] = field(default_factory=dict)
+    stage: str | None = None
 
 
 Result = Interval | Task | Energy | Prediction | Alarm

@@ -12,6 +12,7 @@ from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.results import Event, Result
 from cellwatt.runtime.assemble import Prepared, prepare
+from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.framer import Framer
@@ -98,6 +99,7 @@ class Cell:
     def _begin_frames(self, prepared: Prepared) -> None:
         self._framer.change(prepared.streams, self._config.frames)
         for chain in prepared.chains:
+            self.view.withdraw(chain.names, BEGINS_ANEW)
             worker = Worker(chain, self._give_results)
             self._workers.append(worker)
             self._tasks.spawn(f"stages {'+'.join(chain.names)}", worker.run())

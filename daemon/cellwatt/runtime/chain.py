@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
+from cellwatt.alarms import AlarmBook, withdrawn
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Result
@@ -16,6 +17,8 @@ from cellwatt.stage import Stage
 log = logging.getLogger(__name__)
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0  # s of frames
+BEGINS_ANEW: Final = "begins anew"
+"""Why the alarms of a stage that was broken, or replaced, are withdrawn."""
 
 
 @dataclass(slots=True)
@@ -33,8 +36,22 @@ class _Slot:
     busy: float = 0.0
     slowest: float = 0.0
     needs: Sequence[str] = field(default_factory=tuple)
-    active: dict[str, Alarm] = field(default_factory=dict)
-    """Alarms that the stage has raised and not cleared."""
+    alarms: AlarmBook = field(default_factory=AlarmBook)
+
+    def named(self, results: Sequence[Result]) -> Sequence[Result]:
+        """Note the alarms among results and say in them which stage they are of."""
+        if not any(isinstance(result, Alarm) for result in results):
+            return results
+        named = [replace(r, stage=self.name) if isinstance(r, Alarm) else r for r in results]
+        for alarm in named:
+            if isinstance(alarm, Alarm):
+                self.alarms.take(alarm)
+        return named
+
+    def take_back(self, time: int) -> list[Result]:
+        """Clears, at ``time`` ns, for the alarms that the stage has left active: the next knows nothing of them."""
+        before, self.alarms = self.alarms, AlarmBook()
+        return [*withdrawn((standing.alarm for standing in before.raised), time, BEGINS_ANEW)]
 
 
 def group_by_needs(stages: Mapping[str, Stage[Any] | type[Stage[Any]]], kinds: Mapping[str, str]) -> list[list[str]]:
@@ -63,23 +80,6 @@ def group_by_needs(stages: Mapping[str, Stage[Any] | type[Stage[Any]]], kinds: M
     return groups
 
 
-def still_active(results: Iterable[Result], before: Mapping[str, Alarm] | None = None) -> dict[str, Alarm]:
-    """By their ids, the alarms that some results, after those of ``before``, leave active."""
-    active = dict(before or {})
-    for result in results:
-        if isinstance(result, Alarm) and result.active:
-            active[result.id] = result
-        elif isinstance(result, Alarm):
-            active.pop(result.id, None)
-    return active
-
-
-def taken_back(alarms: Iterable[Alarm], time: int) -> list[Result]:
-    """Clears for alarms whose stage is gone, at ``time`` ns: the one made in its place knows nothing of them."""
-    text = "Withdrawn, as the stage that raised it begins anew: {}"
-    return [replace(a, active=False, time=time, statement=text.format(a.statement)) for a in alarms]
-
-
 class Chain:
     """Stages that hand results to each other, run one after another on each block of frames.
 
@@ -103,11 +103,11 @@ class Chain:
         return results
 
     def close(self) -> list[Result]:
-        """What the end of the data settles, in stage order."""
+        """Results that the end of the data settles, in stage order."""
         results: list[Result] = []
         for slot in self._slots:
             try:
-                results += slot.stage.close()
+                results += slot.named(slot.stage.close())
             except Exception as error:
                 log.exception("stage %s broke at the end", slot.name)
                 slot.error = str(error)
@@ -115,11 +115,7 @@ class Chain:
 
     def take_back(self, time: int) -> list[Result]:
         """Clears for all alarms of its stages: others take over."""
-        return [clear for slot in self._slots for clear in self._abandon(slot, time)]
-
-    def _abandon(self, slot: _Slot, time: int) -> list[Result]:
-        active, slot.active = slot.active, {}
-        return taken_back(active.values(), time)
+        return [clear for slot in self._slots for clear in slot.take_back(time)]
 
     def _guard(self, slot: _Slot, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         now = int(frames.time[-1])
@@ -127,15 +123,14 @@ class Chain:
             return ()
         start = time.perf_counter()
         try:
-            given = slot.stage.process(frames, upstream if slot.needs else ())
+            given = slot.named(slot.stage.process(frames, upstream if slot.needs else ()))
         except Exception as error:
             log.exception("stage %s broke; it is made anew", slot.name)
             self._fail(slot, error, now)
-            return self._abandon(slot, now)
+            return slot.take_back(now)
         spent = time.perf_counter() - start
         slot.frames += len(frames)
         slot.results += len(given)
-        slot.active = still_active(given, slot.active) if given else slot.active
         slot.busy += spent
         slot.slowest = max(slot.slowest, spent)
         return given

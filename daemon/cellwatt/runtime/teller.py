@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, SinkConfig, public_config
@@ -15,7 +16,6 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
-from cellwatt.runtime.chain import still_active
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
@@ -48,9 +48,12 @@ class Teller:
         self._layout = Layout((), config.frames.rate)
         self._results = 0
         self.journal = journal
-        past = (item for _, item in journal.past() if not isinstance(item, Event)) if journal is not None else ()
-        self._active = still_active(past)
-        self._watch = Watch(self._active.values())
+        past = [item for _, item in journal.past()] if journal is not None else ()
+        self.alarms = AlarmBook(Damping())
+        for item in past:
+            if isinstance(item, Alarm):
+                self.alarms.take(item)
+        self._watch = Watch(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
         self._warnings = config.warnings
 
@@ -74,13 +77,15 @@ class Teller:
     def change(self, tasks: Tasks, config: CellConfig, names: Iterable[str]) -> None:
         """Take other settings: the sinks ``names``, which have ended, begin anew or are left out."""
         self._config, self._warnings = config, config.warnings
+        stages = {s.alarm.stage for s in self.alarms.raised if s.alarm.stage is not None}
+        self.withdraw(stages - config.stages.keys(), "is no longer part of the cell")
         for name in names:
             self.sinks.pop(name, None)
             if name in config.sinks:
                 self._start_sink(tasks, config.sinks[name])
 
     def redeclare(self, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
-        """What follows comes from other streams, or is laid out otherwise: it goes into a new file."""
+        """Begin a new file: what follows comes from other streams, or is laid out otherwise."""
         self._streams, self._layout = streams, layout
         if self.recorder is not None:
             self.recorder.redeclare(self._header())
@@ -120,18 +125,30 @@ class Teller:
             _record(self.recorder, item)
 
     def tell(self, item: Batch | Event | Frames | Result) -> None:
-        """Hand one item to the sinks."""
+        """Hand one item to the sinks; of an alarm what the alarm book makes of it."""
         if not isinstance(item, Batch | Frames | Event):
             self._results += 1
         if isinstance(item, Alarm):
-            self._note_alarm(item)
+            new = item.id not in self.alarms
+            self._publish(self.alarms.take(item), new=new)
+        else:
+            self._offer(item)
+
+    def withdraw(self, stages: Collection[str], why: str) -> None:
+        """Clear the alarms that stages have left active, with the reason."""
+        left = [s.alarm for s in self.alarms.raised if s.holds and s.alarm.stage in stages]
+        for clear in withdrawn(left, self._now(), why):
+            self.take(clear)
+
+    def _publish(self, alarms: Iterable[Alarm], *, new: bool = True) -> None:
+        for alarm in alarms:
+            if new or not alarm.active:
+                log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
+            self._offer(alarm)
+
+    def _offer(self, item: Batch | Event | Frames | Result) -> None:
         for sink in self.sinks.values():
             sink.offer(item)
-
-    def _note_alarm(self, alarm: Alarm) -> None:
-        if not alarm.active or alarm.id not in self._active:
-            log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
-        self._active = still_active((alarm,), self._active)
 
     # health ---------------------------------------------------------------------------------------
 
@@ -141,10 +158,11 @@ class Teller:
         status = self._status = self._measure(now, parts)
         for alarm in self._watch.look(status, now):
             self.take(alarm)
+        self._publish(self.alarms.look(now))
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
-        status["alarms"] = [asdict(a) for a in self._active.values()]
+        status["alarms"] = [asdict(standing.published) for standing in self.alarms.raised if standing.published]
         for sink in self.sinks.values():
             sink.health(status)
         if self.recorder is not None:

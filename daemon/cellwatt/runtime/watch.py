@@ -1,16 +1,18 @@
-"""What is wrong with the daemon, and its alarms: a source that is down or slow, samples that do not add up, …"""
+"""Troubles of the daemon itself, and their alarms: a source is down or slow, samples do not add up, …"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
+from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.results import Alarm, Severity
 
-PATIENCE = 3
+PATIENCE: Final = 3
 """Looks in a row, about one a second, that must agree before an alarm is raised or cleared."""
+AGREED: Final = Patience(PATIENCE)
 SPAN: Final = 10.0
 """s over which it is looked at what a source gives and a stage takes."""
 FEWEST: Final = 10
@@ -54,9 +56,15 @@ class Trouble:
     statement: str
     evidence: Mapping[str, Any]
 
+    def alarm(self, now: int) -> Alarm:
+        """The alarm about it, raised at ``now`` ns."""
+        source = self.part if self.kind.startswith(("source_", "clock_", "accounting")) else None
+        name, said = f"{self.kind}:{self.part}", self.statement
+        return Alarm(name, self.kind, self.severity, True, now, now, said, source=source, evidence=self.evidence)
+
 
 def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
-    """What is wrong, seen from the health figures and those of ``seconds`` ago alone."""
+    """Find what is wrong by the health figures and those of ``seconds`` ago alone."""
     found: list[Trouble] = []
     for name, source in status["sources"].items():
         if source["state"] == "ok" and name in before["sources"]:
@@ -124,7 +132,7 @@ def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], secon
 
 
 def _strange(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:
-    """What came that is no sample, or none of this device's; its driver says what counts as that."""
+    """Find what came that is no sample, or none of this device's; its driver says what counts as that."""
     counted, earlier = source["counters"], before["counters"]
     odd = _more({what: counted[what] for what in source["anomalies"]}, earlier)
     odd |= _more(source["dropped"], before["dropped"])
@@ -167,18 +175,19 @@ def _unsure(name: str, source: Mapping[str, Any]) -> list[Trouble]:
 
 
 class Watch:
-    """Turns what ``troubles`` finds, look by look, into alarms that are raised once and cleared once.
+    """Turns what ``troubles`` finds, look by look, into alarms.
 
     ``active`` are the alarms that another watch has left active; those of other kinds are not ours to clear.
     """
 
     def __init__(self, active: Iterable[Alarm] = ()) -> None:
         self.troubles: list[Trouble] = []
-        """What the last look found, alarm or not yet."""
+        """Findings of the last look, alarm or not yet."""
         self._past: deque[tuple[int, Mapping[str, Any]]] = deque()
-        self._seen: dict[tuple[str, str], int] = {}
-        self._clean: dict[tuple[str, str], int] = {}
-        self._active = {(alarm.kind, alarm.id.partition(":")[2]): alarm for alarm in active if alarm.kind in KINDS}
+        self._book = AlarmBook()
+        for alarm in active:
+            if alarm.kind in KINDS:
+                self._book.take(alarm)
 
     def look(self, status: Mapping[str, Any], now: int) -> list[Alarm]:
         """Alarms raised or cleared by this look; ``now`` ns UTC."""
@@ -187,35 +196,10 @@ class Watch:
             self._past.popleft()
         then, before = self._past[0]
         self.troubles = troubles(status, before, (now - then) * 1e-9)
-        found = {(t.kind, t.part): t for t in self.troubles}
-        self._seen = {key: self._seen.get(key, 0) + 1 for key in found}
-        alarms = [
-            self._raise(key, found[key], now)
-            for key, n in self._seen.items()
-            if n >= PATIENCE and key not in self._active
-        ]
-        for key in list(self._active):
-            self._clean[key] = 0 if key in found else self._clean.get(key, 0) + 1
-            if self._clean[key] >= PATIENCE:
-                alarm = self._active.pop(key)
-                text = f"Resolved: {KINDS[key[0]].format(part=key[1])}."
-                alarms.append(replace(alarm, active=False, time=now, statement=text))
-        return alarms
-
-    def _raise(self, key: tuple[str, str], trouble: Trouble, now: int) -> Alarm:
-        kind, part = key
-        source = part if kind.startswith(("source_", "clock_", "accounting")) else None
-        alarm = Alarm(
-            f"{kind}:{part}",
-            kind,
-            trouble.severity,
-            True,
-            now,
-            now,
-            trouble.statement,
-            source=source,
-            evidence=trouble.evidence,
-        )
-        self._active[key] = alarm
-        self._clean[key] = 0
-        return alarm
+        found = {alarm.id: alarm for alarm in (trouble.alarm(now) for trouble in self.troubles)}
+        said = [a for alarm in found.values() for a in self._book.raise_(alarm, after=AGREED, update=False)]
+        for name in self._book:
+            if name not in found:
+                kind, _, part = name.partition(":")
+                said += self._book.clear(name, now, f"Resolved: {KINDS[kind].format(part=part)}.", after=AGREED)
+        return said

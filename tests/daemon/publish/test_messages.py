@@ -64,6 +64,7 @@ def test_alarm_is_the_object_that_the_docs_show() -> None:
         "alternatives": [],
         "interval": None,
         "evidence": {"residual_W": 12.5},
+        "stage": None,
     }
 
 

@@ -243,8 +243,8 @@ def prediction(name: str, number: int) -> Prediction:
     return Prediction(name, number, (), {}, {})
 
 
-def alarm(name: str = "heat", *, active: bool = True) -> Alarm:
-    return Alarm(name, "heat", "warning", active, 1, 2, f"Joint 2: {name}.")
+def alarm(name: str = "heat", *, active: bool = True, stage: str | None = None) -> Alarm:
+    return Alarm(name, "heat", "warning", active, 1, 2, f"Joint 2: {name}.", stage=stage)
 
 
 def frames_of(first: int, n: int = 1, second: float | None = None) -> Frames:

@@ -110,7 +110,7 @@ def test_samples_nobody_accounts_for_are_an_alarm(at_once):
 
 
 async def test_an_alarm_of_a_stage_reaches_sinks_record_and_health(tmp_path):
-    raised, cleared = alarm("heat"), alarm("heat", active=False)
+    raised, cleared = alarm("heat", stage="judge"), alarm("heat", active=False, stage="judge")
     JUDGES["judge"].give = lambda frames, _: {2: [raised], 4: [raised], 6: [cleared]}.get(frames.sequence, ())
     async with running(config_of(stages=stages("judge"), record=tmp_path)) as cell:
         DEVICES["arm"].tell(answer, give(4))

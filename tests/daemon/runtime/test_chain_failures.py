@@ -63,7 +63,7 @@ def test_one_that_cannot_be_made_anew_is_tried_again(caplog):
     assert chain.status()["judge"]["error"] == "FileNotFoundError: model.onnx"
     JUDGES["judge"].refuse, JUDGES["judge"].give = None, lambda *_: [alarm()]
     assert chain.process(frames_of(2, second=2.9)) == [], "its pause is 2 s now"
-    assert chain.process(frames_of(3, second=3.0)) == [alarm()]
+    assert chain.process(frames_of(3, second=3.0)) == [alarm(stage="judge")]
     assert chain.status()["judge"] | {"state": "ok", "error": None, "failures": 2} == chain.status()["judge"]
 
 
@@ -105,6 +105,7 @@ def test_alarms_of_a_stage_that_broke_are_taken_back():
     JUDGES["judge"].give = breaks
     (over,) = chain.process(frames_of(1, second=1.0))
     assert (over.id, over.active, over.time) == ("heat", False, 1_000_000_000)
+    assert over.statement == "Withdrawn, as stage judge begins anew: Joint 2: heat."
     assert chain.process(frames_of(2, second=2.0)) == []
 
 
@@ -112,7 +113,7 @@ def test_at_the_end_each_is_asked_though_another_breaks(caplog):
     chain = chain_of(judge=FakeStage, after=AfterStage)
     JUDGES["judge"].last = breaks
     JUDGES["after"].last = lambda: [alarm()]
-    assert chain.close() == [alarm()]
+    assert chain.close() == [alarm(stage="after")]
     assert chain.status()["judge"]["error"] == "a singular matrix"
     assert "stage judge broke at the end" in caplog.text
 

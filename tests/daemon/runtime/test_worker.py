@@ -46,7 +46,7 @@ async def test_results_come_on_the_loop_in_order():
         worker.finish()
         await task
         assert [r.sequence for r in results[:-1]] == list(range(20))
-        assert results[-1] == alarm(), "and at the end what the end of the data settles"
+        assert results[-1] == alarm(stage="judge"), "and at the end what the end of the data settles"
         assert JUDGES["judge"].threads == {"stages judge_0"}
         assert threading.current_thread().name not in JUDGES["judge"].threads
 

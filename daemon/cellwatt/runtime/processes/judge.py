@@ -12,18 +12,17 @@ from pathlib import Path
 from typing import Final
 
 from cellwatt.frames import Frames
-from cellwatt.results import Alarm, Result
+from cellwatt.results import Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared, make_chain
-from cellwatt.runtime.chain import still_active, taken_back
-from cellwatt.runtime.processes.shared import OTHERS, TELL, Assignment, Ready, figures
+from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 from cellwatt.runtime.worker import QUEUED_FRAMES
 
 log = logging.getLogger(__name__)
 
 NICE: Final = 5
-"""How much who judges gives way to who collects, aligns and tells."""
+"""Niceness by which who judges gives way to who collects, aligns and tells."""
 MEMORY: Final = 2 << 30
 """Bytes that the stages of a chain may take; one that asks for more is made anew."""
 FIRST_TO_GO: Final = 500
@@ -57,8 +56,9 @@ class _Judging:
         self._out = ItemWriter(shared.results[assignment.slot])
         _, self._layout = declared(config)
         self._fitting: dict[int, bool] = {}
+        if not self._held:
+            self._begin()
         self._chain = make_chain(config, self._layout, assignment.stages)
-        self._orphans = self._left_active() if assignment.restarts else []
         self._time = 0
         self._following: int | None = None
         self._dropped = self._waiting = 0
@@ -79,11 +79,10 @@ class _Judging:
         self._say(replaced=replaced)
         self._out.end()
 
-    def _left_active(self) -> list[Alarm]:
-        """Alarms of the stages whose process this one follows."""
-        past = ItemReader(self._assignment.shared.results[self._assignment.slot], TELL)
-        past.position = past.ring.tail
-        return list(still_active(item for item in past.rest() if isinstance(item, Alarm)).values())
+    def _begin(self) -> None:
+        """Say that these stages begin: alarms that earlier ones have left active are nobody's any more."""
+        self._held = False
+        self._out.put(Status({"begun": self._assignment.stages}))
 
     def _turn(self) -> bool:
         """Judge what there is; ``False`` where others have taken over."""
@@ -95,7 +94,7 @@ class _Judging:
             elif isinstance(item, Mark) and item.generation > self._assignment.generation:
                 return False
             elif isinstance(item, Mark) and item.generation == self._assignment.generation:
-                self._held = False
+                self._begin()
         return True
 
     def _take(self, frames: Frames) -> None:
@@ -105,9 +104,6 @@ class _Judging:
             self._dropped += max(frames.sequence - self._following, 0)
         self._following = frames.sequence + len(frames)
         self._time = int(frames.time[-1])
-        if self._orphans:
-            self._give(taken_back(self._orphans, self._time))
-            self._orphans = []
         self._waiting = self._in.newest() - self._following
         if self._waiting > QUEUED_FRAMES:
             self._dropped += len(frames)

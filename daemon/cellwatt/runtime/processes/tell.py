@@ -17,6 +17,7 @@ from cellwatt.frames import Frames
 from cellwatt.results import Event
 from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime.assemble import declared
+from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
 from cellwatt.runtime.processes.rights import keep_up
@@ -133,7 +134,7 @@ class _Telling:
     def _take(self, way: _Way, item: Any) -> None:
         match item:
             case Status():
-                self._note_figures(item.figures)
+                self._note_figures(way, item.figures)
             case Mark():
                 self._come_to(way, item.generation)
             case Skipped():
@@ -148,8 +149,11 @@ class _Telling:
             case _:
                 self._take_message(way, item)
 
-    def _note_figures(self, figures: Mapping[str, Any]) -> None:
-        if figures.get("replaced"):
+    def _note_figures(self, way: _Way, figures: Mapping[str, Any]) -> None:
+        if "begun" in figures:
+            if self._untold(way):
+                self._teller.withdraw(figures["begun"], BEGINS_ANEW)
+        elif figures.get("replaced"):
             self._said.pop(figures["part"], None)
         else:
             self._said[figures["part"]] = time.monotonic(), figures
@@ -158,10 +162,16 @@ class _Telling:
         """Results and events, which have no numbers in the record: where each got to is noted in its ring."""
         if self._resume.lacks(item):
             self._teller.record(item)
-        reader = way.reader
-        if reader.position > reader.ring.position(TOLD):
+        if self._untold(way):
             self._teller.tell(item)
+
+    def _untold(self, way: _Way) -> bool:
+        """True where no process before this one has told what was read last; from now on it is told."""
+        reader = way.reader
+        untold = reader.position > reader.ring.position(TOLD)
+        if untold:
             reader.ring.settle(TOLD, reader.position)
+        return untold
 
     def _note(self, way: _Way) -> None:
         recorder = self._teller.recorder
@@ -170,7 +180,7 @@ class _Telling:
             way.checkpoints.append((taken, way.reader.position))
 
     def _settle(self) -> None:
-        """What is in the file, or needs none, is not read again by who follows this process."""
+        """Settle what is in the file, or needs none: who follows this process does not read it again."""
         recorder = self._teller.recorder
         settled = recorder.progress()[1] if recorder is not None else 0
         for way in self._ways:
@@ -272,7 +282,7 @@ class _Telling:
 
 
 def in_one_line(status: Mapping[str, Any]) -> str:
-    """How the cell is."""
+    """State of the cell in one line."""
     up = sum(s["state"] == "ok" for s in status["sources"].values())
     text = f"{status['state']}: {up} of {len(status['sources'])} sources up, {len(status['alarms'])} alarms"
     reason = " ".join(status["reasons"][0].split()) if status["reasons"] else ""

@@ -6,9 +6,10 @@ import multiprocessing
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 
 from cellwatt import Alarm, Frames
-from cellwatt.ring import ItemReader, ItemWriter, Mark
+from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.shared import OTHERS, TELL, Assignment, Shared
@@ -25,48 +26,48 @@ def frames_of(layout, first: int, n: int) -> Frames:
     return Frames(layout, first, time, np.zeros(shape), np.zeros(shape, np.uint8), np.zeros(shape, np.int64))
 
 
-def alarms_of(before: Sequence[Alarm], *, restarts: int, replaced: bool = False) -> list[Alarm]:
-    """What a judge adds to the ``before`` of the one that it follows, given ten frames."""
+def said_by_a_judge(*, held: bool = False, replaced: bool = False) -> list[Alarm | Status]:
+    """Alarms and words of a judge that is given ten frames, after the mark of its settings where it is held."""
     streams, layout = declared(CONFIG)
     shared = Shared.of(streams, layout)
-    told = ItemWriter(shared.results[0])
-    for item in before:
-        told.put(item)
     shared.frames.settle(OTHERS, shared.frames.head)
     frames = ItemWriter(shared.frames)
+    if held:
+        frames.put(Mark(1))
     frames.put(frames_of(layout, 0, 10))
     if replaced:
         frames.put(Mark(2))
     shared.frames.end()
     context = multiprocessing.get_context("fork")
     _ours, theirs = context.Pipe()
-    assignment = Assignment(shared, CONFIG, 1, theirs, restarts, stages=("heat",))
+    assignment = Assignment(shared, CONFIG, 1, theirs, stages=("heat",), held=held)
     process = context.Process(target=judge, args=(assignment,))
     process.start()
     process.join(PATIENCE)
     assert process.exitcode == 0
-    given = [i for i in ItemReader(shared.results[0], TELL).items() if isinstance(i, Alarm)]
-    assert given[: len(before)] == list(before)
-    return given[len(before) :]
+    return [i for i in ItemReader(shared.results[0], TELL).items() if isinstance(i, Alarm | Status)]
 
 
-def test_alarms_of_stages_that_died_with_their_process_are_taken_back() -> None:
-    before = [alarm("heat"), alarm("noise"), alarm("noise", active=False)]
-    (over,) = alarms_of(before, restarts=1)
-    assert (over.id, over.active, over.time) == ("heat", False, 9 * STEP)
-    assert over.statement == "Withdrawn, as the stage that raised it begins anew: Joint 2: heat."
+def alarms_in(said: Sequence[Alarm | Status]) -> list[Alarm]:
+    return [i for i in said if isinstance(i, Alarm)]
 
 
-def test_a_first_judge_takes_nothing_back() -> None:
-    assert alarms_of([alarm("heat")], restarts=0) == []
+@pytest.mark.parametrize("held", [False, True])
+def test_a_judge_says_once_and_first_that_its_stages_begin(held: bool) -> None:
+    JUDGES["heat"].give = lambda *_: [alarm("heat")]
+    first, *others = said_by_a_judge(held=held)
+    assert first == Status({"begun": ["heat"]})
+    assert not any(isinstance(i, Status) and "begun" in i.figures for i in others)
+    assert alarms_in(others) == [alarm("heat", stage="heat")]
 
 
 def test_alarms_of_stages_that_others_replace_are_taken_back() -> None:
     JUDGES["heat"].give = lambda *_: [alarm("heat")]
-    raised, over = alarms_of([], restarts=0, replaced=True)
-    assert (raised.active, over.active, over.id) == (True, False, "heat")
+    raised, over = alarms_in(said_by_a_judge(replaced=True))
+    assert (raised.active, over.active, over.id, over.time) == (True, False, "heat", 9 * STEP)
+    assert over.statement == "Withdrawn, as stage heat begins anew: Joint 2: heat."
 
 
 def test_at_the_end_of_the_daemon_alarms_stay() -> None:
     JUDGES["heat"].give = lambda *_: [alarm("heat")]
-    assert [a.active for a in alarms_of([], restarts=0)] == [True]
+    assert [a.active for a in alarms_in(said_by_a_judge())] == [True]

@@ -1,0 +1,272 @@
+"""The alarm book: alarms raised, updated and cleared by their ids, with patience, damping, acknowledgement and shelf.
+
+Pure: times are given, UTC ns, and the same calls give the same alarms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import pydantic_core
+from pydantic import TypeAdapter
+
+from cellwatt.errors import CellwattError
+from cellwatt.results import Alarm, Severity
+
+SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
+"""From the least to the gravest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """Observations in a row, and s from the first to the last of them, before an alarm is raised or cleared."""
+
+    times: int = 1
+    seconds: float = 0.0
+
+
+AT_ONCE: Final = Patience()
+
+
+@dataclass(frozen=True, slots=True)
+class Damping:
+    """An alarm raised more than ``times`` times within ``seconds`` stays raised until it is steady for as long."""
+
+    times: int = 5
+    seconds: float = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledgement:
+    """A person's word that an alarm is known; it holds until the alarm is cleared."""
+
+    name: str
+    note: str
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class Shelf:
+    """A person's order to publish nothing of an alarm before ``until`` ns, unless it is graver than ``severity``."""
+
+    name: str
+    note: str
+    time: int
+    until: int
+    severity: Severity
+
+
+@dataclass(slots=True)
+class Standing:
+    """State of one alarm; ``alarm`` has the newest figures of its condition, ``over`` is the clear after that."""
+
+    alarm: Alarm
+    over: Alarm | None = None
+    holds: bool = False
+    """True from when the condition has held long enough until it has been gone for long enough."""
+    changed: int = 0
+    """Time of the last change of ``holds``, ns."""
+    streak: int = 0
+    """Observations in a row against ``holds``, …"""
+    streak_since: int = 0
+    """… and the time of the first, ns."""
+    raises: tuple[int, ...] = ()
+    """Times at which ``holds`` became true, ns, within the last span of damping."""
+    flaps: int = 0
+    """Clears held back since the alarm comes and goes; 0 where it does not."""
+    published: Alarm | None = None
+    """The last message, while that is not a clear."""
+    acknowledgement: Acknowledgement | None = None
+    shelf: Shelf | None = None
+
+    @property
+    def raised(self) -> bool:
+        """True while the condition holds or damping keeps the alarm up."""
+        return self.holds or self.flaps > 0
+
+    @property
+    def message(self) -> Alarm:
+        """The alarm as it is to be published."""
+        if not self.raised and self.over is not None:
+            return self.over
+        if not self.flaps:
+            return self.alarm
+        text = f"{self.alarm.statement} It comes and goes, and stays raised until it is steady."
+        return replace(self.alarm, statement=text, evidence={**self.alarm.evidence, "flaps": self.flaps})
+
+    def observe(self, holds: bool, time: int, after: Patience) -> bool:
+        """Count an observation at ``time``; true where ``holds`` is to change, as there were enough against it."""
+        if holds == self.holds:
+            self.streak = 0
+            return False
+        self.streak_since = self.streak_since if self.streak else time
+        self.streak += 1
+        return self.streak >= after.times and time - self.streak_since >= after.seconds * 1e9
+
+
+_STATE: Final = TypeAdapter(list[Standing])
+
+
+class AlarmBook:
+    """Alarms of one stage or of a whole cell; without ``damping`` they come and go as their conditions do.
+
+    Methods that change an alarm return the messages to publish. ``state`` is plain data that another book has given.
+    """
+
+    def __init__(self, damping: Damping | None = None, state: Iterable[Any] = ()) -> None:
+        self._damping = damping
+        self._standing = {standing.alarm.id: standing for standing in _STATE.validate_python(list(state))}
+
+    def state(self) -> list[Any]:
+        """All that the book knows, as plain data for JSON."""
+        found: list[Any] = pydantic_core.to_jsonable_python(list(self._standing.values()))
+        return found
+
+    # what is up -----------------------------------------------------------------------------------
+
+    def __iter__(self) -> Iterator[str]:
+        """Ids of all alarms that the book knows, up or not."""
+        return iter(tuple(self._standing))
+
+    def __contains__(self, alarm_id: str) -> bool:
+        return alarm_id in self._standing and self._standing[alarm_id].raised
+
+    def __getitem__(self, alarm_id: str) -> Standing:
+        return self._standing[alarm_id]
+
+    @property
+    def raised(self) -> list[Standing]:
+        """Alarms that are up, in the order in which they came."""
+        return [standing for standing in self._standing.values() if standing.raised]
+
+    # conditions -----------------------------------------------------------------------------------
+
+    def raise_(self, alarm: Alarm, *, after: Patience = AT_ONCE, update: bool = True) -> list[Alarm]:
+        """Note at ``alarm.time`` that the condition of an alarm holds: raise it after patience, or update it.
+
+        An alarm that is up keeps its ``since``; with ``update`` false it keeps all its figures, and nothing is said.
+        """
+        standing = self._standing.setdefault(alarm.id, Standing(alarm))
+        self._settle(standing, alarm.time)
+        begins = standing.observe(True, alarm.time, after)
+        if not (begins or (standing.holds and update)):
+            return []
+        standing.alarm = replace(alarm, since=standing.alarm.since) if standing.raised else alarm
+        if begins:
+            self._change(standing, alarm.time)
+        return _published(standing, alarm.time)
+
+    def clear(
+        self, alarm_id: str, time: int, statement: str, *, after: Patience = AT_ONCE, **changes: Any
+    ) -> list[Alarm]:
+        """Note that the condition of an alarm is gone, and clear it after patience; one that is not up stays so.
+
+        ``{times}`` in the statement stands for how often in a row the condition was gone, ``changes`` are other fields
+        of the message.
+        """
+        if alarm_id not in self._standing:
+            return []
+        alarm = self._standing[alarm_id].alarm
+        return self._end(replace(alarm, active=False, time=time, statement=statement, **changes), after)
+
+    def take(self, alarm: Alarm) -> list[Alarm]:
+        """Raise, update or clear at once by a message of another book; the clear of an unknown alarm is passed on."""
+        if alarm.active:
+            return self.raise_(alarm)
+        return self._end(alarm, AT_ONCE) if alarm.id in self._standing else [alarm]
+
+    def _end(self, over: Alarm, after: Patience) -> list[Alarm]:
+        standing, found = self._standing[over.id], []
+        self._settle(standing, over.time)
+        if standing.observe(False, over.time, after):
+            standing.over = replace(over, statement=over.statement.replace("{times}", str(standing.streak)))
+            self._change(standing, over.time)
+            found = _published(standing, over.time)
+        self._forget(standing, over.time)
+        return found
+
+    def look(self, now: int) -> list[Alarm]:
+        """End what is over by time alone: shelves, and damping of alarms that are steady."""
+        found = []
+        for standing in list(self._standing.values()):
+            self._settle(standing, now)
+            before = standing.published
+            if before is None or replace(standing.message, time=before.time) != before:
+                found += _published(standing, now)
+            self._forget(standing, now)
+        return found
+
+    # people ---------------------------------------------------------------------------------------
+
+    def acknowledge(self, alarm_id: str, name: str, note: str, time: int) -> None:
+        """Note that a person knows of an alarm. Raises ``CellwattError`` where it is not up."""
+        self._known(alarm_id).acknowledgement = Acknowledgement(name, note, time)
+
+    def shelve(self, alarm_id: str, until: int, name: str, note: str, time: int) -> None:
+        """Publish nothing of an alarm before ``until`` ns, unless it becomes graver.
+
+        Raises ``CellwattError`` where it is not up.
+        """
+        standing = self._known(alarm_id)
+        standing.shelf = Shelf(name, note, time, until, standing.alarm.severity)
+
+    def _known(self, alarm_id: str) -> Standing:
+        if alarm_id not in self:
+            raise CellwattError(f"no alarm {alarm_id!r} is active: it may have been cleared")
+        return self._standing[alarm_id]
+
+    # damping --------------------------------------------------------------------------------------
+
+    def _change(self, standing: Standing, time: int) -> None:
+        """The condition has come or gone."""
+        standing.holds, standing.changed, standing.streak = not standing.holds, time, 0
+        if self._damping is not None:
+            kept = (at for at in standing.raises if time - at < self._span)
+            standing.raises = (*kept, time) if standing.holds else tuple(kept)
+            if not standing.holds and (standing.flaps or len(standing.raises) > self._damping.times):
+                standing.flaps += 1
+        if not standing.raised:
+            standing.acknowledgement = None
+
+    def _settle(self, standing: Standing, now: int) -> None:
+        """Let an alarm that flapped and has been steady be as its condition is."""
+        if standing.flaps and now - standing.changed >= self._span:
+            if standing.over is not None and not standing.holds:
+                evidence = {**standing.over.evidence, "flaps": standing.flaps}
+                standing.over, standing.acknowledgement = replace(standing.over, evidence=evidence), None
+            standing.flaps = 0
+
+    def _forget(self, standing: Standing, now: int) -> None:
+        """Drop an alarm that is over when nothing of it matters any more."""
+        kept = standing.raised or standing.published or standing.shelf or (standing.streak and not standing.over)
+        if not kept and now - standing.changed >= self._span:
+            del self._standing[standing.alarm.id]
+
+    @property
+    def _span(self) -> float:
+        """Span of damping, ns."""
+        return 0.0 if self._damping is None else self._damping.seconds * 1e9
+
+
+def _published(standing: Standing, now: int) -> list[Alarm]:
+    """The message to publish at ``now``; none where the shelf, damping or an alarm that nobody heard of forbids it."""
+    said, before, shelf = standing.message, standing.published, standing.shelf
+    if shelf is not None:
+        graver = said.active and SEVERITIES.index(said.severity) > SEVERITIES.index(shelf.severity)
+        if now < shelf.until and not graver:
+            return []
+        standing.shelf = None
+    told = before is not None and bool(before.evidence.get("flaps")) and before.severity == said.severity
+    if (standing.flaps and told) or (before is None and not standing.raised):
+        return []
+    said = replace(said, time=now)
+    standing.published = said if said.active else None
+    return [said]
+
+
+def withdrawn(alarms: Iterable[Alarm], time: int, why: str) -> list[Alarm]:
+    """Clears for alarms that their stage does not observe any more, and why."""
+    text = "Withdrawn, as stage {} {}: {}"
+    return [replace(a, active=False, time=time, statement=text.format(a.stage, why, a.statement)) for a in alarms]

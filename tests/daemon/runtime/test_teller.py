@@ -1,0 +1,112 @@
+"""Alarms on their way to the sinks: those of stages that are gone, those that flap, those on the shelf."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from cellwatt import Alarm
+from cellwatt.config import CellConfig
+from cellwatt.ring import Ring, RingJournal
+from cellwatt.runtime.teller import Teller
+from tests.daemon.runtime.fakes import alarm, config_of, sinks, stages
+
+SECOND = 10**9
+CONFIG = config_of(sources={}, sinks={}, stages=stages("heat", "noise"))
+
+
+class Told(Teller):
+    """Teller that keeps what its sinks and its record would get; ``time`` is the cell's clock."""
+
+    def __init__(self, config: CellConfig = CONFIG, journal: Any = None) -> None:
+        self.time = 0
+        self.offered: list[Any] = []
+        self.recorded: list[Any] = []
+        super().__init__(config, 1, lambda: self.time, journal)
+
+    def _offer(self, item: Any) -> None:
+        self.offered.append(item)
+
+    def record(self, item: Any) -> None:
+        self.recorded.append(item)
+
+    def looked_at(self) -> list[str]:
+        """Ids of the alarms in health after a look."""
+        self.look({"sources": {}, "stages": {}})
+        return [a["id"] for a in self.status()["alarms"]]
+
+
+def changes(alarms: list[Alarm]) -> list[tuple[str, bool]]:
+    return [(a.id, a.active) for a in alarms]
+
+
+def test_alarms_of_stages_that_begin_anew_are_withdrawn_and_no_others() -> None:
+    teller = Told()
+    for item in (alarm("a", stage="heat"), alarm("b", stage="noise"), alarm("c")):
+        teller.take(item)
+    teller.time = 7
+    teller.withdraw(["heat"], "begins anew")
+    over = teller.offered[-1]
+    assert (over.id, over.active, over.time) == ("a", False, 7)
+    assert over.statement == "Withdrawn, as stage heat begins anew: Joint 2: a."
+    assert teller.recorded[-1] == over
+    assert teller.looked_at() == ["b", "c"]
+
+
+def test_alarms_of_a_stage_that_a_reload_removed_are_withdrawn() -> None:
+    teller = Told()
+    for item in (alarm("a", stage="heat"), alarm("b", stage="noise"), alarm("c")):
+        teller.take(item)
+    teller.change(None, replace(CONFIG, stages=stages("noise")), [])  # type: ignore[arg-type]
+    assert changes(teller.offered[3:]) == [("a", False)]
+    assert teller.offered[-1].statement == "Withdrawn, as stage heat is no longer part of the cell: Joint 2: a."
+
+
+def test_who_tells_next_knows_which_stage_left_an_alarm_active() -> None:
+    journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
+    journal.put(alarm("a", stage="heat"))
+    teller = Told(journal=journal)
+    assert teller.looked_at() == ["a"]
+    teller.withdraw(["heat"], "begins anew")
+    assert changes(teller.offered) == [("a", False)]
+
+
+def test_an_alarm_that_comes_and_goes_is_published_a_few_times_and_recorded_each_time() -> None:
+    teller = Told()
+    for n in range(40):
+        teller.time = n * 10 * SECOND
+        teller.take(replace(alarm("a", active=n % 2 == 0), time=teller.time))
+        teller.look({"sources": {}, "stages": {}})
+    assert len(teller.recorded) == 40
+    assert changes(teller.offered) == [("a", True), ("a", False)] * 5 + [("a", True)] * 2
+    assert "It comes and goes" in teller.offered[-1].statement
+    assert teller.looked_at() == ["a"]
+    teller.time += 600 * SECOND
+    assert teller.looked_at() == []
+    assert (teller.offered[-1].active, teller.offered[-1].evidence["flaps"]) == (False, 15)
+
+
+def test_an_alarm_on_the_shelf_is_recorded_and_not_published_before_its_time() -> None:
+    teller = Told()
+    teller.take(alarm("a"))
+    teller.alarms.shelve("a", 100, "Ines", "known", 5)
+    teller.take(replace(alarm("a"), time=50))
+    assert (len(teller.recorded), len(teller.offered)) == (2, 1)
+    teller.time = 100
+    teller.looked_at()
+    assert changes(teller.offered) == [("a", True)], "nothing has changed but the time"
+    teller.alarms.shelve("a", 300, "Ines", "known", 200)
+    teller.take(replace(alarm("a", active=False), time=250))
+    teller.time = 300
+    teller.looked_at()
+    assert changes(teller.offered) == [("a", True), ("a", False)]
+
+
+@pytest.mark.parametrize("active", [True, False])
+def test_only_news_is_logged(caplog: pytest.LogCaptureFixture, active: bool) -> None:
+    teller = Told(replace(CONFIG, sinks=sinks()))
+    teller.take(alarm("a"))
+    teller.take(replace(alarm("a", active=active), time=9))
+    assert len(caplog.records) == 1 + (not active)
