@@ -7,9 +7,8 @@ from contextlib import suppress
 
 from cellwatt.emulation.signals import load_signals
 from cellwatt.errors import RecordingError
+from cellwatt.tables import read_table
 from cellwatt_plugins.energy.recordings import read_reading
-from cellwatt_plugins.mismatch.input.tables import read_table as mismatch_table
-from cellwatt_plugins.models.tables import read_table as model_table
 from fuzz.target import Target, folder
 
 
@@ -21,10 +20,10 @@ def run(data: bytes) -> None:
         signals = load_signals(path)
         assert all(len(column) == len(signals.time) for column in signals.columns.values())
     with suppress(RecordingError):
-        table = mismatch_table(path)
-        assert all(len(column) == len(table.time) for column in table.columns.values())
-    with suppress(RecordingError):
-        assert model_table(path).num_rows
+        table = read_table(path)
+        assert len(table)
+        assert all(len(column) == len(table) for column in table.columns.values())
+        table.joints("position")
     with suppress(RecordingError):
         read_reading(path)
 

@@ -12,26 +12,25 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt import CellwattError, parquet
+from cellwatt import CellwattError
 from cellwatt.emulation.signals import load_signals
-from cellwatt.parquet import read_parquet
+from cellwatt.errors import RecordingError
+from cellwatt.tables import files, read_table
 from cellwatt.yaml_file import parse_yaml
 from cellwatt_drivers.can_sensor.sensor_map import load_map as load_sensor
 from cellwatt_drivers.modbus_meter.meter_map import load_map as load_meter
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.procedure.cube import load_cube
 from cellwatt_plugins.energy.procedure.log import read_log
-from cellwatt_plugins.energy.recordings import _columns
+from cellwatt_plugins.energy.recordings import read_reading
 from cellwatt_plugins.faults import reference
 from cellwatt_plugins.faults.command import _described, _robot_name
 from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.network import FaultNetwork
-from cellwatt_plugins.mismatch.input.tables import read_table as read_experiment
 from cellwatt_plugins.mismatch.model import load_model
 from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.models.network import check_intact
 from cellwatt_plugins.models.static.live import read_plan
-from cellwatt_plugins.models.tables import read_table
 from cellwatt_plugins.robot.description import load_robot
 from cellwatt_plugins.robot.rigid_body import RigidBody
 
@@ -52,10 +51,8 @@ READERS: dict[str, tuple[str, Read]] = {
     "cube": ("cube.yaml", lambda path: load_cube("ur10e", path)),
     "energy.json": ("energy.json", lambda path: load_known(path, SimpleNamespace())),  # type: ignore[arg-type]
     "campaign.json": ("campaign.json", read_log),
-    "campaign's table": ("run.csv", lambda path: _columns(path, ["q_1"])),
-    "campaign's Parquet": ("run.parquet", lambda path: _columns(path, ["q_1"])),
-    "experiment": ("moves.csv", read_experiment),
-    "experiment's Parquet": ("moves.parquet", read_experiment),
+    "campaign's table": ("run.csv", read_reading),
+    "campaign's Parquet": ("run.parquet", read_reading),
     "table": ("poses.csv", read_table),
     "Parquet": ("poses.parquet", read_table),
     "plan": ("plan.csv", read_plan),
@@ -120,12 +117,10 @@ def test_a_parquet_file_that_unpacks_to_more_than_it_may(tmp_path: Path, monkeyp
     column = pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), pa.array([1.0]))
     pq.write_table(pa.table({"t": column, "q_1": column}), path)
     assert path.stat().st_size < 10_000
-    assert read_parquet(path).num_rows == rows
-    monkeypatch.setattr(parquet, "LARGEST", 15_000_000)
-    with pytest.raises(OSError, match=r"would take more than 15,000,000 bytes of memory"):
-        read_parquet(path)
-    with pytest.raises(CellwattError, match="would take more than"):
-        read_experiment(path)
+    assert read_table(path).names == ("q_1",)
+    monkeypatch.setattr(files, "LARGEST", 15_000_000)
+    with pytest.raises(RecordingError, match=r"would take more than 15,000,000 bytes of memory"):
+        read_table(path)
 
 
 def test_what_people_write_is_read() -> None:

@@ -9,22 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 from numpy.typing import NDArray
 
 from cellwatt.channel import Channel
 from cellwatt.errors import CellwattError, RecordingError
-from cellwatt.files import check_file
 from cellwatt.imports.column_map import Column, ColumnMap, Source
-from cellwatt.parquet import read_parquet
+from cellwatt.tables import listed, read_table
 
 Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What one source gave in one part: time (N,) s, values (N, channels)."""
+    """Samples of one source in one part: time (N,) s, values (N, channels)."""
 
     time: Float
     channels: tuple[Channel, ...]
@@ -47,12 +44,12 @@ def read_parts(path: Path, columns: ColumnMap) -> Iterator[Part]:
     if columns.layout == "matlab":
         yield from (_part(name, found, columns, path) for name, found in _motions(path, columns))
         return
-    table = _table(path)
+    table = read_table(path).columns
     if columns.part is None:
         yield _part(path.stem, table, columns, path)
         return
     if columns.part not in table:
-        raise RecordingError(f"{path}: no column {columns.part}; there are: {', '.join(list(table)[:12])}")
+        raise RecordingError(f"{path}: no column {columns.part}; there are: {listed(list(table))}")
     number = table[columns.part]
     edges = np.flatnonzero(np.diff(number) != 0) + 1
     for a, b in zip([0, *edges], [*edges, len(number)], strict=True):
@@ -101,27 +98,8 @@ def _value(column: Column, joint: int, found: Mapping[str, Float], place: str) -
 
 def _column(name: str, found: Mapping[str, Float], place: str) -> Float:
     if name not in found:
-        raise RecordingError(f"{place}: no column {name}; there are: {', '.join(sorted(found)[:12])}")
+        raise RecordingError(f"{place}: no column {name}; there are: {listed(sorted(found))}")
     return found[name]
-
-
-def _table(path: Path) -> dict[str, Float]:
-    try:
-        if path.suffix == ".parquet":
-            table = read_parquet(path)
-        elif path.suffix == ".csv":
-            check_file(path)
-            table = pyarrow.csv.read_csv(path)
-        else:
-            raise RecordingError(f"{path}: tables are Parquet or CSV files")
-    except (OSError, pa.ArrowException, ValueError) as error:
-        raise RecordingError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from error
-    numbers = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean)
-    return {
-        name: np.asarray(table[name].cast(pa.float64()).to_numpy(), np.float64)
-        for name in table.column_names
-        if any(is_number(table[name].type) for is_number in numbers)
-    }
 
 
 def _motions(path: Path, columns: ColumnMap) -> Iterator[tuple[str, dict[str, Float]]]:
@@ -139,7 +117,7 @@ def _motions(path: Path, columns: ColumnMap) -> Iterator[tuple[str, dict[str, Fl
             if pattern.fullmatch(key)
         ]
     if not found:
-        raise RecordingError(f"{path}: nothing is called {columns.part}; there are: {', '.join(list(root)[:12])}")
+        raise RecordingError(f"{path}: nothing is called {columns.part}; there are: {listed(list(root))}")
     for name, here in found:
         yield name, _flat(here)
 

@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 from numpy.typing import NDArray
 
-from cellwatt.errors import RecordingError, why
-from cellwatt.files import check_file
-from cellwatt.parquet import read_parquet
+from cellwatt.errors import RecordingError
+from cellwatt.tables import Table, read_table
 
 Float = NDArray[np.float64]
 
 _RUN = re.compile(r"(?P<speed>\d+(?:\.\d+)?)_(?P<payload>\d+(?:\.\d+)?)kg")
 _ENDINGS = (".parquet", ".csv")
+FEWEST = 20
+"""Rows of a file, at least."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What the analyzer measured; each value is the mean over the time to its neighbours."""
+    """Power as the analyzer measured it; each value is the mean over the time to its neighbours."""
 
     place: str
-    """What messages call it."""
+    """Name in messages."""
     time: Float
     """(N,) s, middle of each value's time, on the analyzer's clock."""
     power: Float
@@ -42,7 +40,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the robot said, evenly spaced on its own clock."""
+    """Motion and torque as the robot gave them, evenly spaced on its own clock."""
 
     place: str
     time: Float
@@ -75,16 +73,20 @@ class Recorded:
 
 
 def read_reading(path: Path) -> Reading:
-    """Columns t (s) and power (W) of a Parquet or CSV file. Raises ``RecordingError``."""
-    time, (power,) = _columns(path, ["power"])
-    return Reading(str(path), time, power)
+    """Time and power of a table. Raises ``RecordingError``."""
+    table = read_table(path)
+    power = table.whole("supply.power")
+    if power is None:
+        raise table.lacks("power")
+    return Reading(str(path), _check(table, {"power": power}), power)
 
 
 def read_motion(path: Path, joints: int) -> Motion:
-    """Columns t, q_1 …, qd_1 …, tau_1 … of a Parquet or CSV file. Raises ``RecordingError``."""
-    names = [f"{stem}_{i + 1}" for stem in ("q", "qd", "tau") for i in range(joints)]
-    time, values = _columns(path, names)
-    position, velocity, torque = np.stack(values, axis=1).reshape(len(time), 3, joints).transpose(1, 0, 2)
+    """Time, positions, velocities and torques of a table. Raises ``RecordingError``."""
+    table = read_table(path)
+    columns = {quantity: table.needed(quantity, joints) for quantity in ("position", "velocity", "torque")}
+    time = _check(table, columns)
+    position, velocity, torque = columns.values()
     steps = np.diff(time)
     if steps.max() > 5 * np.median(steps):
         at = float(time[int(np.argmax(steps))])
@@ -121,33 +123,12 @@ def _on_grid(even: Float, time: Float, values: Float) -> Float:
     return np.stack([np.interp(even, time, column) for column in values.T], axis=1)
 
 
-def _columns(path: Path, names: Sequence[str]) -> tuple[Float, list[Float]]:
-    try:
-        check_file(path)
-        table = read_parquet(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
-        there = table.column_names
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {why(error).splitlines()[0]}") from error
-    except (pa.ArrowException, ValueError) as error:
-        raise RecordingError(f"{path}: cannot be read as a table: {str(error).splitlines()[0]}") from error
-    if missing := [name for name in ("t", *names) if name not in there]:
-        raise RecordingError(f"{path}: no column {', '.join(missing[:4])}; there are {', '.join(there[:8])}")
-    if twice := [name for name in ("t", *names) if there.count(name) > 1]:
-        raise RecordingError(f"{path}: two columns are called {twice[0]!r}")
-    try:
-        time, *values = (np.asarray(table[name].to_numpy(), np.float64) for name in ("t", *names))
-    except (TypeError, ValueError, pa.ArrowException) as error:
-        raise RecordingError(f"{path}: holds something else than numbers: {error}") from error
-    _check(path, time, dict(zip(names, values, strict=True)))
-    return time, values
-
-
-def _check(path: Path, time: Float, columns: dict[str, Float]) -> None:
-    if len(time) < 20:
-        raise RecordingError(f"{path}: {len(time)} rows: too few")
-    if not np.all(np.diff(time) > 0):
-        raise RecordingError(f"{path}: its times do not rise after t = {time[np.argmax(np.diff(time) <= 0)]:.3f} s")
+def _check(table: Table, columns: Mapping[str, Float]) -> Float:
+    """The times (N,) s of columns that are whole."""
+    time = table.rising_time(FEWEST)
     for name, values in columns.items():
-        if not np.isfinite(values).all():
-            at = time[np.argmax(~np.isfinite(values))]
-            raise RecordingError(f"{path}: {name} is empty at t = {at:.2f} s: record it again, or cut it there")
+        empty = ~np.isfinite(values.reshape(len(time), -1)).all(axis=1)
+        if empty.any():
+            at = time[np.argmax(empty)]
+            raise RecordingError(f"{table.path}: {name} is empty at t = {at:.2f} s: record it again, or cut it there")
+    return time

@@ -6,13 +6,10 @@ import json
 from pathlib import Path
 
 import click
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from cellwatt.errors import RecordingError
+from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
@@ -142,11 +139,7 @@ def write_prediction(predicted: Prediction, path: Path) -> None:
     """Write t, tau_1 … tau_n and power as Parquet. Raises ``RecordingError``."""
     columns = {"t": predicted.time}
     columns |= {f"tau_{i + 1}": predicted.torque[:, i] for i in range(predicted.torque.shape[1])}
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(pa.table({**columns, "power": np.asarray(predicted.power)}), path)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_table(path, {**columns, "power": predicted.power})
 
 
 def in_words(found: Explained, out: Path) -> str:

@@ -1,37 +1,38 @@
-"""Runs a model file on a table: the same network, inputs and windows as the live stage."""
+"""A model file run on a table: the same network, inputs and windows as the live stage."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import Metadata, refused
 from cellwatt_plugins.models.network import Network, open_network
-from cellwatt_plugins.models.tables import channel_of, read_table, write_table
 from cellwatt_plugins.models.window import whole
 
 Float = NDArray[np.float64]
 
-KEPT: Final = ("t", "pose", "move")
-"""Columns that say which row is which; they go into what is written."""
+KEPT: Final = ("pose", "move")
+"""Columns that say which row is which; they go into what is written, after the time."""
 SAME_RATE = 0.02
 """How far the rate of a table may be off the model's, as a share."""
 HOLE = 1.5
 """Rows further apart than this many steps do not stand in one window."""
+_APPROACH = re.compile(r"(joint_\d+)\.approach")
 OUTSIDE = 0.05
 """How far an input may leave the range of the training before it is told, as a share of its width; as in the stage."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was predicted."""
+    """Result of a prediction."""
 
     file: str
     rows: int
@@ -62,18 +63,18 @@ class Report:
 
 
 def predict_file(model: Path, source: Path, out: Path) -> Report:
-    """Writes the model's outputs for a table. Raises ``ModelError`` and ``RecordingError``."""
+    """Write the model's outputs for a table. Raises ``ModelError`` and ``RecordingError``."""
     network = open_network(model)
     table = read_table(source)
-    columns = {name: column for name in table.column_names if (column := _numbers(table[name])) is not None}
-    values = inputs_of(network.metadata, columns, source)
-    starts = starts_of(columns)
+    values = inputs_of(network.metadata, table)
+    starts = starts_of(table)
     if network.metadata.rate_hz is not None:
-        _check_rate(network.metadata.rate_hz, columns, starts, model, source)
+        _check_rate(network.metadata.rate_hz, table, starts, model)
     given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
-    kept = {name: table[name] for name in KEPT if name in table.column_names}
-    write_table(pa.table({**kept, **dict(zip(names, given.T, strict=True))}), out)
+    kept = {name: _numbered(table.columns[name]) for name in KEPT if name in table.columns}
+    clock = {} if table.clock is None else {"t": table.time}
+    write_table(out, {**clock, **kept, **dict(zip(names, given.T, strict=True))})
     return Report(
         str(out),
         len(values),
@@ -84,35 +85,36 @@ def predict_file(model: Path, source: Path, out: Path) -> Report:
     )
 
 
-def inputs_of(metadata: Metadata, columns: Mapping[str, Float], place: Path) -> Float:
-    """The model's inputs (n, inputs) from a table's columns, NaN for optional ones that it does not have.
+def inputs_of(metadata: Metadata, table: Table) -> Float:
+    """Inputs (N, inputs) of the model from a table's columns, NaN for optional ones that it does not have.
 
-    Raises ``RecordingError`` naming the column that is missing.
+    ``joint_i.approach`` is the way from ``q_from_i``, where the arm came from, to ``q_i``. Raises ``RecordingError``
+    naming the column that is missing.
     """
-    length = len(next(iter(columns.values()), ()))
-    out = np.full((length, len(metadata.inputs)), np.nan)
+    out = np.full((len(table), len(metadata.inputs)), np.nan)
     for i, wanted in enumerate(metadata.inputs):
-        found = channel_of(wanted.channel, columns, place)
+        found = table.channel(wanted.channel)
+        if found is None and (match := _APPROACH.fullmatch(wanted.channel)):
+            here, before = (table.channel(f"{match[1]}.{quantity}") for quantity in ("position", "came_from"))
+            found = None if here is None or before is None else here - before
         if found is not None:
             out[:, i] = found
         elif not wanted.optional:
-            there = ", ".join(list(columns)[:12]) or "none with numbers"
             raise RecordingError(
-                f"{place}: no column for input {i + 1} of {len(metadata.inputs)} of the model, {wanted.channel!r} in "
-                f"{wanted.unit}; there are: {there}"
+                f"{table.path}: no column for input {i + 1} of {len(metadata.inputs)} of the model, "
+                f"{wanted.channel!r} in {wanted.unit}; {table.there()}"
             )
     return out
 
 
-def starts_of(columns: Mapping[str, Float]) -> NDArray[np.bool_]:
-    """Where a motion begins, (n,): the first row, a new ``move``, or time that jumps by more than ``HOLE`` steps."""
-    length = len(next(iter(columns.values()), ()))
-    starts = np.zeros(length, dtype=bool)
+def starts_of(table: Table) -> NDArray[np.bool_]:
+    """Where a motion begins, (N,): the first row, a new ``move``, or time that jumps by more than ``HOLE`` steps."""
+    starts = np.zeros(len(table), dtype=bool)
     starts[:1] = True
-    if "move" in columns:
-        starts[1:] |= np.diff(columns["move"]) != 0
-    if "t" in columns and length > 1:
-        steps = np.diff(columns["t"])
+    if "move" in table.columns:
+        starts[1:] |= np.diff(table.columns["move"]) != 0
+    if table.clock is not None and len(table) > 1:
+        steps = np.diff(table.time)
         rising = steps[steps > 0]
         starts[1:] |= (steps <= 0) | (steps > HOLE * (np.median(rising) if len(rising) else np.inf))
     return starts
@@ -146,13 +148,13 @@ def _since(starts: NDArray[np.bool_]) -> NDArray[np.intp]:
     return rows - np.maximum.accumulate(np.where(starts, rows, 0))
 
 
-def _check_rate(rate: float, columns: Mapping[str, Float], starts: NDArray[np.bool_], model: Path, place: Path) -> None:
-    if "t" not in columns:
+def _check_rate(rate: float, table: Table, starts: NDArray[np.bool_], model: Path) -> None:
+    if table.clock is None:
         return
-    steps = np.diff(columns["t"])[~starts[1:]]
+    steps = np.diff(table.time)[~starts[1:]]
     if len(steps) and abs(rate * np.median(steps) - 1) > SAME_RATE:
         raise refused(
-            model, f"it was trained on rows at {rate:g} Hz, those of {place} come at {1 / np.median(steps):g} Hz"
+            model, f"it was trained on rows at {rate:g} Hz, those of {table.path} come at {1 / np.median(steps):g} Hz"
         )
 
 
@@ -165,9 +167,6 @@ def _outside(metadata: Metadata, values: Float) -> dict[str, int]:
     return out
 
 
-def _numbers(column: pa.ChunkedArray) -> Float | None:
-    """A column as float64, missing values NaN; None where it holds no numbers."""
-    kind = column.type
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-        return None
-    return np.asarray(column.cast(pa.float64()).to_numpy(), np.float64)
+def _numbered(column: Float) -> NDArray[Any]:
+    """Whole numbers (N,) as integers, others as they are."""
+    return column.astype(np.int64) if np.all(column == np.round(column)) else column

@@ -40,10 +40,10 @@ def test_parquet(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a,b\n1,2\n", "no column named timestamp"),
+        ("a,b\n1,2\n", "no column t, timestamp or time for the time; there are: a, b"),
         ("t,b\n1,2\n1,3\n", "does not rise"),
-        ("t,b\n1,2,3\n2,3,4\n", "2 names in the header"),
-        ("t,b\n1,2\n", "does not rise"),
+        ("t,b\n1,2,3\n2,3,4\n", "line 2 has 3 cells, expected 2"),
+        ("t,b\n1,2\n", "1 rows, expected at least 2"),
     ],
 )
 def test_bad_files_say_what_is_wrong(tmp_path: Path, text: str, message: str) -> None:

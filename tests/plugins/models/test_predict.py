@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cellwatt.errors import ModelError, RecordingError
+from cellwatt.tables import Table
 from cellwatt_plugins.models import Input
-from cellwatt_plugins.models.predict import predict_file
-from cellwatt_plugins.models.tables import channel_of, read_table
+from cellwatt_plugins.models.predict import inputs_of, predict_file
 from tests.plugins.models.making import Mlp, metadata
 
 INPUTS = (Input("joint_1.position", "rad"), Input("joint_1.velocity", "rad/s"), Input("supply.power", "W"))
@@ -94,40 +94,9 @@ def test_another_rate_or_a_missing_column_is_refused(tmp_path):
         said(tmp_path, source)
 
 
-def test_an_optional_input_may_be_absent():
+def test_how_an_arm_came_to_a_pose_is_told_by_where_it_came_from():
     one = np.ones(3)
-    assert channel_of("joint_1.approach", {"q_1": one}, PLACE) is None
-    way = channel_of("joint_1.approach", {"q_1": one, "q_from_1": 0.25 * one}, PLACE)
-    np.testing.assert_array_equal(way, 0.75 * one)
-
-
-def test_names_of_channels():
-    one = np.ones(3)
-    for name, channel in (
-        ("arm.joint_2.position", "joint_2.position"),
-        ("actual_q_2", "joint_2.position"),
-        ("tau_2", "joint_2.torque"),
-        ("power", "supply.power"),
-    ):
-        assert channel_of(channel, {name: one}, PLACE) is one
-    assert channel_of("joint_2.position", {"joint_12.position": one}, PLACE) is None
-    with pytest.raises(RecordingError, match=r"left\.joint_2\.position and right\.joint_2\.position are there"):
-        channel_of("joint_2.position", {"left.joint_2.position": one, "right.joint_2.position": one}, PLACE)
-
-
-def test_joints_counted_from_0():
-    columns = {"q_0": np.zeros(1), "q_1": np.ones(1), "q_from_0": np.full(1, -2.0), "current_1": np.full(1, 5.0)}
-    assert channel_of("joint_2.position", columns, Path("t.csv")) is columns["q_1"]
-    assert channel_of("joint_1.approach", columns, Path("t.csv")) == [2.0]
-    assert channel_of("joint_1.current", columns, Path("t.csv")) is columns["current_1"]
-    assert channel_of("joint_3.position", columns, Path("t.csv")) is None
-
-
-def test_what_is_no_table_is_refused(tmp_path):
-    for name, content in (("a.parquet", b"PAR"), ("b.csv", b"")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(RecordingError, match=r"cannot be read as a table"):
-            read_table(tmp_path / name)
-    pq.write_table(pa.table({"q_1": pa.array([], pa.float64())}), tmp_path / "c.parquet")
-    with pytest.raises(RecordingError, match="has no rows"):
-        read_table(tmp_path / "c.parquet")
+    asked = metadata(inputs=(Input("joint_1.approach", "rad", optional=True),))
+    assert np.isnan(inputs_of(asked, Table(PLACE, {"q_1": one}))).all()
+    way = inputs_of(asked, Table(PLACE, {"q_0": one, "q_1": one, "q_from_0": 0.25 * one}))
+    np.testing.assert_array_equal(way[:, 0], 0.75 * one)

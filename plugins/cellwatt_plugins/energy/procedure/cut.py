@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from cellwatt.errors import RecordingError, why
+from cellwatt.errors import RecordingError
+from cellwatt.tables import write_table
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.procedure.log import STATES, Log, Programme
 from cellwatt_plugins.energy.procedure.loops import Loop, find_loops
@@ -66,7 +65,8 @@ def cut_states(recorded: Recorded, log: Log, out: Path) -> list[str]:
     for name in STATES:
         if (span := log.states.get(name)) is not None:
             power = recorded.power(span)
-            _write(out / f"{name}.parquet", _seconds(power.time, span.start), {"power": power.values[:, 0]})
+            columns = {"t": _seconds(power.time, span.start), "power": power.values[:, 0]}
+            write_table(out / f"{name}.parquet", columns)
             written.append(name)
     return written
 
@@ -151,10 +151,10 @@ def _write_run(stretch: Stretch, programme: Programme, name: str, folder: Path) 
         for i in range(values.shape[1])
     }
     begin = float(motion.time[first])
-    _write(folder / f"{name}.robot.parquet", motion.time[part] - begin, columns)
+    write_table(folder / f"{name}.robot.parquet", {"t": motion.time[part] - begin, **columns})
     measured = _seconds(power.time, programme.start)
     inside = (measured >= begin - MARGIN) & (measured <= float(motion.time[last - 1]) + MARGIN)
-    _write(folder / f"{name}.analyzer.parquet", measured[inside] - begin, {"power": power.values[inside, 0]})
+    write_table(folder / f"{name}.analyzer.parquet", {"t": measured[inside] - begin, "power": power.values[inside, 0]})
 
 
 def _edges(stretch: Stretch) -> tuple[int, int]:
@@ -169,11 +169,3 @@ def _edges(stretch: Stretch) -> tuple[int, int]:
 
 def _seconds(time: NDArray[np.int64], start: int) -> Float:
     return np.asarray((time - start) * 1e-9)
-
-
-def _write(path: Path, time: Float, columns: dict[str, Float]) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(pa.table({"t": time, **columns}), path)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error

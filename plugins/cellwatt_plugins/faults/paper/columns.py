@@ -69,8 +69,8 @@ def emulated(joint: int, speed: float, *, stiffness: float = STIFFNESS, seed: in
     arm.disturb({"spring": float(joint), "stiffness": stiffness, "rest": arm.home[joint - 1]})
     t = np.arange(-LEAD, CYCLES * arm.period, 1 / RATE)
     told = arm.at(np.maximum(t, 0.0))
-    columns = {f"q_{j}": told[f"joint_{j}.position"] for j in range(1, len(arm.home) + 1)}
-    yield frames_of_table(t + LEAD, columns | {"power": told["supply.power"]})
+    position = np.column_stack([told[f"joint_{j}.position"] for j in range(1, len(arm.home) + 1)])
+    yield frames_of_table(t + LEAD, position, told["supply.power"])
 
 
 def simulated(arm: Arm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:

@@ -1,8 +1,8 @@
-"""One file's quantities, joint by joint, on an even time grid."""
+"""Quantities of one file, joint by joint, on an even time grid."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, RecordingError
-from cellwatt_plugins.mismatch.input.columns import PLAIN, Columns, Quantity, columns_of, listed
+from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
-from cellwatt_plugins.mismatch.input.tables import Table, read_table
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.meter import held, onto
@@ -21,21 +20,23 @@ from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-SLOW: tuple[Quantity, ...] = ("temperature",)
+SLOW = "temperature"
 """Changes over minutes and is often logged more rarely than the rest."""
-OPTIONAL: tuple[Quantity, ...] = ("velocity", "acceleration", "torque", "current", "temperature")
-"""Counts as not recorded where all its columns are empty."""
+OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature")
+"""Count as not recorded where all their columns are empty."""
+NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
+POWER = "power"
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What one file holds: N samples, evenly spaced, (N, n) by quantity."""
+    """Content of one file: N samples, evenly spaced, (N, n) by quantity."""
 
     place: str
-    """What messages call the file."""
+    """Name of the file in messages."""
     time: Float
     """(N,) s."""
-    joints: dict[Quantity, Float]
+    joints: dict[str, Float]
     power: Float | None
     """(N,) W."""
     gaps: Bool
@@ -49,7 +50,7 @@ class Signals:
         """Seconds between samples."""
         return float((self.time[-1] - self.time[0]) / (len(self.time) - 1))
 
-    def needed(self, *quantities: Quantity) -> Float:
+    def needed(self, *quantities: str) -> Float:
         """The first of these quantities that is there. Raises ``RecordingError`` where none is."""
         for quantity in quantities:
             if quantity in self.joints:
@@ -82,7 +83,7 @@ class Signals:
             return mean(self.power)
         return onto(mean(self.time), self.time, self.power)
 
-    def derivatives(self, position: Quantity, velocity: Quantity, acceleration: Quantity) -> tuple[Float, Float]:
+    def derivatives(self, position: str, velocity: str, acceleration: str) -> tuple[Float, Float]:
         """Velocity and acceleration; differentiated where the file lacks them."""
         speed = self.joints.get(velocity)
         if speed is None:
@@ -96,32 +97,53 @@ class Signals:
 def read_signals(path: Path, robot: RobotDescription) -> Signals:
     """Read a file. Raises ``RecordingError`` that says what is wrong with it."""
     table = read_table(path)
-    columns = _with_content(table, columns_of(table.names(), table.place))
-    _all_joints(table.place, columns, robot)
-    values = {name: table.values(name) for name in columns.names()}
-    positions = columns.joints.get("position", columns.joints.get("target_position", ()))
-    if not positions:
-        names = f"{_family('position')} or {_family('target_position')}"
-        raise RecordingError(f"{table.place}: no position: expected {names}; there are: {listed(table.names())}")
+    time = table.time
+    names, joints = _joints(table, robot)
+    power = table.whole("supply.power")
+    if power is not None and not np.isfinite(power).any():
+        power = None
+    positions = next((q for q in ("position", "target_position") if q in joints), None)
+    if positions is None:
+        wanted = f"{_family('position')} or {_family('target_position')}"
+        raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}")
+    columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True)}
     # Rows in which no joint was heard hold nothing: to leave them out makes them holes in time.
-    heard = np.any([np.isfinite(values[name]) for name in positions], axis=0)
+    heard = np.isfinite(joints[positions]).any(axis=1)
     grid = even(
-        table.place,
-        table.time[heard],
-        {name: column[heard] for name, column in values.items()},
-        slow=[name for quantity in SLOW for name in columns.joints.get(quantity, ())],
-        positions=positions,
-        power=columns.power,
+        path.name,
+        time[heard],
+        {name: column[heard] for name, column in (columns if power is None else columns | {POWER: power}).items()},
+        slow=names.get(SLOW, ()),
+        positions=names[positions],
+        power=POWER,
     )
     return Signals(
-        place=table.place,
+        place=str(path),
         time=grid.time,
-        joints={q: np.column_stack([grid.columns[name] for name in names]) for q, names in columns.joints.items()},
-        power=None if columns.power is None else grid.columns[columns.power],
+        joints={q: np.column_stack([grid.columns[name] for name in names[q]]) for q in joints},
+        power=grid.columns.get(POWER),
         gaps=grid.gaps,
         notes=grid.notes,
-        columns=tuple(table.names()),
+        columns=table.names,
     )
+
+
+def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str, ...]], dict[str, Float]]:
+    """Names of the columns and values (N, n) of each quantity that the file holds, for all joints of the robot."""
+    names, joints, expected = {}, {}, len(robot.joints)
+    for quantity in (*NEEDED, *OPTIONAL):
+        found = table.joints(quantity)
+        if found is None or (quantity in OPTIONAL and not np.isfinite(found).any()):
+            continue
+        names[quantity], joints[quantity] = table.joint_names(quantity), found
+        if len(names[quantity]) != expected:
+            first, *rest = names[quantity]
+            many = f"{first} … {rest[-1]}" if rest else first
+            raise RecordingError(
+                f"{table.path}: {len(names[quantity])} joints in the columns {many}, but the robot's description has "
+                f"{expected} ({listed([joint.name for joint in robot.joints])})"
+            )
+    return names, joints
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
@@ -140,28 +162,5 @@ def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
     return signals.joints["current"] * constants
 
 
-def _with_content(table: Table, columns: Columns) -> Columns:
-    """Without the optional columns that are empty from top to bottom."""
-
-    def empty(names: Sequence[str]) -> bool:
-        return all(name not in table.text and not np.isfinite(table.columns[name]).any() for name in names)
-
-    joints = {q: names for q, names in columns.joints.items() if not (q in OPTIONAL and empty(names))}
-    power = None if columns.power is None or empty([columns.power]) else columns.power
-    return Columns(joints, power)
-
-
-def _all_joints(place: str, columns: Columns, robot: RobotDescription) -> None:
-    expected = len(robot.joints)
-    for names in columns.joints.values():
-        if len(names) != expected:
-            many = f"{names[0]} … {names[-1]}" if len(names) > 1 else names[0]
-            raise RecordingError(
-                f"{place}: {len(names)} joints in the columns {many}, but the robot's description has {expected} "
-                f"({listed([joint.name for joint in robot.joints])})"
-            )
-
-
-def _family(quantity: Quantity) -> str:
-    stem = PLAIN[quantity]
-    return f"{stem}_1, {stem}_2, …"
+def _family(quantity: str) -> str:
+    return f"{usual(quantity, 1)}, {usual(quantity, 2)}, …"

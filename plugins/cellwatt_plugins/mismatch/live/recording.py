@@ -5,27 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import yaml
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.tables import usual, write_table
 from cellwatt_plugins.mismatch.live.intake import Intake
 from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
 
-NAMES = {
-    "position": "q",
-    "velocity": "qd",
-    "torque": "tau",
-    "current": "current",
-    "temperature": "temperature",
-    "target_position": "target_q",
-    "target_velocity": "target_qd",
-    "target_acceleration": "target_qdd",
-}
 WHOLE = 0.995
 """Share of rows that a quantity must be there in to be told at all; the rest is mended in reading."""
 
@@ -33,15 +22,15 @@ WHOLE = 0.995
 def write_recording(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
     """Write rows (N, width) at ``time`` (N,) ns as Parquet; t counts from the first. Raises ``RecordingError``."""
     columns: dict[str, Float] = {"t": (time - time[0]) * 1e-9}
-    for quantity, name in NAMES.items():
-        if quantity in intake.places:
-            table = rows[:, intake.places[quantity]]
-            table = table / intake.gain if quantity == "current" else table
-            if _whole(table):
-                columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
-    if "power" in intake.places and _whole(power := rows[:, intake.places["power"]]):
-        columns["power"] = power[:, 0]
-    _write(path, columns)
+    for quantity, place in intake.places.items():
+        table = rows[:, place] / intake.gain if quantity == "current" else rows[:, place]
+        if not _whole(table):
+            continue
+        if quantity == "power":
+            columns["power"] = table[:, 0]
+        else:
+            columns |= {usual(quantity, i + 1): table[:, i] for i in range(table.shape[1])}
+    write_table(path, columns)
 
 
 def write_simulation(path: Path, intake: Intake, time: NDArray[np.int64], rows: Float) -> None:
@@ -57,14 +46,7 @@ def write_simulation(path: Path, intake: Intake, time: NDArray[np.int64], rows: 
             columns |= {f"{name}_{i + 1}": table[:, i] for i in range(table.shape[1])}
     said = rows[:, max(place.stop for place in places.values()) :]
     names = ["power" if judged.joint is None else f"tau_{judged.joint}" for judged in intake.judged]
-    _write(path, columns | dict(zip(names, said.T, strict=True)))
-
-
-def _write(path: Path, columns: dict[str, Float]) -> None:
-    try:
-        pq.write_table(pa.table(columns), path)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_table(path, columns | dict(zip(names, said.T, strict=True)))
 
 
 def _whole(table: Float) -> bool:

@@ -1,19 +1,18 @@
-"""What a power model is trained on: moves of an arm with the current of its joints and the power of its supply."""
+"""Training data of a power model: moves of an arm with the current of its joints and the power of its supply."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
-from cellwatt_plugins.models.tables import channel_of, read_table
 from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
 
 Float = NDArray[np.float64]
@@ -110,13 +109,9 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
 def _parts(path: Path, joints: int, meter: Path | None) -> list[Moves]:
     """The moves of one file, each numbered 0."""
     table = read_table(path)
-    columns = {name: column for name in table.column_names if (column := _numbers(table[name])) is not None}
-    if "t" not in columns:
-        raise RecordingError(f"{path}: no column t for the time; there are: {', '.join(list(columns)[:12])}")
-    if meter is not None:
-        columns["power"] = _metered(columns, joints, path, meter)
-    found = _quantities(columns, joints, path)
-    starts = starts_of(columns)
+    time = table.time
+    found = _quantities(table, joints, None if meter is None else _metered(table, joints, meter))
+    starts = starts_of(table)
     whole = np.isfinite(np.column_stack([found["q"], found["qd"]])).all(axis=1)
     starts |= np.diff(whole, prepend=False)
     group = np.cumsum(starts)
@@ -125,44 +120,38 @@ def _parts(path: Path, joints: int, meter: Path | None) -> list[Moves]:
         rows = whole & (group == number)
         if np.sum(rows) >= SHORTEST:
             kept = {name: value[rows] for name, value in found.items()}
-            out.append(Moves(move=np.zeros(np.sum(rows), np.int64), time=columns["t"][rows], **kept))
+            out.append(Moves(move=np.zeros(np.sum(rows), np.int64), time=time[rows], **kept))
     return out
 
 
-def _metered(columns: Mapping[str, Float], joints: int, path: Path, meter: Path) -> Float:
+def _metered(table: Table, joints: int, meter: Path) -> Float:
     """Power (N,) W from a meter's own file."""
-    positions = [channel_of(f"joint_{i + 1}.position", columns, path) for i in range(joints)]
-    there = [column for column in positions if column is not None]
-    if len(there) < joints or np.any(np.diff(columns["t"]) <= 0):
-        raise RecordingError(
-            f"{path}: with --meter it needs the positions of all joints, and one time that rises through all moves"
-        )
-    return power_beside(meter, columns["t"], np.column_stack(there))
+    return power_beside(meter, table.rising_time(), table.needed("position", joints))
 
 
-def _quantities(columns: Mapping[str, Float], joints: int, path: Path) -> dict[str, Float]:
+def _quantities(table: Table, joints: int, metered: Float | None) -> dict[str, Float]:
     """The fields of ``Moves`` that a file has, beside the time."""
-    missing = np.full(len(columns["t"]), np.nan)
-
-    def each(quantity: str) -> Float | None:
-        found = [channel_of(f"joint_{i + 1}.{quantity}", columns, path) for i in range(joints)]
-        there = [column for column in found if column is not None]
-        return np.column_stack(there) if len(there) == joints else None
-
-    q, qd, current = each("position"), each("velocity"), each("current")
-    power = next((found for name in POWER if (found := channel_of(name, columns, path)) is not None), None)
-    lacking = [name for name, found in (("q", q), ("qd", qd)) if found is None]
-    if q is None or qd is None or (current is None and power is None):
-        wanted = " and ".join(f"{name}_1 … {name}_{joints}" for name in lacking) or "power, nor of current_1 …"
-        raise RecordingError(f"{path}: no column of {wanted}; there are: {', '.join(list(columns)[:12])}")
-    optional = {"payload": channel_of("tool.payload", columns, path), "temperature": each("temperature")}
+    missing = np.full(len(table), np.nan)
+    current = _each(table, "current", joints)
+    power = metered
+    for name in POWER:
+        power = table.whole(name) if power is None else power
+    if current is None and power is None:
+        raise table.lacks(f"power, nor of {usual('current', 1)} …")
+    optional = {"payload": table.whole("tool.payload"), "temperature": _each(table, "temperature", joints)}
     return {
-        "q": q,
-        "qd": qd,
+        "q": table.needed("position", joints),
+        "qd": table.needed("velocity", joints),
         "current": np.column_stack([missing] * joints) if current is None else current,
         "power": missing if power is None else power,
         **{name: value for name, value in optional.items() if value is not None},
     }
+
+
+def _each(table: Table, quantity: str, joints: int) -> Float | None:
+    """A quantity of the first joints, (N, joints); None where the file has it of fewer."""
+    found = table.joints(quantity)
+    return None if found is None or found.shape[1] < joints else found[:, :joints]
 
 
 def _even(part: Moves, step: float) -> Moves:
@@ -181,10 +170,3 @@ def _even(part: Moves, step: float) -> Moves:
     values: dict[str, Any] = {name: interpolated(getattr(part, name)) for name in names}
     values["power"] = onto(time, part.time, part.power)
     return Moves(move=np.zeros(len(time), np.int64), time=time, **values)
-
-
-def _numbers(column: pa.ChunkedArray) -> Float | None:
-    """A column as float64, missing values NaN; None where it holds no numbers."""
-    if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
-        return None
-    return np.asarray(column.cast(pa.float64()).to_numpy(), np.float64)

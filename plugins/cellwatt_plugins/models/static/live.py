@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.config import load
-from cellwatt.errors import RecordingError
-from cellwatt.files import read_text
 from cellwatt.frames import Frames
 from cellwatt.publish.reach import link_to
 from cellwatt.subscriber import Subscriber
+from cellwatt.tables import read_table
 from cellwatt_plugins.models.static.collect import Collector, Progress, place_of
 
 Float = NDArray[np.float64]
@@ -31,7 +29,7 @@ def collect(
     seconds: float | None,
     tell: Callable[[Progress], None],
 ) -> Progress | None:
-    """Collects until all of the ``plan`` was held, or ``seconds`` are over; ``tell`` is called after each pose.
+    """Collect until all of the ``plan`` was held, or ``seconds`` are over; ``tell`` is called after each pose.
 
     None where not one frame came. Raises ``ConfigError``, ``SinkError`` and ``RecordingError``.
     """
@@ -64,9 +62,8 @@ def collect(
 
 def read_plan(path: Path) -> Float:
     """The poses (P, n) rad of a plan's table. Raises ``RecordingError``."""
-    try:
-        rows = list(csv.DictReader(read_text(path).splitlines()))
-        names = [name for name in rows[0] if name.startswith("q_")]
-        return np.array([[float(row[name]) for name in names] for row in rows])
-    except (OSError, ValueError, IndexError, TypeError) as error:
-        raise RecordingError(f"{path}: is no plan with columns pose, q_1 …: {error}") from error
+    table = read_table(path)
+    poses = table.joints("position")
+    if poses is None:
+        raise table.lacks("q_1")
+    return poses

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.tables import Table, read_table
 from cellwatt_plugins.models.static.held import HeldPose, Recogniser
-from cellwatt_plugins.models.tables import channel_of, read_table
 from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
@@ -62,7 +60,7 @@ class Poses:
 
     @property
     def payload_known(self) -> bool:
-        """Whether poses with different payloads say what a payload does."""
+        """True if poses with different payloads say what a payload does."""
         known = self.payload[np.isfinite(self.payload)]
         return bool(len(known) and np.ptp(known) > _LIGHT)
 
@@ -90,16 +88,21 @@ def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
 
 def _read(path: Path, robot: RobotDescription) -> Poses:
     table = read_table(path)
-    columns = {name: _numbers(table[name]) for name in table.column_names if _is_number(table[name].type)}
-    q = _joints(columns, "position", robot, path)
-    torque, unit = _torque(columns, robot, path)
-    if "count" in columns and "pose" in columns:
-        return _collected(columns, q, torque, unit)
-    if "pose" in columns:
-        return _grouped(columns, q, torque)
-    if "t" not in columns:
+    q = table.needed("position", len(robot.joints))
+    torque, unit = _torque(table, robot)
+    before = table.joints("came_from")
+    approach = np.full_like(q, np.nan) if before is None else q - table.needed("came_from", q.shape[1])
+    payload = table.whole("tool.payload")
+    payload = np.full(len(q), np.nan) if payload is None else payload
+    if "pose" in table.columns:
+        if "count" not in table.columns:
+            return _grouped(table.columns["pose"], q, torque, approach, payload)
+        spread = table.joints("torque_spread")
+        spread = np.full_like(q, np.nan) if spread is None else unit * spread
+        return Poses(q, torque, spread, table.columns["count"].astype(np.int64), approach, payload)
+    if table.clock is None:
         raise RecordingError(f"{path}: expected a column pose, or t (s) with the arm's motion in between")
-    found = list(_recognised(columns["t"], q, torque))
+    found = list(_recognised(table.time, q, torque))
     if not found:
         raise RecordingError(f"{path}: no pose was held long enough: all joints at rest for 2.5 s")
     return of_held(found)
@@ -122,37 +125,18 @@ def _recognised(t: Float, q: Float, torque: Float) -> list[HeldPose]:
     return recogniser.update(np.rint(t * 1e9).astype(np.int64), q, torque)
 
 
-def _collected(columns: Mapping[str, Float], q: Float, torque: Float, unit: Float) -> Poses:
-    unknown = np.full(len(q), np.nan)
-    spread = [columns.get(f"torque_spread_{i + 1}", unknown) for i in range(q.shape[1])]
-    return Poses(
-        q,
-        torque,
-        unit * np.column_stack(spread),
-        columns["count"].astype(np.int64),
-        _known_approach(columns, q, np.arange(len(q))),
-        columns.get("payload", unknown),
-    )
-
-
-def _grouped(columns: Mapping[str, Float], q: Float, torque: Float) -> Poses:
-    """Means of neighbouring rows of one pose; each is come to from the one before it."""
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(columns["pose"]) != 0]))
+def _grouped(pose: Float, q: Float, torque: Float, known: Float, payload: Float) -> Poses:
+    """Means of neighbouring rows of one pose; each is come to from the one before it unless its approach is known."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(pose) != 0]))
     count = np.diff(np.append(starts, len(q)))
     means, spreads = _mean(torque, starts, count)
     angles, _ = _mean(q, starts, count)
     before = np.vstack([np.full((1, q.shape[1]), np.nan), angles[:-1]])
-    known = _known_approach(columns, q, starts)
-    payload = columns.get("payload", np.full(len(q), np.nan))[starts]
-    approach = np.where(np.isfinite(known), known, angles - before)
+    approach = np.where(np.isfinite(known[starts]), known[starts], angles - before)
     whole = count >= _SHORT * np.median(count)
     notes = (f"{int(np.sum(~whole))} poses have too few samples and are left out",) if not whole.all() else ()
+    payload = payload[starts]
     return Poses(angles[whole], means[whole], spreads[whole], count[whole], approach[whole], payload[whole], notes)
-
-
-def _known_approach(columns: Mapping[str, Float], q: Float, rows: NDArray[np.intp]) -> Float:
-    unknown = np.full(len(q), np.nan)
-    return np.column_stack([(q[:, i] - columns.get(f"q_from_{i + 1}", unknown))[rows] for i in range(q.shape[1])])
 
 
 def _mean(values: Float, starts: NDArray[np.intp], count: NDArray[np.intp]) -> tuple[Float, Float]:
@@ -163,35 +147,19 @@ def _mean(values: Float, starts: NDArray[np.intp], count: NDArray[np.intp]) -> t
     return mean, np.sqrt(np.where(each > 1, square / np.maximum(each - 1, 1), np.nan))
 
 
-def _joints(columns: Mapping[str, Float], quantity: str, robot: RobotDescription, path: Path) -> Float:
-    found = [channel_of(f"joint_{i + 1}.{quantity}", columns, path) for i in range(len(robot.joints))]
-    if any(column is None for column in found):
-        missing = next(i for i, column in enumerate(found) if column is None)
-        there = ", ".join(list(columns)[:12])
-        raise RecordingError(f"{path}: no {quantity} of joint {missing + 1}; there are: {there}")
-    return np.column_stack([column for column in found if column is not None])
-
-
-def _torque(columns: Mapping[str, Float], robot: RobotDescription, path: Path) -> tuple[Float, Float]:
+def _torque(table: Table, robot: RobotDescription) -> tuple[Float, Float]:
     """Torques (N, n) Nm from Nm, or from shares of the rated torques; and what one of their unit is, (n,) Nm."""
-    joints = range(1, len(robot.joints) + 1)
-    for pattern, share in (
-        (r"torque_percent_{}", 0.01),
-        (r"torque_ratio_{}", 1.0),
-        (r"(.+\.)?joint_{}\.torque_ratio", 1.0),
-    ):
-        names = [next((c for c in columns if re.fullmatch(pattern.format(i), c)), None) for i in joints]
-        if all(name is not None for name in names):
-            rated = np.array([joint.rated_torque for joint in robot.joints])
-            if not rated.all():
-                without = robot.joints[int(np.argmin(rated))].name
-                raise RecordingError(
-                    f"{path}: {names[0]} is a share of the rated torque: write rated_torque (Nm at the joint for "
-                    f"100 %) of {without} into robot.yaml"
-                )
-            unit = share * rated
-            return unit * np.column_stack([columns[name] for name in names if name is not None]), unit
-    return _joints(columns, "torque", robot, path), np.ones(len(robot.joints))
+    joints = len(robot.joints)
+    share = table.joints("torque_ratio")
+    if share is None or share.shape[1] < joints:
+        return table.needed("torque", joints), np.ones(joints)
+    rated = np.array([joint.rated_torque for joint in robot.joints])
+    if not rated.all():
+        raise RecordingError(
+            f"{table.path}: {table.joint_names('torque_ratio')[0]} is a share of the rated torque: write rated_torque "
+            f"(Nm at the joint for 100 %) of {robot.joints[int(np.argmin(rated))].name} into robot.yaml"
+        )
+    return rated * share[:, :joints], rated
 
 
 def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
@@ -210,11 +178,3 @@ def _joined(parts: Sequence[Poses], paths: Sequence[Path]) -> Poses:
         where = ", ".join(map(str, paths))
         raise RecordingError(f"{where}: {len(whole)} poses; a training needs {FEWEST}, and 40 for a good model")
     return whole
-
-
-def _is_number(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
-
-
-def _numbers(column: pa.ChunkedArray) -> Float:
-    return np.asarray(column.cast(pa.float64()).to_numpy(), np.float64)

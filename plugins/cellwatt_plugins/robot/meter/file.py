@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.emulation.signals import load_signals
 from cellwatt.errors import RecordingError
+from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion
 from cellwatt_plugins.robot.meter.model import Readings
@@ -40,7 +40,7 @@ def with_meters(recordings: Sequence[Path], meters: Sequence[Path]) -> list[tupl
 def power_beside(path: Path, time: Float, position: Float) -> Float:
     """Power (N,) W in the rows of a recording, each value of the meter's file held from when it came to the next.
 
-    ``path`` has columns t (s) and power (W); ``time`` (N,) s and ``position`` (N, n) rad are the recording's. The
+    ``path`` is a table with time and power; ``time`` (N,) s and ``position`` (N, n) rad are the recording's. The
     clocks may differ by up to ``FURTHEST`` s: the motion tells by how much. Raises ``RecordingError``.
     """
     readings = _read(path, float(np.median(np.diff(time))))
@@ -64,14 +64,14 @@ def power_beside(path: Path, time: Float, position: Float) -> Float:
 
 def _read(path: Path, step: float) -> Readings:
     """The values of a meter's file; where it is nearly as fast as ``step`` s, means over some rows."""
-    signals = load_signals(path)
-    if "power" not in signals.columns:
-        raise RecordingError(f"{path}: no column power (W); there are: t, {', '.join(list(signals.columns)[:8])}")
-    time, power = signals.time, signals.columns["power"]
+    table = read_table(path)
+    time, power = table.rising_time(), table.whole("supply.power")
+    if power is None:
+        raise table.lacks("power")
     known = np.isfinite(power)
     time, power = time[known], power[known]
     if len(time) < 2:
-        raise RecordingError(f"{path}: column power holds no numbers")
+        raise RecordingError(f"{path}: the power holds no numbers")
     interval = float(np.median(np.diff(time)))
     count = max(1, -(-round(1e6 * ROWS * step) // max(1, round(1e6 * interval))))
     rows = len(time) // count

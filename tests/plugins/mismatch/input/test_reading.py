@@ -384,7 +384,7 @@ TEXT = np.array(["12.0", "ERR"] * 500)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (without("t"), "no column t, timestamp, time for the time; there are: q_1, q_2"),
+        (without("t"), "no column t, timestamp or time for the time; there are: q_1, q_2"),
         (without(*Q), "no position: expected q_1, q_2, … or target_q_1, target_q_2, …; there are: qd_1"),
         (without(*TAU), "no torque: expected tau_1, tau_2, … or current_1, current_2, …; there are: q_1"),
         (without("tau_4"), "no column tau_4; there are tau_1, tau_2, tau_3, tau_5, tau_6"),
@@ -394,7 +394,7 @@ TEXT = np.array(["12.0", "ERR"] * 500)
         (changed(t=lambda c: c["t"] % 4.0), "the time goes back from 3.992 to 0.000 s in row 501"),
         (changed(t=lambda c: 1000 * c["t"]), "rises by 8 from row to row, in whole numbers: is it in milliseconds"),
         (changed(t=lambda c: np.arange(1000.0)), "the time rises by 1 from row to row"),
-        (changed(tau_2=lambda c: TEXT), "column tau_2 holds text, first 'ERR', not numbers"),
+        (changed(tau_2=lambda c: TEXT), "column tau_2 holds text, first 'ERR' in row 2, expected numbers"),
     ],
 )
 def test_what_is_wrong_with_a_table_is_said_in_one_line(tmp_path, arm, change, message):
@@ -415,7 +415,7 @@ def test_few_repeated_rows_are_left_out(tmp_path, arm):
     ("text", "message"),
     [
         (b"", "cannot be read as a table"),
-        (b"t,q_1\n0.0,1\n0.1\n", "Expected 2 columns, got 1"),
+        (b"t,q_1\n0.0,1\n0.1\n", "line 3 has 1 cells, expected 2"),
         (b"0.62,0.0,-1.57\n0.63,0.0,-1.57\n", "no names in its first row"),
         (b"t,q_1,q_1\n0.62,0.0,-1.57\n", "two columns are called 'q_1'"),
         (b"\x00\x01\xff\xfe" * 40, "a.csv: "),

@@ -95,9 +95,9 @@ def test_files_follow_each_other_and_a_payload_must_be_in_all(tmp_path):
 @pytest.mark.parametrize(
     ("gone", "said"),
     [
-        (["t"], "no column t for the time"),
-        (["q_2"], "no column of q_1 … q_2"),
-        (["power", "current_1", "current_2"], "no column of power, nor of current_1 …"),
+        (["t"], "no column t, timestamp or time for the time"),
+        (["q_2"], "no column q_2; there are: "),
+        (["power", "current_1", "current_2"], "no column power, nor of current_1 …"),
     ],
 )
 def test_what_is_missing_is_said(tmp_path, gone, said):

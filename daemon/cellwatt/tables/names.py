@@ -1,0 +1,147 @@
+"""The dialect of tables: which quantity of which joint a column's name stands for, and in which unit.
+
+Three families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
+(``actual_q_0``, ``target_qd_0``) and the channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and
+the blank or ``_`` before a number do not matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may
+follow: ``q_1 [deg]``, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI unit of the quantity.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+JOINT: Final[Mapping[str, tuple[str, ...]]] = {
+    "position": ("q", "actual_q", "position"),
+    "velocity": ("qd", "actual_qd", "velocity"),
+    "acceleration": ("qdd", "acceleration"),
+    "torque": ("tau", "torque", "actual_current_as_torque"),
+    "torque_ratio": ("torque_percent", "torque_ratio"),
+    "torque_spread": ("torque_spread",),
+    "current": ("current", "actual_current"),
+    "temperature": ("temperature", "joint_temperatures"),
+    "target_position": ("target_q", "target_position"),
+    "target_velocity": ("target_qd", "target_velocity"),
+    "target_acceleration": ("target_qdd", "target_acceleration"),
+    "came_from": ("q_from", "came_from"),
+}
+"""Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
+WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
+    "time": ("t", "timestamp", "time", "utc"),
+    "supply.power": ("power", "supply_power"),
+    "bus.power": ("bus_power",),
+    "tool.payload": ("payload",),
+}
+"""Names of what belongs to no joint, likewise; those with a dot may have a source before them."""
+
+_STEMS: Final = {**JOINT, **WHOLE}
+_ANGLE: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180}
+_PER_SECOND: Final = {f"{unit}/s": factor for unit, factor in _ANGLE.items()}
+_PER_SQUARE: Final = {f"{unit}/s^2": factor for unit, factor in _ANGLE.items()}
+_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "position": _ANGLE,
+    "velocity": _PER_SECOND,
+    "acceleration": _PER_SQUARE,
+    "torque": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3},
+    "torque_ratio": {"1": 1.0, "%": 0.01, "percent": 0.01},
+    "torque_spread": {"Nm": 1.0, "1": 1.0},
+    "current": {"A": 1.0, "mA": 1e-3},
+    "temperature": {"degC": 1.0, "C": 1.0, "°C": 1.0, "K": 1.0},
+    "target_position": _ANGLE,
+    "target_velocity": _PER_SECOND,
+    "target_acceleration": _PER_SQUARE,
+    "came_from": _ANGLE,
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "supply.power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "bus.power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "tool.payload": {"kg": 1.0, "g": 1e-3},
+}
+"""Units of each quantity, and what they are in its SI unit, the first."""
+_ZERO: Final = {"K": -273.15}
+"""What is added to a value in this unit."""
+
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
+_CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
+_NUMBERED = re.compile(r"(?P<stem>[a-z_]*[a-z])_?(?P<number>\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A column's name taken apart."""
+
+    quantity: str
+    """A key of ``JOINT`` or ``WHOLE``."""
+    family: str
+    """What columns that are numbered together share: the stem, or the source and a dot."""
+    number: int | None
+    """The joint's, as written; None where the quantity belongs to none."""
+    unit: str | None
+    """As written, None where none is."""
+
+    @property
+    def rank(self) -> int:
+        """Place among the names of its quantity; channels of a source come last."""
+        stems = _STEMS[self.quantity]
+        return stems.index(self.family) if self.family in stems else len(stems)
+
+
+def understood(written: str) -> Name | None:
+    """Take a column's name apart; None where it is none of the dialect."""
+    if (match := _BRACKETS.fullmatch(written.strip())) is not None:
+        return _named(match["name"], match["unit"] or None)
+    return _named(written.strip(), None) or next(_with_ending(written.strip()), None)
+
+
+def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
+    """Factor and summand that bring a value in ``unit`` to the SI unit of its quantity; None where it has no such unit.
+
+    Capitals do not matter: no two units of a quantity differ by them alone.
+    """
+    if unit is None:
+        return 1.0, 0.0
+    plain = unit.replace(" ", "").replace("·", "").replace("²", "^2").replace("**2", "^2").replace("s2", "s^2")
+    known = {each.casefold(): each for each in _UNITS[quantity]}
+    found = plain if plain in _UNITS[quantity] else known.get(plain.casefold())
+    return None if found is None else (_UNITS[quantity][found], _ZERO.get(found, 0.0))
+
+
+def units_of(quantity: str) -> tuple[str, ...]:
+    """Units that a quantity may be written in, the SI unit first."""
+    return tuple(_UNITS[quantity])
+
+
+def usual(quantity: str, joint: int | None = None) -> str:
+    """The name under which messages ask for a quantity: ``q_3``, ``power``."""
+    stem = _STEMS[quantity][0]
+    return stem if joint is None else f"{stem}_{joint}"
+
+
+def _named(text: str, unit: str | None) -> Name | None:
+    name = text.casefold().replace(" ", "_")
+    for quantity in WHOLE:
+        if "." in quantity and (name == quantity or name.endswith(f".{quantity}")):
+            return Name(quantity, name.removesuffix(quantity), None, unit)
+        if name in WHOLE[quantity]:
+            return Name(quantity, name, None, unit)
+    if (match := _CHANNEL.fullmatch(name)) is not None:
+        family = f"{match['source'] or ''}."
+    elif (match := _NUMBERED.fullmatch(name)) is not None:
+        family = match["stem"]
+    else:
+        return None
+    stem, number = match["stem"], int(match["number"])
+    found = (quantity for quantity, stems in JOINT.items() if stem in stems)
+    return next((Name(q, family, number, unit or ("%" if stem == "torque_percent" else None)) for q in found), None)
+
+
+def _with_ending(text: str) -> Iterator[Name]:
+    """The name before each unit that ``text`` may end with: ``q_1_deg``, ``velocity_2_deg_s``."""
+    for units in _UNITS.values():
+        for unit in units:
+            ending = "_" + unit.replace("/", "_").replace("^", "")
+            name = _named(text[: -len(ending)], unit) if text.casefold().endswith(ending.casefold()) else None
+            if name is not None and unit in _UNITS[name.quantity]:
+                yield name

@@ -1,0 +1,190 @@
+"""A file as a table: its columns by name, and by what they stand for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.config.wording import did_you_mean
+from cellwatt.errors import RecordingError
+from cellwatt.tables.names import Name, scale, understood, units_of, usual
+
+Float = NDArray[np.float64]
+
+MOST_NAMES: Final = 12
+"""Columns that a message lists."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """N rows of a file. Columns that the dialect knows are given in SI units, all others as they stand there."""
+
+    path: Path
+    columns: Mapping[str, Float]
+    """(N,) each as it stands in the file, by its own name; NaN where a cell is empty."""
+    text: Mapping[str, str] = field(default_factory=dict)
+    """Columns that hold something else than numbers: where the first such cell is, and what it holds."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Units that the file states beside the names, by column."""
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns beside the time."""
+        return tuple(name for name in (*self.columns, *self.text) if name != self.clock)
+
+    @cached_property
+    def clock(self) -> str | None:
+        """Name of the time column, None where there is none."""
+        return self._whole("time")
+
+    @cached_property
+    def time(self) -> Float:
+        """Time (N,) s, as the file counts it. Raises ``RecordingError`` where there is none."""
+        if self.clock is None:
+            raise RecordingError(f"{self.path}: no column t, timestamp or time for the time; {self.there()}")
+        return self._values(self.clock)
+
+    def rising_time(self, least: int = 2) -> Float:
+        """``time``. Raises ``RecordingError`` where it has fewer than ``least`` rows or does not rise in each."""
+        time = self.time
+        if len(time) < least:
+            raise RecordingError(f"{self.path}: {len(time)} rows, expected at least {least}")
+        if not np.all(rises := np.diff(time) > 0):
+            row = int(np.argmin(rises))
+            raise RecordingError(
+                f"{self.path}: column {self.clock} does not rise from {time[row]:g} to {time[row + 1]:g} s "
+                f"in row {row + 2}"
+            )
+        return time
+
+    def joints(self, quantity: str) -> Float | None:
+        """A quantity of ``JOINT`` of all n joints that the file has, (N, n) in its SI unit; None where it has none.
+
+        Raises ``RecordingError`` where a joint between them is missing, several sources give the quantity, a unit is
+        not known, or a column holds text.
+        """
+        names = self.joint_names(quantity)
+        return np.column_stack([self._values(name) for name in names]) if names else None
+
+    def joint_names(self, quantity: str) -> tuple[str, ...]:
+        """Names of the columns of ``joints``, in the order of the joints."""
+        family = self._family(quantity)
+        if not family:
+            return ()
+        numbers = range(_first(family), max(family) + 1)
+        if missing := [number for number in numbers if number not in family]:
+            gone = ", ".join(re.sub(r"\d+(?=\D*$)", str(number), family[max(family)]) for number in missing)
+            there = listed([family[number] for number in sorted(family)])
+            raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
+        return tuple(family[number] for number in numbers)
+
+    def needed(self, quantity: str, joints: int) -> Float:
+        """``joints`` of the first n joints, (N, n). Raises ``RecordingError`` where one is missing."""
+        found = self.joints(quantity)
+        if found is None or found.shape[1] < joints:
+            first = usual(quantity, 1 if found is None else found.shape[1] + 1)
+            raise self.lacks(first if first == usual(quantity, joints) else f"{first} … {usual(quantity, joints)}")
+        return found[:, :joints]
+
+    def whole(self, quantity: str) -> Float | None:
+        """A quantity of ``WHOLE`` (N,) in its SI unit, None where the file has none. Raises ``RecordingError``."""
+        name = self._whole(quantity)
+        return None if name is None else self._values(name)
+
+    def channel(self, name: str) -> Float | None:
+        """Column (N,) of a cell's channel, under its own name, with a source before it, or as tables name it.
+
+        None where there is none. Raises ``RecordingError`` where several sources give it.
+        """
+        if name in self.columns:
+            return self._values(name)
+        if (asked := understood(name)) is not None:
+            if asked.number is None:
+                return self.whole(asked.quantity)
+            family = self._family(asked.quantity)
+            number = asked.number - 1 + _first(family)
+            return self._values(family[number]) if number in family else None
+        found = [each for each in self.columns if each.endswith(f".{name}")]
+        if len(found) > 1:
+            raise self._several(name, found)
+        return self._values(found[0]) if found else None
+
+    def lacks(self, wanted: str) -> RecordingError:
+        """What to raise where a column is missing: names the nearest that is not understood, and what there is."""
+        strange = [name for name in self.names if understood(name) is None]
+        near = did_you_mean(re.split(r"[ ,]", wanted)[0], strange)
+        return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}")
+
+    def there(self) -> str:
+        """The columns for a message."""
+        return f"there are: {listed(tuple(self.columns) + tuple(self.text)) or 'none'}"
+
+    @cached_property
+    def _found(self) -> Mapping[str, Mapping[str, Mapping[int, str]]]:
+        """Columns by quantity, family and joint number, 0 for what belongs to no joint."""
+        out: dict[str, dict[str, dict[int, str]]] = {}
+        for written, name in self._understood.items():
+            family = out.setdefault(name.quantity, {}).setdefault(name.family, {})
+            if (other := family.setdefault(name.number or 0, written)) != written:
+                raise RecordingError(f"{self.path}: two columns are called {other!r} and {written!r}: keep one")
+        return out
+
+    @cached_property
+    def _understood(self) -> Mapping[str, Name]:
+        names = {name: understood(name) for name in (*self.columns, *self.text)}
+        return {written: name for written, name in names.items() if name is not None}
+
+    def _family(self, quantity: str) -> Mapping[int, str]:
+        """The columns of the preferred family of a quantity, by joint number."""
+        families = self._found.get(quantity, {})
+        if not families:
+            return {}
+        ranked = sorted(families.values(), key=lambda each: self._understood[next(iter(each.values()))].rank)
+        first = [self._understood[next(iter(each.values()))].rank for each in ranked[:2]]
+        if len(first) > 1 and first[0] == first[1]:
+            raise self._several(quantity, [next(iter(each.values())) for each in ranked])
+        return ranked[0]
+
+    def _whole(self, quantity: str) -> str | None:
+        return self._family(quantity).get(0)
+
+    def _several(self, wanted: str, found: list[str]) -> RecordingError:
+        return RecordingError(
+            f"{self.path}: several sources give {wanted} ({listed(found)}): keep the columns of one arm"
+        )
+
+    def _values(self, name: str) -> Float:
+        if name in self.text:
+            raise RecordingError(f"{self.path}: column {name} holds text, {self.text[name]}, expected numbers")
+        known = self._understood.get(name)
+        if known is None:
+            return self.columns[name]
+        unit = known.unit or self.units.get(name)
+        scaled = scale(known.quantity, unit)
+        if scaled is None:
+            units = units_of(known.quantity)
+            raise RecordingError(
+                f"{self.path}: column {name}: unknown unit {unit!r}{did_you_mean(unit, units)} "
+                f"(expected {', '.join(units)})"
+            )
+        values, (factor, offset) = self.columns[name], scaled
+        return values if scaled == (1.0, 0.0) else values * factor + offset
+
+
+def listed(names: tuple[str, ...] | list[str], most: int = MOST_NAMES) -> str:
+    """Names for a message, cut where they are many."""
+    return ", ".join(names[:most]) + (" …" if len(names) > most else "")
+
+
+def _first(family: Mapping[int, str]) -> int:
+    return min(1, *family) if family else 1

@@ -1,0 +1,211 @@
+"""The one reader of tables: its names, units and files, and what it says of files that are none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt.tables import Table, read_table, write_table
+
+ONE = np.ones(3)
+
+
+def table(**columns: object) -> Table:
+    return Table(Path("a.csv"), {name: np.asarray(values, np.float64) for name, values in columns.items()})
+
+
+@pytest.mark.parametrize(
+    ("names", "quantity"),
+    [
+        (("q_1", "q_2"), "position"),
+        (("q1", "q2"), "position"),
+        (("Q_1", "Q 2"), "position"),
+        (("q_0", "q_1"), "position"),
+        (("actual_q_0", "actual_q_1"), "position"),
+        (("position_1", "position_2"), "position"),
+        (("joint_1.position", "joint_2.position"), "position"),
+        (("arm.joint_1.position", "arm.joint_2.position"), "position"),
+        (("joint_1_velocity", "joint_2_velocity"), "velocity"),
+        (("actual_qd_0", "actual_qd_1"), "velocity"),
+        (("qdd_1", "qdd_2"), "acceleration"),
+        (("tau_1", "tau_2"), "torque"),
+        (("torque_1", "torque_2"), "torque"),
+        (("actual_current_as_torque_0", "actual_current_as_torque_1"), "torque"),
+        (("torque_ratio_1", "torque_ratio_2"), "torque_ratio"),
+        (("actual_current_0", "actual_current_1"), "current"),
+        (("joint_temperatures_0", "joint_temperatures_1"), "temperature"),
+        (("target_q_0", "target_q_1"), "target_position"),
+        (("target_qd_1", "target_qd_2"), "target_velocity"),
+        (("arm.joint_1.target_acceleration", "arm.joint_2.target_acceleration"), "target_acceleration"),
+        (("q_from_1", "q_from_2"), "came_from"),
+    ],
+)
+def test_names_of_a_joints_quantity(names: tuple[str, str], quantity: str) -> None:
+    found = table(**{names[1]: 2 * ONE, names[0]: ONE, "move": ONE})
+    np.testing.assert_array_equal(found.joints(quantity), np.column_stack([ONE, 2 * ONE]))
+    np.testing.assert_array_equal(found.channel(f"joint_2.{quantity}"), 2 * ONE)
+    assert found.channel(f"joint_3.{quantity}") is None
+
+
+@pytest.mark.parametrize("name", ["power", "Power", "supply.power", "meter.supply.power", "supply_power", "power [W]"])
+def test_names_of_the_supplys_power(name: str) -> None:
+    assert table(**{name: ONE}).whole("supply.power") is not None
+    assert table(**{name: ONE}).channel("supply.power") is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "value"),
+    [
+        ("q_1 [deg]", "position", np.pi / 180),
+        ("q_1(mrad)", "position", 1e-3),
+        ("q_1_deg", "position", np.pi / 180),
+        ("joint_1.position [°]", "position", np.pi / 180),
+        ("qd_1 [deg/s]", "velocity", np.pi / 180),
+        ("velocity_1_deg_s", "velocity", np.pi / 180),
+        ("qdd_1 [rad/s²]", "acceleration", 1.0),
+        ("tau_1 (N m)", "torque", 1.0),
+        ("tau_1_nm", "torque", 1.0),
+        ("torque_1 [mNm]", "torque", 1e-3),
+        ("torque_percent_1", "torque_ratio", 0.01),
+        ("torque_ratio_1 [%]", "torque_ratio", 0.01),
+        ("current_1 [mA]", "current", 1e-3),
+        ("temperature_1 [°C]", "temperature", 1.0),
+        ("temperature_1 [K]", "temperature", -272.15),
+    ],
+)
+def test_units_of_a_joints_quantity(name: str, quantity: str, value: float) -> None:
+    found = table(**{name: [1.0]}).joints(quantity)
+    assert found is not None
+    assert found[0, 0] == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [("t", 1.0), ("time [s]", 1.0), ("time_ms", 1e-3), ("timestamp (us)", 1e-6), ("utc_ns", 1e-9), ("T [µs]", 1e-6)],
+)
+def test_units_of_time(name: str, seconds: float) -> None:
+    found = table(**{name: [0.0, 4e9], "q_1": [0, 1]})
+    assert found.rising_time() == pytest.approx([0.0, 4e9 * seconds])
+    assert found.names == ("q_1",)
+
+
+def test_units_of_power_and_payload() -> None:
+    found = table(**{"power_kW": [0.25], "payload [g]": [500.0]})
+    assert found.whole("supply.power") == pytest.approx([250.0])
+    assert found.whole("tool.payload") == pytest.approx([0.5])
+
+
+def test_a_unit_beside_the_name_counts_where_the_name_has_none(tmp_path: Path) -> None:
+    fields = [pa.field("t", pa.float64()), pa.field("q_1", pa.float64(), metadata={"unit": "deg"})]
+    pq.write_table(pa.table([[0.0, 1.0], [90.0, 180.0]], schema=pa.schema(fields)), tmp_path / "a.parquet")
+    np.testing.assert_allclose(read_table(tmp_path / "a.parquet").joints("position"), [[np.pi / 2], [np.pi]])
+
+
+def test_of_several_names_the_preferred_one_counts() -> None:
+    found = table(actual_q_0=ONE, q_1=3 * ONE, **{"arm.joint_1.position": 2 * ONE}, timestamp=ONE, t=5 * ONE)
+    np.testing.assert_array_equal(found.joints("position"), 3 * ONE[:, None])
+    np.testing.assert_array_equal(found.time, 5 * ONE)
+
+
+def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
+    found = table(**{"board.fan.speed": ONE, "move": 2 * ONE})
+    np.testing.assert_array_equal(found.channel("fan.speed"), ONE)
+    np.testing.assert_array_equal(found.channel("move"), 2 * ONE)
+    assert found.channel("fan") is None
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"left.joint_1.position": ONE, "right.joint_1.position": ONE}, "several sources give position (left.joint_1."),
+        ({"q_1": ONE, "q1": ONE}, "two columns are called 'q_1' and 'q1': keep one"),
+        ({"q_1": ONE, "q_4": ONE}, "no column q_2, q_3; there are q_1, q_4"),
+        (
+            {"q_1 [grad]": ONE},
+            "column q_1 [grad]: unknown unit 'grad'; did you mean 'rad'? (expected rad, mrad, deg, °)",
+        ),
+        ({"q_1 [Nm]": ONE}, "column q_1 [Nm]: unknown unit 'Nm' (expected rad, mrad, deg, °)"),
+        ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1, t"),
+    ],
+)
+def test_what_is_wrong_with_the_columns_is_said(columns: dict[str, object], message: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        table(**columns).needed("position", 1)
+    assert str(caught.value) == f"a.csv: {message}" or str(caught.value).startswith(f"a.csv: {message}")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"", "cannot be read as a table"),
+        (b"t,\xefq\n0,1\n", "cannot be read as a table"),
+        (b"t,q_1\n", "has no rows"),
+        (b"t,power,t\n0,1,2\n", "two columns are called 't'"),
+        (b"0.62,0.0\n0.63,0.0\n", "no names in its first row"),
+        (b"t;q_1\n0;1\n\n1;2;3\n", "cannot be read as a table: line 4 has 3 cells, expected 2 as in the header"),
+        (b"q_1\n1\n", "no column t, timestamp or time for the time; there are: q_1"),
+        (b"t,q_1\n0,1\n1,1\n1,2\n", "column t does not rise from 1 to 1 s in row 3"),
+        (b"t,q_1\n\n0,1\n1,ERR\n", "column q_1 holds text, first 'ERR' in line 4, expected numbers"),
+        (b"noon,q_1\n0,1\n1,2\n", "no column t, timestamp or time"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_in_one_line(tmp_path: Path, text: bytes, message: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(text)
+    with pytest.raises(RecordingError) as caught:
+        found = read_table(path)
+        found.rising_time()
+        found.joints("position")
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"a\.csv: cannot be read: No such file"):
+        read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,q_1\n0.5,1\n1.5,2.5\n",
+        "t;q_1\r\n0,5;1\r\n1,5;2,5\r\n",
+        "\ufefft\tq_1\n0.5\t1\n1.5\t2.5\n",
+        " t   q_1\n0.5  1 \n 1.5 2.5\n",
+        "t,q_1\r0.5,1\r1.5,2.5\r",
+    ],
+)
+def test_files_of_several_makes(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(text, newline="")
+    found = read_table(path)
+    np.testing.assert_array_equal(found.time, [0.5, 1.5])
+    np.testing.assert_array_equal(found.joints("position"), [[1.0], [2.5]])
+
+
+def test_whole_numbers_may_turn_into_fractions_late_in_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    count = 200_000
+    path.write_text("t,power\n" + "".join(f"{i},90\n" for i in range(count)) + f"{count},90.5\n")
+    assert path.stat().st_size > 1 << 20
+    power = read_table(path).whole("supply.power")
+    assert power is not None
+    assert power[-1] == 90.5
+
+
+@pytest.mark.parametrize("name", ["out/a.csv", "out/a.parquet"])
+def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
+    columns = {"t": np.array([0.0, 0.1]), "move": np.array([1, 2]), "power": np.array([90.0, np.pi])}
+    write_table(tmp_path / name, columns)
+    found = read_table(tmp_path / name)
+    assert {key: values.tolist() for key, values in found.columns.items()} == {
+        k: v.tolist() for k, v in columns.items()
+    }
+    (tmp_path / "file").touch()
+    with pytest.raises(RecordingError, match="cannot be written"):
+        write_table(tmp_path / "file" / "a.csv", columns)
