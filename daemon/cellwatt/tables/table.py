@@ -127,7 +127,7 @@ class Table:
 
     def there(self) -> str:
         """The columns for a message."""
-        return f"there are: {listed(tuple(self.columns) + tuple(self.text)) or 'none'}"
+        return f"there are: {listed(self.names) or 'none'}"
 
     @cached_property
     def _found(self) -> Mapping[str, Mapping[str, Mapping[int, str]]]:

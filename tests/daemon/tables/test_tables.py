@@ -130,7 +130,7 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
             "column q_1 [grad]: unknown unit 'grad'; did you mean 'rad'? (expected rad, mrad, deg, °)",
         ),
         ({"q_1 [Nm]": ONE}, "column q_1 [Nm]: unknown unit 'Nm' (expected rad, mrad, deg, °)"),
-        ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1, t"),
+        ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1"),
     ],
 )
 def test_what_is_wrong_with_the_columns_is_said(columns: dict[str, object], message: str) -> None:

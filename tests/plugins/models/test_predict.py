@@ -88,9 +88,7 @@ def test_another_rate_or_a_missing_column_is_refused(tmp_path):
         said(tmp_path, source)
     del table["power"]
     source = save(tmp_path, Mlp.random(1, inputs=3, outputs=2), table)
-    with pytest.raises(
-        RecordingError, match=r"input 3 of 3 of the model, 'supply.power' in W; there are: t, move, q_1"
-    ):
+    with pytest.raises(RecordingError, match=r"input 3 of 3 of the model, 'supply.power' in W; there are: move, q_1"):
         said(tmp_path, source)
 
 

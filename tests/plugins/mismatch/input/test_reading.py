@@ -205,7 +205,7 @@ async def test_a_source_that_was_away_leaves_a_gap(tmp_path, arm):
 
 async def test_two_arms_are_not_guessed_between(tmp_path, arm):
     await recorded_by_cellwatt(tmp_path, times(rate=50.0), sources=("left", "right"))
-    assert "several sources give joint_1.position (left, right)" in refused(tmp_path, arm)
+    assert "several sources give position (left.joint_1.position, right.joint_1.position)" in refused(tmp_path, arm)
 
 
 def test_currents_need_torque_constants(tmp_path):
