@@ -1,7 +1,20 @@
 """cellwatt: aligned, named data with units from robot cells, and alarms about them.
 
-This module is the whole public interface for drivers, stages and sinks, in this repository or outside it.
+    import cellwatt as cw
+
+    table = cw.open("/var/lib/cellwatt/weld-3").frame()
+
+This is the whole public interface, for drivers, stages and sinks, here or in another repository, and for programs that
+use the data. ``Recording``, ``Subscriber`` and the names that packages register under ``cellwatt.api`` (``explain``,
+``Arm`` …) are imported when they are first used, so that ``import cellwatt`` stays light.
 """
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from importlib import import_module
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
 from cellwatt.account import Account
 from cellwatt.alarms import AlarmBook, Patience
@@ -25,7 +38,12 @@ from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result,
 from cellwatt.sink import CellView, Sink, SinkSettings
 from cellwatt.stage import CellInfo, Stage, StageSettings
 
+if TYPE_CHECKING:
+    from cellwatt.record import Recording
+    from cellwatt.subscriber import LinkSettings, Subscriber
+
 __version__ = "0.1.0"
+_LATER = {"LinkSettings": "cellwatt.subscriber", "Recording": "cellwatt.record", "Subscriber": "cellwatt.subscriber"}
 
 __all__ = [
     "Account",
@@ -47,6 +65,7 @@ __all__ = [
     "Identity",
     "Interval",
     "Layout",
+    "LinkSettings",
     "ModelError",
     "Outlet",
     "Patience",
@@ -54,6 +73,7 @@ __all__ = [
     "ProtocolError",
     "Quality",
     "Reading",
+    "Recording",
     "RecordingError",
     "Result",
     "Sink",
@@ -64,7 +84,38 @@ __all__ = [
     "Stage",
     "StageSettings",
     "Stream",
+    "Subscriber",
     "Task",
     "Tick",
     "WrongDeviceError",
+    "open",
 ]
+
+
+def open(recording: str | PathLike[str] | Iterable[str | PathLike[str]]) -> Recording:
+    """Open a recording: a file, several, or a folder, also one that is being written.
+
+    Raises ``RecordingError`` where there is no recording, or they are of several cells.
+    """
+    from cellwatt.record import Recording
+
+    return Recording.open(recording)
+
+
+def __getattr__(name: str) -> Any:
+    from cellwatt.registry import available, load
+
+    if name in _LATER:
+        value = getattr(import_module(_LATER[name]), name)
+    elif not name.startswith("_") and name in available("cellwatt.api"):
+        value = load("cellwatt.api", name)
+    else:
+        raise AttributeError(f"module 'cellwatt' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    from cellwatt.registry import available
+
+    return sorted({*__all__, "__version__", *available("cellwatt.api")})

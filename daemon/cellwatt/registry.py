@@ -1,4 +1,4 @@
-"""Finds drivers, stages, sinks and commands by entry point, in this repository and in any other package."""
+"""Finds drivers, stages, sinks, commands and public names by entry point, here and in any other package."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from cellwatt.driver import Driver
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.sink import Sink
 from cellwatt.stage import Stage
-
-GROUPS = ("cellwatt.drivers", "cellwatt.stages", "cellwatt.sinks", "cellwatt.commands")
 
 
 @cache
@@ -30,7 +28,8 @@ def available(group: str) -> dict[str, EntryPoint]:
 def load(group: str, name: str) -> Any:
     """Load the object behind an entry point.
 
-    Raises ``ConfigError`` with the nearest name if it is unknown, or with the reason if it cannot be imported.
+    Raises ``ConfigError`` with the nearest name if it is unknown, or with the reason if it cannot be imported: with the
+    extra to install if the entry point names one (``explain = "package.module:explain [explain]"``).
     """
     points = available(group)
     what = group.rsplit(".", 1)[1].removesuffix("s")
@@ -41,23 +40,27 @@ def load(group: str, name: str) -> Any:
     try:
         return points[name].load()
     except Exception as error:  # a package of somebody else's may fail in any way
+        point, called = points[name], f"cellwatt.{name}" if what == "api" else f"{what} {name!r}"
+        if isinstance(error, ModuleNotFoundError) and point.extras and point.dist:
+            extra = f"{point.dist.name}[{point.extras[0]}]"
+            raise ConfigError(f"{called} needs the package {error.name}: pip install '{extra}'") from error
         reason = " ".join(str(error).split())
-        raise ConfigError(f"{what} {name!r} cannot be loaded: {type(error).__name__}: {reason}") from error
+        raise ConfigError(f"{called} cannot be loaded: {type(error).__name__}: {reason}") from error
 
 
 def driver(name: str) -> type[Driver[Any]]:
-    """A driver class by name."""
+    """Load a driver class by name. Raises ``ConfigError`` as ``load``."""
     found: type[Driver[Any]] = load("cellwatt.drivers", name)
     return found
 
 
 def stage(name: str) -> type[Stage[Any]]:
-    """A stage class by name."""
+    """Load a stage class by name. Raises ``ConfigError`` as ``load``."""
     found: type[Stage[Any]] = load("cellwatt.stages", name)
     return found
 
 
 def sink(name: str) -> type[Sink[Any]]:
-    """A sink class by name."""
+    """Load a sink class by name. Raises ``ConfigError`` as ``load``."""
     found: type[Sink[Any]] = load("cellwatt.sinks", name)
     return found

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from copy import copy
 from io import FileIO
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Batch, Float, Nanoseconds, Qualities, Tick
+from cellwatt.batch import Batch, Tick
+from cellwatt.blocks import concatenate, cut
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
@@ -23,36 +25,22 @@ from cellwatt.record.container import RECORD, Chunk
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
-from cellwatt.record.messages import TOPICS, Health
+from cellwatt.record.messages import TOPICS, Health, time_of
 from cellwatt.record.rows import FrameRows, SampleRows
+from cellwatt.record.samples import Samples, join
 from cellwatt.record.scan import Damage, read_at
 from cellwatt.record.summary import Survey, survey
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 
+if TYPE_CHECKING:
+    from cellwatt.record.dataframe import Library
+
 RESULTS = (Interval, Task, Energy, Prediction, Alarm)
+Place = str | os.PathLike[str]
+EVER = 2**62
+"""Later than any time in a recording, UTC ns."""
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """All samples of one stream: arrays (n,) as in ``Batch``, ``values`` (n, channels).
-
-    ``sequence`` and ``arrival`` are given for each sample; sequence numbers begin anew with each session.
-    """
-
-    source: str
-    stream: Stream
-    sequence: NDArray[np.int64]
-    arrival: Nanoseconds
-    time: Nanoseconds
-    bound: Nanoseconds
-    values: Float
-    quality: Qualities
-    device_time: Nanoseconds | None
-
-    def __len__(self) -> int:
-        return len(self.time)
 
 
 class Recording:
@@ -61,7 +49,7 @@ class Recording:
     ``header`` is that of the first file; ``streams`` says what was recorded of each source; ``layout`` is
     that of the frames, ``None`` where there are none; ``start`` and ``end`` are the earliest and latest time
     in it, UTC ns. ``damage`` lists what could not be read; it grows as chunks are read. Damaged chunks are
-    passed over; the rest is exact.
+    passed over; the rest is exact. Files are open only while they are read.
     """
 
     def __init__(self, files: Sequence[Survey], damage: Iterable[Damage] = ()) -> None:
@@ -72,16 +60,17 @@ class Recording:
         self.start = min(f.contents.start for f in self._files)
         self.end = max(f.contents.end for f in self._files)
         self.streams = self._streams()
+        self._span: tuple[int, int] | None = None
         self.layout = next((t.rows.layout for t in self._all_tracks() if isinstance(t.rows, FrameRows)), None)
 
     @classmethod
-    def open(cls, source: Path | Iterable[Path]) -> Recording:
-        """A file, several, or all in a folder, in the order in which they were recorded.
+    def open(cls, source: Place | Iterable[Place]) -> Recording:
+        """Open a file, several, or all in a folder, in the order in which they were recorded.
 
         Files still open or left open are read up to their last whole chunk; copies of a file are read once.
         Raises ``RecordingError`` where there is no recording, or they are of several cells.
         """
-        given = [source] if isinstance(source, Path) else list(source)
+        given = [Path(p) for p in ([source] if isinstance(source, str | os.PathLike) else source)]
         paths = [p for path in given for p in (_in_folder(path) if path.is_dir() else [path])]
         if not paths:
             raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")
@@ -95,6 +84,24 @@ class Recording:
     def paths(self) -> tuple[Path, ...]:
         """The files, in order."""
         return tuple(f.path for f in self._files)
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of the sources with raw samples."""
+        return tuple(self.streams)
+
+    @property
+    def channels(self) -> dict[str, str]:
+        """Unit by channel (``source.channel``): of the frames, or of the raw streams where there are no frames."""
+        if self.layout is not None:
+            return {c.name: c.unit for c in self.layout.channels}
+        raw = ((source, c) for source, streams in self.streams.items() for s in streams for c in s.channels)
+        return {f"{source}.{c.name}": c.unit for source, c in raw}
+
+    @property
+    def times(self) -> NDArray[np.datetime64]:
+        """Times (n,) of the frames, UTC, as ``datetime64[ns]``; reads all frames."""
+        return np.concatenate([np.empty(0, np.int64), *(f.time for f in self.frames())]).view("datetime64[ns]")
 
     @property
     def counts(self) -> dict[str, int]:
@@ -130,18 +137,28 @@ class Recording:
             raise RecordingError("no frames in this recording; replay it to make them")
         if any(b.layout != self.layout for b in blocks):
             raise RecordingError("the layout of the frames changes within this recording: read its files one by one")
-        return Frames(
-            layout=self.layout,
-            sequence=blocks[0].sequence,
-            time=np.concatenate([b.time for b in blocks]),
-            values=np.concatenate([b.values for b in blocks]),
-            quality=np.concatenate([b.quality for b in blocks]),
-            bound=np.concatenate([b.bound for b in blocks]),
-        )
+        return concatenate(blocks)
 
-    def results(self) -> Iterator[Result]:
-        """Intervals, tasks, energies, predictions and alarms in the order of their recording."""
-        return self._of(RESULTS, lambda t: t.kind in RESULTS)
+    @overload
+    def results(self) -> Iterator[Result]: ...
+    @overload
+    def results(self, kind: type[T]) -> Iterator[T]: ...
+    def results(self, kind: type[Any] | None = None) -> Iterator[Any]:
+        """Intervals, tasks, energies, predictions and alarms, or only those of ``kind``, in recorded order."""
+        kinds = RESULTS if kind is None else (kind,)
+        return self._of(kinds, lambda t: t.kind in kinds)
+
+    def intervals(self) -> list[Interval]:
+        """All intervals that were closed."""
+        return [i for i in self.results(Interval) if i.closed]
+
+    def tasks(self) -> list[Task]:
+        """All tasks that were recognised."""
+        return list(self.results(Task))
+
+    def alarms(self) -> list[Alarm]:
+        """All messages of alarms: raised, updated and cleared."""
+        return list(self.results(Alarm))
 
     def events(self) -> Iterator[Event]:
         """What happened to sources and the daemon."""
@@ -151,21 +168,83 @@ class Recording:
         """The daemon's health as it was published."""
         return self._of((Health,), lambda t: t.topic == TOPICS[Health])
 
+    def within(self, start: float | None = None, end: float | None = None) -> Recording:
+        """The same recording from ``start`` to ``end`` alone, s since ``self.start``, both included.
+
+        ``streams``, ``counts``, ``start`` and ``end`` remain those of the whole.
+        """
+        out = copy(self)
+        first, last = (self.start + round(t * 1e9) if t is not None else None for t in (start, end))
+        out._span = (-EVER if first is None else first, EVER if last is None else last)
+        return out
+
+    def frame(
+        self,
+        start: float | None = None,
+        end: float | None = None,
+        channels: str | Sequence[str] | None = None,
+        *,
+        quality: bool = False,
+        library: Library | None = None,
+    ) -> Any:
+        """Frames as a data frame: ``t`` (s since ``self.start``), ``utc_ns``, one column a channel in its SI unit.
+
+        ``start`` and ``end`` as for ``within``. ``channels`` are names, short where only one source has them, or
+        patterns (``*.position``). ``quality`` adds ``<channel>.quality`` (0 good to 4 missing) and
+        ``<channel>.bound_ns``. ``library`` is ``pandas``, ``polars`` or ``arrow``; by default the first of them that
+        is installed. Units are in ``attrs["units"]`` (pandas) or in the fields' metadata (Arrow).
+
+        Raises ``RecordingError`` as ``frames_table``, ``ConfigError`` for a channel that there is not,
+        ``CellwattError`` where ``library`` is not installed.
+        """
+        # pyarrow is heavy, and the daemon's processes that read recordings need none of it.
+        from cellwatt.record.dataframe import data_frame, of_channels
+        from cellwatt.record.tables import frame_rows
+
+        frames = self.within(start, end).frames_table()
+        if channels is not None:
+            frames = of_channels(frames, [channels] if isinstance(channels, str) else channels)
+        return data_frame(frame_rows(frames, self.start, known=quality), self.header, self.start, library)
+
+    def raw(
+        self, stream: str, start: float | None = None, end: float | None = None, *, library: Library | None = None
+    ) -> Any:
+        """Samples of a stream (``source/stream``) as a data frame, with the columns of ``cellwatt export``.
+
+        ``start``, ``end`` and ``library`` as for ``frame``. Raises ``RecordingError`` where there is no such stream.
+        """
+        from cellwatt.record.dataframe import data_frame
+        from cellwatt.record.tables import sample_rows
+
+        samples = self.within(start, end).batches(*stream.partition("/")[::2])
+        return data_frame(sample_rows(samples, self.start), self.header, self.start, library)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing is open between two reads."""
+
     def _of(self, kinds: tuple[type[T], ...], wanted: Callable[[Track], bool]) -> Iterator[T]:
         for file, tracks in zip(self._files, self._tracks, strict=True):
             numbers = {number for number, track in tracks.items() if wanted(track)}
             if not numbers:
                 continue
             for item in self._read(file, tracks, numbers):
-                if isinstance(item, kinds):
-                    yield item
+                if not isinstance(item, kinds):
+                    continue
+                if (kept := item if self._span is None else _within(item, self._span)) is not None:
+                    yield kept
 
     def _read(self, file: Survey, tracks: dict[int, Track], wanted: set[int]) -> Iterator[Item]:
         """The wanted items of a file; a chunk is decoded as a whole, so that a damaged one gives nothing."""
-        chunks = file.contents.chunks or survey(file.path).contents.chunks
+        span, path = self._span, _by_now(file.path)
+        chunks = file.contents.chunks or survey(path).contents.chunks
         try:
-            with open_file(file.path) as opened:
+            with open_file(path) as opened:
                 for chunk in chunks:
+                    if span is not None and (chunk.start > span[1] or chunk.end < span[0]):
+                        continue
                     if chunk.indexes and not any(number in wanted for number, _ in chunk.indexes):
                         continue
                     try:
@@ -199,25 +278,21 @@ def chunk_data(file: FileIO, chunk: Chunk) -> bytes:
     return open_chunk(read_at(file, chunk.length, chunk.offset)[RECORD.size :]).data
 
 
-def join(source: str, stream: Stream, batches: Sequence[Batch]) -> Samples:
-    """Batches of one stream in one piece; device times only where every batch has them."""
-    times = [b.device_time for b in batches if b.device_time is not None]
-    no_time = np.empty(0, np.int64)
-    return Samples(
-        source=source,
-        stream=stream,
-        sequence=np.concatenate([no_time, *(np.arange(b.sequence, b.sequence + len(b)) for b in batches)]),
-        arrival=np.concatenate([no_time, *(np.full(len(b), b.arrival) for b in batches)]),
-        time=np.concatenate([no_time, *(b.time for b in batches)]),
-        bound=np.concatenate([no_time, *(b.bound for b in batches)]),
-        values=np.concatenate([np.empty((0, len(stream.channels))), *(b.values for b in batches)]),
-        quality=np.concatenate([np.empty(0, np.uint8), *(b.quality for b in batches)]),
-        device_time=np.concatenate(times) if times and len(times) == len(batches) else None,
-    )
+def _within(item: Any, span: tuple[int, int]) -> Any:
+    """An item, or those of its rows, whose time (UTC ns) is in ``span``; None where there are none."""
+    if not isinstance(item, Batch | Frames):
+        return item if span[0] <= time_of(item) <= span[1] else None
+    first, last = np.searchsorted(item.time, (span[0], span[1] + 1)).tolist()
+    return cut(item, first, last) if first < last else None
 
 
 def _in_folder(folder: Path) -> list[Path]:
     return sorted(p for p in folder.iterdir() if p.name.endswith((".mcap", f".mcap{PART}")))
+
+
+def _by_now(path: Path) -> Path:
+    """The file's name once its writer has closed it."""
+    return path if path.exists() else path.with_name(path.name.removesuffix(PART))
 
 
 def _survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
@@ -225,7 +300,7 @@ def _survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
     surveys, damage, errors = [], [], []
     for path in paths:
         try:
-            surveys.append(survey(path, chunks=False))
+            surveys.append(survey(_by_now(path), chunks=False))
         except RecordingError as error:
             errors.append(error)
             damage.append(Damage(path, 0, path.stat().st_size if path.exists() else 0, "nothing in it can be read"))

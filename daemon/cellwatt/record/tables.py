@@ -19,10 +19,51 @@ from cellwatt.channel import Channel
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames
 from cellwatt.record.header import Header
+from cellwatt.record.samples import Samples, join
 
 Format = Literal["parquet", "csv"]
+Channels = Sequence[Channel | FrameChannel]
 ROWS = 32768
 """Rows held back before they are written together."""
+_UNITS = {"t": "s", "utc_ns": "ns", "arrival_ns": "ns", "device_time_ns": "ns", "bound_ns": "ns"}
+
+
+def sample_rows(samples: Samples, start: int) -> pa.RecordBatch:
+    """Raw samples as rows: ``t`` s since ``start`` (UTC ns), ``utc_ns``, one column a channel, then what is known of
+    each sample: sequence, arrival, device time, bound and quality. Units are in the columns' metadata.
+    """
+    device_time = pa.nulls(len(samples), pa.int64()) if samples.device_time is None else samples.device_time
+    known = {
+        "sequence": samples.sequence,
+        "arrival_ns": samples.arrival,
+        "device_time_ns": device_time,
+        "bound_ns": samples.bound,
+        "quality": samples.quality,
+    }
+    return _rows(samples.time, samples.values, samples.stream.channels, start, known)
+
+
+def frame_rows(frames: Frames, start: int, *, known: bool = True) -> pa.RecordBatch:
+    """Frames as rows, as ``sample_rows``; ``known``: with sequence, and quality and bound of each channel."""
+    columns: dict[str, Any] = {}
+    if known:
+        columns["sequence"] = np.arange(frames.sequence, frames.sequence + len(frames))
+        for i, name in enumerate(frames.layout.names):
+            columns[f"{name}.quality"] = frames.quality[:, i]
+            columns[f"{name}.bound_ns"] = frames.bound[:, i]
+    return _rows(frames.time, frames.values, frames.layout.channels, start, columns)
+
+
+def _rows(time: Any, values: Any, channels: Channels, start: int, known: dict[str, Any]) -> pa.RecordBatch:
+    columns = {"t": (time - start) / 1e9, "utc_ns": time}
+    columns |= {channel.name: values[:, i] for i, channel in enumerate(channels)} | known
+    units = {channel.name: channel.unit for channel in channels} | _UNITS
+    arrays = [c if isinstance(c, pa.Array) else pa.array(np.ascontiguousarray(c)) for c in columns.values()]
+    fields = []
+    for name, array in zip(columns, arrays, strict=True):
+        unit = units.get(name) or ("ns" if name.endswith(".bound_ns") else None)
+        fields.append(pa.field(name, array.type, metadata={"unit": unit} if unit else None))
+    return pa.record_batch(arrays, schema=pa.schema(fields))
 
 
 class Table:
@@ -32,7 +73,7 @@ class Table:
     context manager. Raises ``RecordingError`` where the file cannot be written.
     """
 
-    def __init__(self, path: Path, channels: Sequence[Channel | FrameChannel], start: int, header: Header) -> None:
+    def __init__(self, path: Path, channels: Channels, start: int, header: Header) -> None:
         self.path = path
         self.rows = 0
         self._channels = channels
@@ -53,44 +94,17 @@ class Table:
 
     def add_batch(self, batch: Batch) -> None:
         """Append raw samples: with sequence, arrival, device time, bound and quality."""
-        n = len(batch)
-        nothing = pa.nulls(n, pa.int64())
-        self._add(
-            batch.time,
-            batch.values,
-            {
-                "sequence": pa.array(np.arange(batch.sequence, batch.sequence + n)),
-                "arrival_ns": pa.array(np.full(n, batch.arrival)),
-                "device_time_ns": nothing if batch.device_time is None else pa.array(batch.device_time),
-                "bound_ns": pa.array(batch.bound),
-                "quality": pa.array(batch.quality),
-            },
-        )
+        self._add(sample_rows(join(batch.source, batch.stream, [batch]), self._start))
 
     def add_frames(self, frames: Frames) -> None:
-        """Append frames: with quality and bound of each channel."""
-        columns: dict[str, Any] = {"sequence": pa.array(np.arange(frames.sequence, frames.sequence + len(frames)))}
-        for i, name in enumerate(frames.layout.names):
-            columns[f"{name}.quality"] = pa.array(np.ascontiguousarray(frames.quality[:, i]))
-            columns[f"{name}.bound_ns"] = pa.array(np.ascontiguousarray(frames.bound[:, i]))
-        self._add(frames.time, frames.values, columns)
+        """Append frames: with sequence, and quality and bound of each channel."""
+        self._add(frame_rows(frames, self._start))
 
-    def _add(self, time: Any, values: Any, more: dict[str, Any]) -> None:
-        columns = {"t": pa.array((time - self._start) / 1e9), "utc_ns": pa.array(time)}
-        for i, channel in enumerate(self._channels):
-            columns[channel.name] = pa.array(np.ascontiguousarray(values[:, i]))
-        columns |= more
-        fields = [pa.field(name, c.type, metadata=self._units(name)) for name, c in columns.items()]
-        self._held.append(pa.record_batch(list(columns.values()), schema=pa.schema(fields)))
-        self.rows += len(time)
+    def _add(self, rows: pa.RecordBatch) -> None:
+        self._held.append(rows)
+        self.rows += len(rows)
         if sum(map(len, self._held)) >= ROWS:
             self._flush()
-
-    def _units(self, name: str) -> dict[str, str] | None:
-        fixed = {"t": "s", "utc_ns": "ns", "arrival_ns": "ns", "device_time_ns": "ns", "bound_ns": "ns"}
-        units = {channel.name: channel.unit for channel in self._channels}
-        unit = units.get(name) or fixed.get(name) or ("ns" if name.endswith(".bound_ns") else None)
-        return {"unit": unit} if unit else None
 
     def _flush(self) -> None:
         if not self._held:
@@ -112,17 +126,20 @@ class Table:
             options = pyarrow.csv.WriteOptions(include_header=False)
             out = self._stack.enter_context(self.path.open("ab"))
             return self._stack.enter_context(pyarrow.csv.CSVWriter(out, schema, write_options=options))
-        about = schema.with_metadata({"cellwatt": json.dumps(self._about())})
-        return self._stack.enter_context(pyarrow.parquet.ParquetWriter(self.path, about, compression="zstd"))
+        schema = schema.with_metadata({"cellwatt": json.dumps(about(self._header, self._start))})
+        return self._stack.enter_context(pyarrow.parquet.ParquetWriter(self.path, schema, compression="zstd"))
 
     def _describe(self) -> None:
         if self.path.suffix == ".csv" and self._writer is not None:
             units = {channel.name: channel.unit for channel in self._channels}
-            self.path.with_suffix(".json").write_text(json.dumps({**self._about(), "units": units}, indent=2) + "\n")
+            self.path.with_suffix(".json").write_text(
+                json.dumps({**about(self._header, self._start), "units": units}, indent=2) + "\n"
+            )
 
-    def _about(self) -> dict[str, Any]:
-        header = self._header
-        return {"site": header.site, "cell": header.cell, "session": header.session, "start_utc_ns": self._start}
+
+def about(header: Header, start: int) -> dict[str, Any]:
+    """What every table says of its recording; ``start`` UTC ns."""
+    return {"site": header.site, "cell": header.cell, "session": header.session, "start_utc_ns": start}
 
 
 def write_lines(path: Path, items: Iterable[bytes]) -> int:

@@ -1,0 +1,125 @@
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import cellwatt as cw
+from cellwatt.errors import CellwattError, ConfigError, RecordingError
+
+from .making import SESSION, batch_of, frames_of, name_of, stream_of, write_chunks
+from .test_roundtrip import RESULTS
+
+SUPPLY = stream_of(2, "meter")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for number in (1, 2):
+        first = (number - 1) * 20
+        items = [batch_of(first, 20), frames_of(first, 20), batch_of(first, 20, stream=SUPPLY, source="supply")]
+        write_chunks(tmp_path, [items, RESULTS if number == 1 else []], number=number)
+    return tmp_path
+
+
+TRUTH = np.concatenate([frames_of(0, 20).values, frames_of(20, 20).values])
+
+
+def test_frames_are_a_pandas_frame_with_units(folder):
+    with cw.open(str(folder)) as recording:
+        frame = recording.frame()
+    assert list(frame) == ["t", "utc_ns", *(f"arm.joint_{i}.position" for i in (1, 2, 3))]
+    assert np.array_equal(frame.iloc[:, 2:], TRUTH)
+    assert np.allclose(frame["t"], np.arange(40) * 0.02, rtol=0, atol=1e-12)
+    assert frame["utc_ns"].tolist() == [SESSION + n * 20_000_000 for n in range(40)]
+    assert frame.attrs["units"] == {"t": "s", "utc_ns": "ns"} | {f"arm.joint_{i}.position": "rad" for i in (1, 2, 3)}
+    assert (frame.attrs["cell"], frame.attrs["start_utc_ns"]) == ("weld-3", SESSION)
+
+
+def test_a_part_of_the_time_and_of_the_channels(folder):
+    recording = cw.open([folder / name_of(1), folder / name_of(2)])
+    frame = recording.frame(start=0.3, end=0.5, channels="joint_2.position")
+    assert np.array_equal(frame["arm.joint_2.position"], TRUTH[15:26, 1])
+    assert list(recording.frame(channels=["*_3.position", "arm.joint_1.position"]))[2:] == [
+        "arm.joint_3.position",
+        "arm.joint_1.position",
+    ]
+    with pytest.raises(ConfigError, match=r"no source gives the channel 'torque'; there are: arm\.joint_1"):
+        recording.frame(channels="torque")
+    with pytest.raises(RecordingError, match="no frames"):
+        recording.frame(start=60)
+    part = recording.within(0.3, 0.5)
+    assert len(part.times) == 11 and len(recording.times) == 40
+    assert str(recording.times[1]) == str(np.datetime64(SESSION + 20_000_000, "ns"))
+
+
+def test_quality_and_bound_on_demand(folder):
+    frame = cw.open(folder / name_of(1)).frame(quality=True)
+    truth = frames_of(0, 20)
+    assert np.array_equal(frame["arm.joint_3.position.quality"], truth.quality[:, 2])
+    assert np.array_equal(frame["arm.joint_3.position.bound_ns"], truth.bound[:, 2])
+
+
+def test_raw_samples(folder):
+    recording = cw.open(folder)
+    assert recording.sources == ("arm", "supply")
+    frame = recording.raw("supply/meter", end=0.02)
+    truth = batch_of(0, 11, stream=SUPPLY)
+    assert np.array_equal(frame["joint_2.position"], truth.values[:, 1])
+    assert frame["sequence"].tolist() == list(range(11))
+    assert frame["device_time_ns"].tolist() == truth.device_time.tolist()
+    with pytest.raises(RecordingError, match=r"no stream supply/ .*; there are: arm/rtde, supply/meter"):
+        recording.raw("supply")
+
+
+def test_arrow_where_neither_pandas_nor_polars_is_installed(folder, monkeypatch):
+    monkeypatch.setattr("cellwatt.record.dataframe.find_spec", lambda name: None)
+    table = cw.open(folder).frame()
+    assert isinstance(table, pa.Table)
+    assert table.schema.field("arm.joint_1.position").metadata == {b"unit": b"rad"}
+    assert np.array_equal(table["arm.joint_1.position"], TRUTH[:, 0])
+    monkeypatch.setitem(sys.modules, "polars", None)
+    with pytest.raises(CellwattError, match="library='polars' is not installed: pip install polars"):
+        cw.open(folder).frame(library="polars")
+
+
+def test_polars(folder):
+    polars = pytest.importorskip("polars")
+    frame = cw.open(folder).frame(library="polars")
+    assert isinstance(frame, polars.DataFrame)
+    assert np.array_equal(frame["arm.joint_1.position"], TRUTH[:, 0])
+
+
+def test_channels_have_units_with_frames_and_without(folder, tmp_path):
+    assert cw.open(folder).channels == {f"arm.joint_{i}.position": "rad" for i in (1, 2, 3)}
+    (tmp_path / "raw").mkdir()
+    write_chunks(tmp_path / "raw", [[batch_of(0, 5, stream=SUPPLY, source="supply")]])
+    raw = cw.open(tmp_path / "raw")
+    assert raw.channels == {"supply.joint_1.position": "rad", "supply.joint_2.position": "rad"}
+    assert len(raw.times) == 0
+
+
+def test_results_by_kind(folder):
+    recording = cw.open(folder)
+    assert recording.tasks() == [r for r in RESULTS if isinstance(r, cw.Task)]
+    assert recording.alarms() == [r for r in RESULTS if isinstance(r, cw.Alarm)]
+    assert list(recording.results(cw.Energy)) == [r for r in RESULTS if isinstance(r, cw.Energy)]
+    before = recording.alarms()[0].time / 1e9 - recording.start / 1e9 - 1
+    assert not recording.within(end=before).alarms()
+
+
+def test_a_running_interval_is_left_out(tmp_path):
+    closed = replace(next(r for r in RESULTS if isinstance(r, cw.Interval)), closed=True)
+    write_chunks(tmp_path, [[replace(closed, closed=False), closed]])
+    assert cw.open(tmp_path).intervals() == [closed]
+
+
+def test_a_folder_that_is_being_written(tmp_path):
+    """What is durable is read, and goes on being readable when the writer closes its file."""
+    file = write_chunks(tmp_path, [[frames_of(0, 20)]], close=False)
+    recording = cw.open(tmp_path)
+    assert len(recording.frame()) == 20
+    file.part.rename(file.path)
+    assert len(recording.frame()) == 20
+    assert recording.damage == []
