@@ -32,12 +32,12 @@ from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, fault_table
 from cellwatt_plugins.faults.paper.judging import Isolation, by_agreement
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
-from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING
 from cellwatt_plugins.robot import load_robot
 from faults.cases import Truth, make_case
 from faults.paper import AS_IN_THE_PAPER, Isolate, judge_recording_by_paper, of_the_motion
 from faults.runner import _shares, watch
 from faults.scoring import Count, count
+from faults.tables import PICK_AND_PLACE, POLISHING
 
 Codes = NDArray[np.int8]
 SURE = (0.5, 0.8, 0.95, 1.01)

@@ -5,14 +5,22 @@ from __future__ import annotations
 import dataclasses
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.paper.codes import Residual
-from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, fault_table, from_cycles
-from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, by_network, judge
+from cellwatt_plugins.faults.paper.expected import LEAST_WAY, ExpectedInterval, Readings, fault_table, resampled
+from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, judge
+from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 
+Codes = NDArray[np.int8]
 AS_IN_THE_PAPER = Tolerance(power=0.10, floor=0.0)
 Isolate = Callable[[Sequence[ExpectedInterval]], Isolation]
 """How codes of a task are told apart, given its intervals."""
@@ -79,3 +87,39 @@ def readings_of(recording: Recording, cycle: CycleFinding) -> Readings:
 def finding_of(fault: NamedFault) -> FaultFinding:
     """The same in the form of `findings.json`."""
     return FaultFinding(fault.joint, fault.kind, fault.intervals, abs(fault.watts), 1.0, fault.alternatives, "")
+
+
+def from_cycles(cycles: Sequence[Readings]) -> tuple[ExpectedInterval, ...]:
+    """Average healthy cycles of one task at one speed and cut the mean where joints start or stop.
+
+    Raises ``ModelError`` if there is no cycle or nothing moves.
+    """
+    if not cycles:
+        raise ModelError("no healthy cycle to learn from: the paper's method needs one or more of each task and speed")
+    t = min(cycles, key=lambda cycle: cycle.t[-1]).t
+    mean = Readings(
+        t,
+        np.asarray(np.mean([resampled(cycle, t).q for cycle in cycles], axis=0)),
+        np.asarray(np.mean([resampled(cycle, t).power for cycle in cycles], axis=0)),
+    )
+    runs = find_runs(Recording(mean.t, mean.q, mean.power))
+    if not runs:
+        raise ModelError("nothing moves in the healthy cycles: the paper's method compares intervals of motion")
+    return tuple(_interval(number, mean, run.first, run.last) for number, run in enumerate(runs, start=1))
+
+
+def by_network(table: Codes, *, seed: int = 0) -> Isolation:
+    """Isolation by the paper's network alone, trained on a fault table without its signs."""
+    table = np.abs(table)
+    return _trained(table.shape, table.tobytes(), seed).joints
+
+
+@lru_cache(maxsize=64)
+def _trained(shape: tuple[int, int], content: bytes, seed: int) -> FaultNetwork:
+    return FaultNetwork(train(np.frombuffer(content, np.int8).reshape(shape), seed=seed))
+
+
+def _interval(number: int, mean: Readings, first: int, last: int) -> ExpectedInterval:
+    part = Readings(mean.t[first : last + 1], mean.q[first : last + 1], mean.power[first : last + 1])
+    moving = np.flatnonzero(np.ptp(part.q, axis=0) > LEAST_WAY) + 1
+    return ExpectedInterval(number, tuple(moving.tolist()), part)

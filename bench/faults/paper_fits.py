@@ -26,7 +26,7 @@ from cellwatt_plugins.faults.paper import rivals  # noqa: E402
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms  # noqa: E402
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train  # noqa: E402
 from cellwatt_plugins.faults.recordings import frames_of_files  # noqa: E402
-from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING  # noqa: E402
+from faults.tables import PICK_AND_PLACE, POLISHING  # noqa: E402
 
 Pattern = tuple[np.ndarray, np.ndarray]
 MEASURED, FITTED, OTHER = "#9aa3ad", "#2f6fb1", "#e07b39"

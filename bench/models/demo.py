@@ -15,14 +15,27 @@ import time
 from contextlib import AsyncExitStack
 from pathlib import Path
 
+import yaml
 from threadpoolctl import threadpool_limits
 
 from cellwatt.demo import cells, processes
 from cellwatt.demo.fault import FAULTY
 from cellwatt.emulation import EmulatorProcess
-from cellwatt_plugins.models.power.demo import demo_robot, train_demo
+from cellwatt_plugins.models.metadata import Metadata
+from cellwatt_plugins.models.power.exported import write
+from cellwatt_plugins.models.power.moves import read_moves
+from cellwatt_plugins.models.power.training import model_of
+from cellwatt_plugins.robot import RigidBody, load_robot
 
 SECONDS = 40.0
+LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
+"""m from joint to joint."""
+MASS = (3.0, 4.0, 2.0, 0.6, 0.4, 0.2)
+"""kg."""
+CONSTANT = (12.0, 12.0, 9.0, 6.5, 6.5, 6.5)
+"""Nm/A."""
+RESISTANCE = (1.1, 1.1, 1.2, 2.0, 2.0, 2.0)
+"""Ω."""
 
 
 async def record(folder: Path, seconds: float = SECONDS) -> None:
@@ -39,6 +52,46 @@ async def record(folder: Path, seconds: float = SECONDS) -> None:
         await asyncio.sleep(seconds)
         daemon.send_signal(signal.SIGTERM)
         await daemon.wait()
+
+
+def demo_robot(folder: Path) -> Path:
+    """Writes what is known of the demo's arm, ``robot.yaml`` with its URDF, and gives its path.
+
+    Joints 2 to 4 lift; their angles add up, as those of the emulated arm. Links are about right, friction is left out.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    text = ['<robot name="demo"><link name="link_0"/>']
+    axes = ("0 0 1", "0 -1 0", "0 -1 0", "0 -1 0", "0 0 1", "1 0 0")
+    for i in range(6):
+        along = f"0 0 {LENGTHS[i]}" if i < 2 else f"{LENGTHS[i]} 0 0"
+        ahead = LENGTHS[i + 1] / 2 if 0 < i < 5 else 0.0
+        size = MASS[i] * 0.02
+        text.append(
+            f'<link name="link_{i + 1}"><inertial><origin xyz="{ahead} 0 0"/><mass value="{MASS[i]}"/>'
+            f'<inertia ixx="{size}" iyy="{size}" izz="{size}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="joint_{i + 1}" type="revolute"><parent link="link_{i}"/><child link="link_{i + 1}"/>'
+            f'<origin xyz="{along}"/><axis xyz="{axes[i]}"/>'
+            '<limit lower="-6.3" upper="6.3" effort="200" velocity="4"/></joint>'
+        )
+    (folder / "demo.urdf").write_text("\n".join([*text, "</robot>"]))
+    joints = [
+        {"name": f"joint_{i + 1}", "torque_constant": CONSTANT[i], "winding_resistance": RESISTANCE[i]}
+        for i in range(6)
+    ]
+    file = folder / "robot.yaml"
+    file.write_text(yaml.safe_dump({"robot": "demo", "urdf": "demo.urdf", "joints": joints}))
+    return file
+
+
+def train_demo(recording: Path, robot: Path, out: Path) -> Metadata:
+    """Trains on a recording of the demo (its frames, or a table of them) and writes the model file ``out``.
+
+    Takes seconds: errors on held-out moves are not worked out. Raises as ``cellwatt train power`` does.
+    """
+    description = load_robot(robot)
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    moves = read_moves([recording], body.joints)
+    return write(out, model_of(moves, description, body), moves, body, description.robot)
 
 
 def main(out: Path) -> None:

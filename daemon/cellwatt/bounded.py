@@ -80,15 +80,6 @@ class BoundedQueue(Generic[T]):
         self._wake_putter()
         return item
 
-    async def get_batch(self) -> list[T]:
-        """Take all items; waits for at least one. Raises ``QueueClosedError`` once closed and empty."""
-        await self._filled()
-        items = [item for item, _ in self._items]
-        self._items.clear()
-        self._weight = 0
-        self._wake_putter()
-        return items
-
     def close(self) -> None:
         """Refuse further items; the reader still gets the waiting ones."""
         self._closed = True

@@ -17,13 +17,17 @@ async def test_first_in_first_out():
     assert len(queue) == queue.weight == 0
 
 
+async def taken(queue, count):
+    return [await queue.get() for _ in range(count)]
+
+
 async def test_a_full_queue_that_blocks_refuses_put_nowait():
     queue = BoundedQueue[str](10)
     queue.put_nowait("a", weight=9)
     with pytest.raises(asyncio.QueueFull):
         queue.put_nowait("b", weight=2)
     queue.put_nowait("c", weight=1)
-    assert await queue.get_batch() == ["a", "c"]
+    assert await taken(queue, 2) == ["a", "c"]
 
 
 async def test_put_waits_for_room():
@@ -49,7 +53,7 @@ async def test_drop_oldest_hands_over_every_dropped_item():
     for i in range(10):
         queue.put_nowait(i)
     assert dropped == [0, 1, 2, 3, 4, 5, 6]
-    assert await queue.get_batch() == [7, 8, 9]
+    assert await taken(queue, 3) == [7, 8, 9]
 
 
 async def test_drop_oldest_makes_room_for_a_heavy_item():
@@ -87,7 +91,7 @@ async def test_close_lets_the_reader_drain_and_then_says_so():
     with pytest.raises(QueueClosedError):
         queue.put_nowait(3)
     assert await queue.get() == 1
-    assert await queue.get_batch() == [2]
+    assert await queue.get() == 2
     with pytest.raises(QueueClosedError):
         await queue.get()
 
@@ -95,7 +99,7 @@ async def test_close_lets_the_reader_drain_and_then_says_so():
 async def test_close_wakes_who_waits():
     empty, full = BoundedQueue[int](1), BoundedQueue[int](1)
     full.put_nowait(0)
-    waiting = [asyncio.create_task(w) for w in (empty.get(), empty.get_batch(), full.put(1), full.put(2))]
+    waiting = [asyncio.create_task(w) for w in (empty.get(), empty.get(), full.put(1), full.put(2))]
     await asyncio.sleep(0)
     empty.close()
     full.close()
@@ -125,15 +129,15 @@ async def test_a_writer_cancelled_just_as_it_was_woken_passes_its_turn_on():
     assert await queue.get() == 2
 
 
-async def test_several_blocked_writers_fill_the_room_that_a_batch_leaves():
+async def test_several_blocked_writers_fill_the_room_that_reads_leave():
     queue = BoundedQueue[int](3)
     for i in range(3):
         queue.put_nowait(i)
     writers = [asyncio.create_task(queue.put(i)) for i in (3, 4, 5)]
     await asyncio.sleep(0)
-    assert await queue.get_batch() == [0, 1, 2]
+    assert await taken(queue, 3) == [0, 1, 2]
     await asyncio.wait_for(asyncio.gather(*writers), PATIENCE)
-    assert await queue.get_batch() == [3, 4, 5]
+    assert await taken(queue, 3) == [3, 4, 5]
 
 
 def test_a_limit_below_one_is_refused():
@@ -146,7 +150,7 @@ def test_a_limit_below_one_is_refused():
     items=st.lists(st.integers(1, 7), max_size=60),
     limit=st.integers(1, 10),
     drops=st.booleans(),
-    actions=st.lists(st.sampled_from(["get", "batch", "cancel"]), max_size=40),
+    actions=st.lists(st.sampled_from(["get", "cancel"]), max_size=40),
 )
 def test_what_goes_in_comes_out_or_is_handed_to_on_drop(items, limit, drops, actions):
     async def scenario():
@@ -168,10 +172,8 @@ def test_what_goes_in_comes_out_or_is_handed_to_on_drop(items, limit, drops, act
                     impatient.cancel()
                     outcome = (await asyncio.gather(impatient, return_exceptions=True))[0]
                     taken.extend([outcome] if isinstance(outcome, tuple) else [])
-                elif action == "get":
-                    taken.append(await queue.get())
                 else:
-                    taken.extend(await queue.get_batch())
+                    taken.append(await queue.get())
             while True:
                 taken.append(await queue.get())
 

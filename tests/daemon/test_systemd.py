@@ -82,24 +82,3 @@ def test_full_socket_does_not_block(supervisor) -> None:
         assert time.monotonic() < start + 20, "the kernel's queue never filled"
     supervisor.recv(4096)
     assert systemd.notify(WATCHDOG="1")
-
-
-@pytest.mark.parametrize(
-    ("microseconds", "pid", "expected"),
-    [
-        ("10000000", None, 10.0),
-        ("10000000", "own", 10.0),
-        ("10000000", "1", None),
-        (None, None, None),
-        ("", None, None),
-        ("0", None, None),
-        ("soon", None, None),
-    ],
-)
-def test_watchdog_interval(monkeypatch, microseconds: str | None, pid: str | None, expected: float | None) -> None:
-    for name, value in (("WATCHDOG_USEC", microseconds), ("WATCHDOG_PID", str(os.getpid()) if pid == "own" else pid)):
-        if value is None:
-            monkeypatch.delenv(name, raising=False)
-        else:
-            monkeypatch.setenv(name, value)
-    assert systemd.watchdog_interval() == expected

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from bench.faults.tables import PICK_AND_PLACE, POLISHING, TARGETS
 
-from cellwatt_plugins.faults.criteria import fault_free, ternary, verdict
+from cellwatt_plugins.faults.criteria import Tolerance, ternary, verdict
 from cellwatt_plugins.faults.isolate import agreement
-from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING, TARGETS
+from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
+from cellwatt_plugins.faults.paper.judging import judge_interval
 
 # Table I as printed: "Time interval", then joints 1 to 6.
 TABLE_I = """
@@ -78,15 +80,22 @@ def test_rules_under_16(position_outside, power_outside, expected):
 @pytest.mark.parametrize(
     ("position", "power", "free"),
     [
-        ([0.0, 0.01], [0.0, 9.9], True),
-        ([0.0, -0.01], [0.0, -9.9], True),
-        ([0.0, 0.02], [0.0, 0.0], False),
-        ([0.0, 0.0], [10.1, 0.0], False),
-        ([0.0, 0.015], [0.0, 0.0], False),  # the inequality of (16) is strict
+        (0.0, 0.0, True),
+        (-0.010, -9.9, True),
+        (0.020, 0.0, False),
+        (0.0, 10.1, False),
+        (0.0, -10.1, False),
+        (0.0, 10.0, True),  # at the limit itself
     ],
 )
 def test_equation_16(position, power, free):
-    assert fault_free(np.array(position), np.array(power), np.array(0.015), np.array(10.0)) is free
+    """An interval of 2 s in which joint 2 is off by ``position`` rad and power by ``power`` W of 100 W."""
+    t = np.linspace(0.0, 2.0, 101)
+    q = np.column_stack([np.zeros(101), np.where(t < 1.0, t, 2.0 - t)])
+    expected = ExpectedInterval(1, (2,), Readings(t, q, np.full(101, 100.0)))
+    seen = Readings(t, q + np.array([0.0, position]), np.full(101, 100.0 + power))
+    found = judge_interval(expected, seen, Tolerance(position=0.015, power=0.10, floor=0.0))
+    assert (not found.off and not found.power_left) is free
 
 
 def test_equation_20():
@@ -98,8 +107,6 @@ def test_equation_20():
 
 def test_ten_per_cent_over_the_reference():
     """ "a preset threshold (eps_j = ±10 % over the reference/model values)" """
-    from cellwatt_plugins.faults.criteria import Tolerance
-
     reference = np.array([100.0, 150.0, 180.0])
     limit = Tolerance(power=0.10, floor=0.0).watts(reference)
     assert ternary(reference * 1.09 - reference, limit).tolist() == [0, 0, 0]

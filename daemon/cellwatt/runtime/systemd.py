@@ -47,14 +47,3 @@ def _warn_once(text: str) -> None:
 def reloading() -> bool:
     """Tell systemd that the settings are being read again; ``notify(READY="1")`` tells that it is over."""
     return notify(RELOADING="1", MONOTONIC_USEC=str(time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000))
-
-
-def watchdog_interval() -> float | None:
-    """Seconds after which systemd kills this process unless it says ``WATCHDOG=1``; ``None``: it does not watch.
-
-    Say it at most half as far apart.
-    """
-    if os.environ.get("WATCHDOG_PID", str(os.getpid())) != str(os.getpid()):
-        return None
-    microseconds = os.environ.get("WATCHDOG_USEC", "")
-    return int(microseconds) / 1e6 if microseconds.isdecimal() and int(microseconds) > 0 else None

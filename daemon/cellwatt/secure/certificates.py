@@ -13,7 +13,6 @@ from datetime import datetime, timedelta
 from typing import Final
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import (
@@ -85,21 +84,6 @@ def issue(authority: Pair, name: str, hosts: Sequence[str], now: datetime, days:
 def read(pem: bytes) -> list[x509.Certificate]:
     """Parse the certificates in a PEM text. Raises ``ValueError`` if there is none."""
     return x509.load_pem_x509_certificates(pem)
-
-
-def common_name(certificate: x509.Certificate) -> str:
-    """Common name of a certificate."""
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    return str(names[0].value) if names else certificate.subject.rfc4514_string()
-
-
-def signed_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
-    """True if an authority signed a certificate."""
-    try:
-        certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
-        return False
-    return True
 
 
 def belongs(certificate: x509.Certificate, key: bytes) -> bool:

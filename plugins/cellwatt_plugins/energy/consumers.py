@@ -23,26 +23,6 @@ def brake_energy(brakes: float, seconds: float) -> float:
     return brakes * seconds
 
 
-def mechanical_power(torque: Float, velocity: Float) -> Float:
-    """τ_i θ̇_i of each joint, (N, n) W (in eq. 2)."""
-    return torque * velocity
-
-
-def mechanical_losses(torque: Float, velocity: Float, step: float, stored: float = 0.0) -> float:
-    """L_M = Σ ∫ τ_i θ̇_i dt − ΔE_K − ΔE_P, J (eqs 2, 18); ``stored`` is ΔE_K + ΔE_P, 0 J on a closed path."""
-    return float(mechanical_power(torque, velocity).sum() * step - stored)
-
-
-def positive_mechanical_energy(torque: Float, velocity: Float, step: float) -> float:
-    """E_M+ = Σ ∫ P_i+ dt, J (eqs 4, 5): what the source must give, braking not counted."""
-    return float(np.maximum(mechanical_power(torque, velocity), 0.0).sum() * step)
-
-
-def negative_mechanical_energy(torque: Float, velocity: Float, step: float) -> float:
-    """Σ ∫ P_i− dt, J (eqs 10, 11): the paper's estimate of E_RB, an upper bound of what reaches the chopper."""
-    return float(np.maximum(-mechanical_power(torque, velocity), 0.0).sum() * step)
-
-
 def electrical_losses(total: float, electronics: float, brakes: float, mechanical: float, stored: float = 0.0) -> float:
     """L_E* = E_R − E_E − E_MB − L_M (− ΔE), J (eqs 9, 12, 13): electrical losses with what the chopper burns."""
     return total - electronics - brakes - mechanical - stored
@@ -71,9 +51,3 @@ def mean_power_shares(energies: Float, seconds: Float) -> Float:
     """
     power = np.mean(energies / seconds[:, None], axis=0)
     return np.asarray(100.0 * power / power.sum())
-
-
-def friction_torque(velocity: Float, viscous: float, coulomb: float, offset: float, windage: float) -> Float:
-    """τ_r = f_v θ̇ + f_c sign θ̇ + f_o + f_w θ̇² sign θ̇, (N,) Nm (eq. 7; windage against the motion)."""
-    sign = np.sign(velocity)
-    return np.asarray(viscous * velocity + coulomb * sign + offset + windage * velocity**2 * sign)

@@ -28,11 +28,6 @@ class Tolerance:
         return np.maximum(self.power * np.abs(reference), self.floor)
 
 
-def fault_free(position_residual: Float, power_residual: Float, position_limit: Float, power_limit: Float) -> bool:
-    """Equation (16): |q_r - q_m| < eps_q and |P_r - P_m| < eps_p at every point."""
-    return bool(np.all(np.abs(position_residual) < position_limit) and np.all(np.abs(power_residual) < power_limit))
-
-
 def verdict(*, position_outside: bool, power_outside: bool) -> Verdict:
     """The rules under equation (16) for one joint.
 

@@ -5,34 +5,6 @@ import pytest
 
 from cellwatt_plugins.energy import consumers
 
-STEP = 1e-3
-TIME = np.arange(0, 2 * np.pi, STEP)
-
-
-def swing():
-    """θ̇ = sin t, τ = 3 sin t + 2: ∫ τ θ̇ = 3π over one swing."""
-    velocity = np.sin(TIME)[:, None]
-    return 3 * velocity + 2, velocity
-
-
-def test_mechanical_losses_are_the_work_on_a_closed_path():
-    torque, velocity = swing()
-    assert consumers.mechanical_losses(torque, velocity, STEP) == pytest.approx(3 * np.pi, abs=0.01)
-
-
-def test_on_an_open_path_what_is_stored_is_no_loss():
-    torque, velocity = swing()
-    stored = 4.0
-    assert consumers.mechanical_losses(torque, velocity, STEP, stored) == pytest.approx(3 * np.pi - 4, abs=0.01)
-
-
-def test_positive_less_negative_energy_is_the_work():
-    torque, velocity = swing()
-    positive = consumers.positive_mechanical_energy(torque, velocity, STEP)
-    negative = consumers.negative_mechanical_energy(torque, velocity, STEP)
-    assert positive - negative == pytest.approx(3 * np.pi, abs=0.01)
-    assert negative > 0.3
-
 
 def test_fr3_at_50_mm_s_with_payload():
     """First row of Table III: 720 J of brakes at 18.6436 W, 2518.9 J of electronics."""
@@ -49,11 +21,6 @@ def test_brake_power_leaves_out_what_holds_the_arm():
 
 def test_motion_efficiency():
     assert consumers.motion_efficiency(97.3, 847.1) == pytest.approx(11.49, abs=0.01)
-
-
-def test_friction_brakes_in_both_directions():
-    torque = consumers.friction_torque(np.array([-2.0, 2.0]), viscous=3.0, coulomb=5.0, offset=0.0, windage=0.5)
-    assert torque == pytest.approx([-13.0, 13.0])
 
 
 def test_shares_of_mean_power_count_each_run_alike():

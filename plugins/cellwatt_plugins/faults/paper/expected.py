@@ -8,9 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.errors import ModelError
-from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.reference import Variant
 
 Float = NDArray[np.float64]
@@ -48,27 +45,8 @@ class ExpectedInterval:
         return float(self.readings.t[-1])
 
 
-def from_cycles(cycles: Sequence[Readings]) -> tuple[ExpectedInterval, ...]:
-    """The mean of healthy cycles of one task at one speed, cut by the change of their encoders.
-
-    Raises ``ModelError`` where there is no cycle or nothing moves.
-    """
-    if not cycles:
-        raise ModelError("no healthy cycle to learn from: the paper's method needs one or more of each task and speed")
-    t = min(cycles, key=lambda cycle: cycle.t[-1]).t
-    mean = Readings(
-        t,
-        np.asarray(np.mean([resampled(cycle, t).q for cycle in cycles], axis=0)),
-        np.asarray(np.mean([resampled(cycle, t).power for cycle in cycles], axis=0)),
-    )
-    runs = find_runs(Recording(mean.t, mean.q, mean.power))
-    if not runs:
-        raise ModelError("nothing moves in the healthy cycles: the paper's method compares intervals of motion")
-    return tuple(_interval(number, mean, run.first, run.last) for number, run in enumerate(runs, start=1))
-
-
 def from_variant(variant: Variant) -> tuple[ExpectedInterval, ...]:
-    """The same from a learned reference, whose intervals follow one another with their rests."""
+    """Intervals of a learned reference, which follow one another with their rests."""
     out, start = [], -variant.intervals[0].rest
     for number, interval in enumerate(variant.intervals, start=1):
         start += interval.rest
@@ -95,9 +73,3 @@ def fault_table(expected: Sequence[ExpectedInterval]) -> Codes:
     """
     joints = expected[0].readings.q.shape[1]
     return np.array([[int(j in interval.moving) for j in range(1, joints + 1)] for interval in expected], np.int8)
-
-
-def _interval(number: int, mean: Readings, first: int, last: int) -> ExpectedInterval:
-    part = Readings(mean.t[first : last + 1], mean.q[first : last + 1], mean.power[first : last + 1])
-    moving = np.flatnonzero(np.ptp(part.q, axis=0) > LEAST_WAY) + 1
-    return ExpectedInterval(number, tuple(moving.tolist()), part)

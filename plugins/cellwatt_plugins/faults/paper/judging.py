@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,7 @@ from cellwatt_plugins.faults.criteria import Tolerance, longest, ternary
 from cellwatt_plugins.faults.isolate import TIE, agreement
 from cellwatt_plugins.faults.paper.codes import FRAMES, Residual, of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, resampled
-from cellwatt_plugins.faults.paper.network import FaultNetwork, train
+from cellwatt_plugins.faults.paper.network import FaultNetwork
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -169,12 +168,6 @@ def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:
     return isolate
 
 
-def by_network(table: Codes, *, seed: int = 0) -> Isolation:
-    """Isolation by the paper's network alone, trained on a fault table without its signs."""
-    table = np.abs(table)
-    return _trained(table.shape, table.tobytes(), seed).joints
-
-
 def by_network_or_agreement(network: FaultNetwork) -> Isolation:
     """Isolation by a trained network; where it says "free" of codes that are not, its table is compared.
 
@@ -182,8 +175,3 @@ def by_network_or_agreement(network: FaultNetwork) -> Isolation:
     """
     signed, unsigned = (by_agreement(network.table, signed=each) for each in (network.signed, False))
     return lambda codes: network.joints(codes) or signed(codes) or unsigned(codes)
-
-
-@lru_cache(maxsize=64)
-def _trained(shape: tuple[int, int], content: bytes, seed: int) -> FaultNetwork:
-    return FaultNetwork(train(np.frombuffer(content, np.int8).reshape(shape), seed=seed))

@@ -34,10 +34,3 @@ def folds_of(moves: Moves) -> NDArray[np.int64]:
     fold[order[:extreme]] = TURNS
     fold[order[-extreme:]] = TURNS + 1
     return np.asarray(fold[moves.move], np.int64)
-
-
-def turns_of(moves: Moves, turns: int) -> NDArray[np.int64]:
-    """The fold (N,) of each row, moves by turns alone; a recording in few pieces as in ``folds_of``."""
-    if moves.count < turns:
-        return folds_of(moves)
-    return np.asarray(moves.move % turns, np.int64)

@@ -1,10 +1,10 @@
 import numpy as np
 import onnx
 import pytest
+from bench.faults.tables import PICK_AND_PLACE, POLISHING
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
-from cellwatt_plugins.faults.tables import PICK_AND_PLACE, POLISHING
 
 
 @pytest.fixture(scope="module", params=[PICK_AND_PLACE, POLISHING], ids=["table_I", "table_II"])

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench.faults.tables import PICK_AND_PLACE as TABLE_I
 from click.testing import CliRunner
 
 from cellwatt.commands.check import command as check
@@ -16,7 +17,6 @@ from cellwatt_plugins.faults.paper.network import train
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor
 from cellwatt_plugins.faults.reference import load
-from cellwatt_plugins.faults.tables import PICK_AND_PLACE as TABLE_I
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.paper.frames import frames_of
 from tests.plugins.faults.paper.irb1200 import POLISHING, Fault, Run, period, run

@@ -9,13 +9,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from bench.models.demo import demo_robot, train_demo
 from click.testing import CliRunner
 
 from cellwatt.emulation.arm import ArmSignals
 from cellwatt.errors import CellwattError
 from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.power import scg_network
-from cellwatt_plugins.models.power.demo import demo_robot, train_demo
 from cellwatt_plugins.models.predict import predict_file
 from cellwatt_plugins.models.seal import sealed
 from tests.plugins.models.power.emulated_arm import write_case
