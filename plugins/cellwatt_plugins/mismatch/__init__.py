@@ -1,1 +1,1 @@
-"""Where simulation and recordings differ: find it, name it, model it, show the fit improve."""
+"""Find where simulation and recordings differ, name the cause, model it, and show that the fit improves."""

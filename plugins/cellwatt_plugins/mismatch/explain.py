@@ -46,7 +46,7 @@ SETTLED = 1.3
 
 @dataclass(frozen=True)
 class Explained:
-    """What was found, the model, and the solutions that it rests on."""
+    """Findings, the model, and the solutions that they rest on."""
 
     findings: Findings
     model: Model
@@ -64,7 +64,7 @@ def explain(
     seconds: float = np.inf,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Explained:
-    """Where the runs differ from the simulation, why, and what model does not; ``notes`` are of their admission.
+    """Find where the runs differ from the simulation, name the causes and model them; ``notes`` are of admission.
 
     What is not found after ``seconds`` of this process's time is not looked for; ``progress`` is told what it is at.
     """
@@ -109,7 +109,7 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
 
 
 def _measurement_errors(torque: Solution) -> list[Float]:
-    """What the effects on the measurement alone add to each run's torque, (N, n)."""
+    """Torque (N, n) that effects on the measurement alone add to each run."""
     problem = torque.problem
     out = [np.zeros_like(s.torque) for s in problem.states]
     for term in torque.terms:
@@ -151,7 +151,7 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
-    """How far a common factor of all torques may be off."""
+    """Share by which a common factor of all torques may be off."""
     if robot.tolerances.torque_gain is not None:
         return robot.tolerances.torque_gain
     return CURRENT_GAIN if any(run.torque_from == "current" for run in runs) else 0.0

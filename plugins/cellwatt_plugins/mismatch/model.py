@@ -37,7 +37,7 @@ class FittedTerm:
 
 @dataclass(frozen=True)
 class Retuned:
-    """How far the nominal parameters are off, n joints."""
+    """Corrections of the nominal parameters of n joints."""
 
     inertial: Float
     """(10 n,), added to the links' parameters."""
@@ -59,7 +59,7 @@ class Retuned:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model says of a motion."""
+    """Prediction of a model for a motion."""
 
     time: Float
     """(N,) s."""

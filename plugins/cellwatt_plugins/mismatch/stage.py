@@ -132,7 +132,7 @@ class MismatchStage(Stage[MismatchSettings]):
         )
 
     def _said(self, stretch: Stretch) -> Float:
-        """What the simulation says of all frames of a stretch, (N, C)."""
+        """Values (N, C) of the simulation for all frames of a stretch."""
         if self._streamed is not None:
             return stretch.values[:, self._width :]
         places = self._intake.places

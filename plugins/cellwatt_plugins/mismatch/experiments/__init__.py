@@ -1,1 +1,1 @@
-"""Which motion would tell what the recordings cannot."""
+"""Motions that would tell what the recordings cannot."""

@@ -1,4 +1,4 @@
-"""What an experiment is expected to tell: the evidence that recordings and experiment together would hold.
+"""Expected evidence of an experiment: the log evidence that recordings and experiment together would hold.
 
 The experiment's torque (or power) is foretold by what the recordings say under one name; the other name, nominal
 parameters within their tolerances and all other terms then try to fit recordings and experiment alike. What they
@@ -74,7 +74,7 @@ class ExpectedEvidence:
         return Design(target, self._variance, self._blocks)
 
     def _foretold(self, truth: Sequence[Term], states: States) -> Float:
-        """What the experiment adds to the nominal law (M, C) if the recordings are as ``truth`` says."""
+        """Torque or power (M, C) that the experiment adds to the nominal law if the terms in ``truth`` are right."""
         known = [self.problem.block(t) for t in truth]
         fit = self.problem.fit(known, self.solution.factor)
         own = [

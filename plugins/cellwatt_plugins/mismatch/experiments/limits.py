@@ -1,4 +1,4 @@
-"""What an arm may be asked to do: its limits, and the part of them in which it has been seen to move."""
+"""Limits of an arm, and the part of them in which it has been seen to move."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Limits:
         return SHARE * self.acceleration
 
     def broken(self, motion: Motion, torque: Float) -> str | None:
-        """Which limit a motion that needs ``torque`` (N, n) Nm breaks; None where it keeps all."""
+        """Name the limit that a motion with ``torque`` (N, n) Nm breaks; None if it keeps all."""
         checks = (
             ("position", self.lower - motion.position),
             ("position", motion.position - self.upper),

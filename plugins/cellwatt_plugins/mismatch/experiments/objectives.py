@@ -63,7 +63,7 @@ class Objective(Protocol):
 
     @property
     def instead(self) -> str:
-        """What to do where no trajectory tells."""
+        """Advice for the case that no trajectory tells."""
         ...
 
     @property
@@ -77,7 +77,7 @@ class Objective(Protocol):
         ...
 
     def suits(self, joint: int | None) -> bool:
-        """Whether an experiment on a joint (None: on all) may tell."""
+        """True if an experiment on a joint (None: on all) may tell."""
         ...
 
     def nats(self, run: ExpectedRun) -> float:
@@ -87,7 +87,7 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Discrimination:
-    """Which of two names is right."""
+    """Tell which of two names is right."""
 
     solution: Solution
     term: Term
@@ -104,7 +104,7 @@ class Discrimination:
 
     @property
     def least_time(self) -> float:
-        """What either effect asks for."""
+        """Longest time in s that either effect asks for."""
         return max(self.term.effect.acceptance.longest_run, self.rival.effect.acceptance.longest_run)
 
     def suits(self, joint: int | None) -> bool:
@@ -119,7 +119,7 @@ class Discrimination:
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """Whether an effect is there that the recordings could not show."""
+    """Tell if an effect is there that the recordings could not show."""
 
     solution: Solution
     term: Term
@@ -142,7 +142,7 @@ class Detection:
 
     @property
     def least_time(self) -> float:
-        """What the effect asks for."""
+        """Time in s that the effect asks for."""
         return self.term.effect.acceptance.longest_run
 
     def suits(self, joint: int | None) -> bool:
@@ -150,7 +150,7 @@ class Detection:
         return joint is None
 
     def nats(self, run: ExpectedRun) -> float:
-        """What it adds."""
+        """Log evidence in nats that a run adds."""
         if _too_short([run.states], self.term.effect):
             return 0.0
         return run.evidence(self.solution).against(self.term, self.size) - self.now

@@ -1,4 +1,4 @@
-"""Which experiment would tell apart what the recordings cannot: chosen from the library by its expected evidence."""
+"""Choose from the library the experiment with the most expected evidence on what the recordings leave open."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ class Chosen:
 
     @property
     def seconds(self) -> float:
-        """How long to run it to be 95 % sure of all of them: evidence is taken to grow evenly."""
+        """Duration in s for 95 % certainty on all objectives; evidence is taken to grow evenly."""
         once = self.experiment.trajectory.seconds
         return max(max(once * SURE / a.nats, a.objective.least_time) for a in self.gains)
 
     @property
     def times(self) -> int:
-        """How often to run it for that."""
+        """Repetitions for 95 % certainty."""
         return max(1, int(np.ceil(self.seconds / self.experiment.trajectory.seconds)))
 
 
@@ -118,7 +118,7 @@ def _worth(experiment: Experiment, gains: Sequence[ExpectedGain], settled: set[i
 def _table(
     found: Explained, limits: Limits, objectives: Sequence[Objective]
 ) -> tuple[dict[Experiment, list[ExpectedGain]], dict[str, str]]:
-    """What each experiment that keeps the limits would add towards each objective, and why others are left out."""
+    """Return the gain towards each objective of experiments that keep the limits, and why others are left out."""
     states = found.torque.problem.states
     table: dict[Experiment, list[ExpectedGain]] = {}
     refused: dict[str, str] = {}
@@ -171,7 +171,7 @@ def write_suggestion(motion: Motion, path: Path) -> None:
 
 
 def suggestion_in_words(suggestion: Suggestion, path: Path) -> str:
-    """What to run, for how long and what it will tell, as a person reads it at the terminal."""
+    """Describe for the terminal the experiment to run, its duration and what it will tell."""
     if not suggestion.chosen and not suggestion.open:
         return "nothing to suggest: no two names are close, and the motion could show every effect"
     lines = [line for one in suggestion.chosen for line in _chosen(one)]

@@ -24,11 +24,11 @@ class Piece(Protocol):
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         ...
 
     def at(self, time: Float) -> Point:
-        """Where the arm is at times (N,) s since the piece began."""
+        """Motion of the arm at times (N,) s since the piece began."""
         ...
 
 
@@ -45,12 +45,12 @@ class Profile:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         return 2 * self.ramp + self.cruise
 
     @property
     def way(self) -> float:
-        """How far it goes."""
+        """Length of the way, rad."""
         return self.top * (self.ramp + self.cruise)
 
     def at(self, time: Float) -> Point:
@@ -76,7 +76,7 @@ class Hold:
     seconds: float
 
     def at(self, time: Float) -> Point:
-        """Where the arm is."""
+        """Motion of the arm at times (N,) s."""
         still = np.zeros((len(time), len(self.pose)))
         return still + self.pose, still, still
 
@@ -91,11 +91,11 @@ class Move:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         return self.profile.seconds
 
     def at(self, time: Float) -> Point:
-        """Where the arm is."""
+        """Motion of the arm at times (N,) s."""
         way, rate, change = self.profile.at(time)
         go = self.end - self.start
         return self.start + way * go, rate * go, change * go
@@ -111,11 +111,11 @@ class Replay:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         return self.profile.seconds
 
     def at(self, time: Float) -> Point:
-        """Where the arm is."""
+        """Motion of the arm at times (N,) s."""
         clock, rate, change = self.profile.at(time)
         position, velocity, acceleration = (self.spline(clock[:, 0], order) for order in range(3))
         return position, velocity * rate, acceleration * rate**2 + velocity * change
@@ -137,7 +137,7 @@ class Harmonics:
     fade: float = 3.0
 
     def at(self, time: Float) -> Point:
-        """Where the arm is."""
+        """Motion of the arm at times (N,) s."""
         turn = 2 * np.pi * self.frequency[:, None]
         angle = turn * time[:, None, None] + self.phase
         sines = np.sum(self.size * np.sin(angle), axis=1)
@@ -166,7 +166,7 @@ class Trajectory:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration, s."""
         return float(sum(piece.seconds for piece in self.pieces))
 
     def sampled(self, step: float) -> Motion:

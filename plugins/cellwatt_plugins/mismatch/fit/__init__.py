@@ -1,1 +1,1 @@
-"""Which terms the data ask for: the regression problem of one side, its noise, and the search."""
+"""Terms that the data ask for: the regression problem of one side, its noise, and the search."""

@@ -1,4 +1,4 @@
-"""When a term is accepted: what it must explain, show on data left out, and be told apart from."""
+"""Acceptance of a term: what it must explain, show on data left out, and be told apart from."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SMALLEST = 0.2
 STEADY = 2.5
 """Standard errors by which the error on blocks left out must fall on average, near the noise."""
 OFF_SCALE = 0.35
-"""How far the coefficient of what is simulated to scale may be from 1 at most."""
+"""Largest distance from 1 of the coefficient of an effect that is simulated to scale."""
 
 
 def required_gain(term: Term, robot: RobotDescription, thresholds: Thresholds) -> float:
@@ -86,7 +86,7 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 
 
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
-    """Whether the sign, and the scale of what is simulated to scale, can be."""
+    """True if the sign is possible, and the scale of an effect that is simulated to scale."""
     effect, first = term.effect, float(coefficients[0])
     if not effect.sensible(coefficients, robot, term.joint) or impossible(effect.name, coefficients) is not None:
         return False
@@ -99,7 +99,7 @@ def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
 
 
 def within_prior(term: Term, coefficients: Float, prior: Prior) -> bool:
-    """Whether coefficients are within what their prior says is possible at all."""
+    """True if the coefficients are within what their prior calls possible."""
     off = np.abs(coefficients - prior.mean) / np.sqrt(np.diag(prior.covariance))
     return bool(np.all(off < term.effect.acceptance.prior_deviations))
 
@@ -114,7 +114,7 @@ def tension(solution: Solution) -> float:
 
 
 def lowers_held_out_error(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """Whether the last term lowers the error on data left out, as the fit weighs its samples and as they are.
+    """True if the last term lowers the error on data left out, as the fit weighs its samples and as they are.
 
     By a share of it; near the noise by less, too, where it does so block after block: the mean over blocks of what it
     saves is compared with its standard error (Diebold and Mariano 1995).
@@ -135,7 +135,7 @@ def lowers_held_out_error(before: Solution, after: Solution, thresholds: Thresho
 
 
 def raises_held_out_error(before: Solution, after: Solution) -> bool:
-    """Whether the last term raises the error on data left out in each channel that it acts on."""
+    """True if the last term raises the error on data left out in each channel that it acts on."""
     channel = after.block(after.terms[-1])[0].channel
     old, new = (rms(CrossValidation(s.problem, before.factor).residual(s.terms)) for s in (before, after))
     worse = new > RISE * old
@@ -143,12 +143,12 @@ def raises_held_out_error(before: Solution, after: Solution) -> bool:
 
 
 def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """Whether nominal parameters that were stretched beyond their tolerances come back."""
+    """True if nominal parameters that were stretched beyond their tolerances come back."""
     return tension(before) - tension(after) > 2 * thresholds.gain
 
 
 def seen_by_several(now: Solution, block: Block) -> bool:
-    """Whether more than one channel asks for a block that acts on all, and few for its contrary."""
+    """True if more than one channel asks for a block that acts on all, and few for its contrary."""
     parts = [Block(block.columns[:, c], c, block.prior) for c in range(block.columns.shape[1])]
     gains = np.array([gain for gain, _ in now.fit.gains(parts)])
     agreed = float(np.sum(np.maximum(gains, 0.0)))

@@ -41,7 +41,7 @@ def climb(
 
 
 def at_bound(term: Term) -> bool:
-    """Whether a refined shape ran to the end of what is possible for it."""
+    """True if a refined shape ran to the end of what is possible for it."""
     pairs = zip(term.shape, term.effect.bounds(term.shape), strict=False)
     return any(high > low and _near_end(value, low, high) for value, (low, high) in pairs)
 
@@ -53,5 +53,5 @@ def _near_end(value: float, low: float, high: float) -> bool:
 
 
 def _wide(low: float, high: float) -> bool:
-    """Whether a shape parameter spans decades and is searched by its logarithm."""
+    """True if a shape parameter spans decades and is searched by its logarithm."""
     return low > 0 and high > DECADES * low

@@ -127,7 +127,7 @@ def _window_spreads(residual: Float, step: float) -> Float:
 
 
 def _lower_third(residuals: Sequence[Float], steps: Sequence[float]) -> float:
-    """What the lower third of window spreads of white noise must be multiplied with to be its standard deviation."""
+    """Factor from the lower third of window spreads of white noise to its standard deviation."""
     width = max(8, round(WINDOW / float(np.median(steps))))
     degrees = width - 3
     # Wilson-Hilferty: the cube root of chi²/degrees is nearly normal.

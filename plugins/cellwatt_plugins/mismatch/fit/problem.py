@@ -46,12 +46,12 @@ class Term:
 
     @property
     def place(self) -> tuple[str, int | None]:
-        """What tells it from other terms."""
+        """Effect and joint, which tell it from other terms."""
         return self.effect.name, self.joint
 
     @property
     def said(self) -> str:
-        """What messages call it."""
+        """Its name in messages."""
         name = self.effect.name.replace("_", " ")
         return name if self.joint is None else f"{name} of joint {self.joint + 1}"
 
@@ -64,14 +64,14 @@ class Problem:
     """``torque`` or ``supply``."""
     states: tuple[States, ...]
     rows: tuple[Rows, ...]
-    """What is fitted of each run; states are simulated at all samples."""
+    """Rows of each run that are fitted; states are simulated at all samples."""
     target: tuple[Float, ...]
     variance: tuple[Float, ...]
     """(M, C) of each run's rows."""
     floor: Float
     """Noise floor (C,)."""
     size: Float
-    """What counts as sizeable (C,): scale of the priors of effects."""
+    """Size (C,) that counts as considerable: scale of the priors of effects."""
     nuisance: tuple[Block, ...]
     measured: Float
     """Standard deviation (C,) of what was measured."""

@@ -1,4 +1,4 @@
-"""What a search finds: terms, their fit, what was tried; and the thresholds of acceptance."""
+"""Result of a search: terms, their fit, and what was tried; and the thresholds of acceptance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When a term is accepted."""
+    """Thresholds at which a term is accepted."""
 
     gain: float = 16.0
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
@@ -74,13 +74,13 @@ class Solution:
     factor: Float
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
-    """Whether the time was up before all was tried."""
+    """True if the time was up before all was tried."""
     rivals: dict[tuple[str, int | None], tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
     """Evidence of each term beside the others, and of the best other names in its place."""
 
     @property
     def residual(self) -> Float:
-        """What is left, (N, C)."""
+        """Residual (N, C)."""
         return self.fit.residual
 
     def block(self, term: Term) -> tuple[Block, slice]:

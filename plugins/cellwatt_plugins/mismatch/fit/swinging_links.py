@@ -17,7 +17,7 @@ FEW = 0.02
 
 
 def swinging_torque(solution: Solution) -> Float:
-    """What effects that are simulated sample by sample add to each channel together, (N, C); 0 where there is none."""
+    """Sum (N, C) of the effects that are simulated sample by sample; 0 where there is none."""
     channels = len(solution.problem.floor)
     out = np.zeros_like(solution.residual)
     for term in solution.terms:

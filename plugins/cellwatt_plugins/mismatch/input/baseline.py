@@ -1,4 +1,4 @@
-"""What the recordings are compared with: the user's simulation as a law, and what it says beyond any such law.
+"""Baseline of the recordings: the user's simulation as a law, and what it says beyond any such law.
 
 A simulation speaks of the planned motion, the arm made another one. To carry its torque over, the numbers of the
 description (links, friction, rotors, windings, standby) are found anew from the simulation, which has no noise; what
@@ -120,7 +120,7 @@ def _mechanics(said: Simulated, robot: RobotDescription, body: RigidBody) -> Bas
 
 
 def _left(said: Simulated, law: Baseline) -> Float:
-    """What a law leaves of each torque (n,), rms, as a share of its size."""
+    """Rms (n,) of the torque that a law leaves, as a share of its size."""
     left = np.where(_clear(said.plan), said.torque - law.torque(said.plan), 0.0)
     return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.maximum(_size(said), 1e-9))
 
@@ -199,12 +199,12 @@ class _LinkFit:
         self._wide = [_size(said)[j] / max(float(np.sqrt(np.mean(c**2))), 1e-6) for j, c in self._courses]
 
     def left(self, fixed: dict[int, float]) -> float:
-        """What is left with some friction numbers given, rms in units of the standard deviation."""
+        """Rms of the residual with some friction numbers given, in units of the standard deviation."""
         fit = self._fit(fixed)
         return float(np.sqrt(np.mean(np.square(fit.residual) / self._variance)))
 
     def solved(self, fixed: dict[int, float]) -> tuple[Float, Float]:
-        """What is added to the links (10 n,), and friction (3 n,)."""
+        """Corrections of the links (10 n,), and friction (3 n,)."""
         coefficients = self._fit(fixed).coefficients
         links = PER_LINK * len(self._links)
         friction = coefficients[links:].copy()

@@ -237,7 +237,7 @@ def _cut(run: Run, part: slice) -> Run:
 
 
 def _simulated(signals: Signals) -> Plan:
-    """What a simulation says, on its own time grid."""
+    """Planned motion of a simulation, on its own time grid."""
     if "position" not in signals.joints:
         return _targets(signals)
     position = signals.needed("position")

@@ -16,7 +16,7 @@ Bool = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Simulated:
-    """What the user's simulation says of the planned motion, at its own M times."""
+    """Torque and power that the user's simulation states for the planned motion, at its own M times."""
 
     time: Float
     """(M,) s on the recording's clock."""
@@ -48,13 +48,13 @@ class Run:
     """(N, n) °C, where recorded."""
     plan: Plan | None = None
     simulated: Simulated | None = None
-    """What the recording is compared with; None: the law in robot.yaml."""
+    """Simulation that the recording is compared with; None: the law in robot.yaml."""
     gaps: Bool | None = None
     """(N,) true where samples were missing and values were filled in."""
     torque_from: Literal["torque", "current"] = "torque"
-    """What was recorded; current is times the torque constants of the description."""
+    """Recorded quantity; current is multiplied by the torque constants of the description."""
     notes: tuple[str, ...] = ()
-    """What was mended in reading it, one sentence each."""
+    """Corrections made in reading it, one sentence each."""
 
     @property
     def step(self) -> float:

@@ -1,4 +1,4 @@
-"""How far recording and simulation are apart in one interval, and how far they may be."""
+"""Difference of recording and simulation in one interval, and its permitted band."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Reading:
 
     @property
     def outside(self) -> bool:
-        """Whether the channel is outside its band."""
+        """True if the channel is outside its band."""
         return self.residual > self.limit
 
 
 @dataclass
 class _Learned:
-    """How often a motion was seen, and the largest residual (C,) of the times that count as normal."""
+    """Count of a motion, and the largest residual (C,) of the times that count as normal."""
 
     times: int
     normal: Float
@@ -85,7 +85,7 @@ class Band:
         ]
 
     def _normal(self, motion: int, sizes: Float) -> Float | None:
-        """What is normal (C,) of this motion; None while it is being learned."""
+        """Normal residual (C,) of this motion; None while it is being learned."""
         if not self.settings.learn:
             return np.zeros(len(sizes))
         learned = self._learned.setdefault(motion, _Learned(0, np.zeros(len(sizes))))

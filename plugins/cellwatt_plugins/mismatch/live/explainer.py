@@ -1,4 +1,4 @@
-"""When the difference is explained, on what, and what is said of it."""
+"""Schedule of explanations: when one starts, on which stretch, and what is reported."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ LOG = "explain.log"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an explanation: the content of its findings.json, or why there is none."""
+    """Outcome of an explanation: the content of its findings.json, or why there is none."""
 
     folder: Path
     findings: Mapping[str, Any] | None
@@ -57,7 +57,7 @@ class Explanation:
             raise RecordingError(f"cellwatt explain cannot be started: {error.strerror or error}") from error
         self._deadline = time.monotonic() + limit
         self.gives_way = _restrain(self._process.pid, limit)
-        """Whether it has low priority; a service may not be allowed to give it."""
+        """True if it has low priority; a service may not be allowed to give it."""
 
     def poll(self) -> Outcome | None:
         """The outcome once there is one."""

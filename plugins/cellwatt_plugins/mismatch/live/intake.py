@@ -34,19 +34,19 @@ UNITS: dict[Quantity, str] = {
     "target_velocity": "rad/s",
     "target_acceleration": "rad/s^2",
 }
-"""What is taken of an arm where it is given; a commanded motion is for the explanation, which is sharper with it."""
+"""Quantities taken of an arm where it gives them; the commanded motion sharpens the explanation."""
 SUPPLY = "supply.power"
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What is compared with the simulation: a joint's torque (1-based joint), or the supply's power."""
+    """Channel that is compared with the simulation: a joint's torque (1-based), or the supply's power."""
 
     name: str
     unit: str
     joint: int | None
     what: str
-    """What messages call it."""
+    """Its name in messages."""
 
 
 @dataclass(frozen=True)
@@ -63,12 +63,12 @@ class Intake:
 
     @property
     def measured(self) -> Quantity:
-        """What torque is taken from."""
+        """Quantity from which torque is taken."""
         return "torque" if "torque" in self.joints else "current"
 
     @cached_property
     def places(self) -> dict[str, slice]:
-        """Where each quantity is in a row."""
+        """Columns of each quantity in a row."""
         out, at = {}, 0
         for quantity, columns in self.joints.items():
             out[str(quantity)] = slice(at, at + len(columns))

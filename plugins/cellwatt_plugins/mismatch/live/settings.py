@@ -11,7 +11,7 @@ from cellwatt.stage import StageSettings
 
 
 class BandSettings(BaseModel):
-    """How far recording and simulation may be apart, interval by interval."""
+    """Permitted difference between recording and simulation, interval by interval."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -26,7 +26,7 @@ class BandSettings(BaseModel):
 
 
 class ExplainSettings(BaseModel):
-    """When ``cellwatt explain`` is started on what was recorded, and what it may take."""
+    """Conditions under which ``cellwatt explain`` is started, and the resources that it may take."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -41,7 +41,7 @@ class ExplainSettings(BaseModel):
     memory: Bytes = Field(default=8e8, gt=0)
     """It is ended when it needs more."""
     folder: Path | None = None
-    """Where recordings, models and reports are put; ``mismatch`` in the daemon's working directory if left out."""
+    """Folder for recordings, models and reports; ``mismatch`` in the daemon's working directory if left out."""
     keep: int = Field(default=10, ge=1, le=10000)
     """Explanations that are kept there; older ones are deleted."""
 
@@ -61,6 +61,6 @@ class MismatchSettings(StageSettings):
     power: str | None = None
     """Channel of the supply's power; the only ``supply.power`` where left out, none where there is none."""
     band: BandSettings = BandSettings()
-    """How far recording and simulation may be apart."""
+    """Permitted difference between recording and simulation, interval by interval."""
     explain: ExplainSettings | None = ExplainSettings()
-    """When the difference is explained; ``null``: never."""
+    """Conditions under which the difference is explained; ``null``: never."""

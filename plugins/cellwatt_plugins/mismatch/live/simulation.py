@@ -28,7 +28,7 @@ LONG = 60.0
 
 @dataclass(frozen=True)
 class Simulated:
-    """What the simulation says of N samples: torque (N, n) Nm and supply power (N,) W."""
+    """Torque (N, n) Nm and supply power (N,) W by the simulation for N samples."""
 
     torque: Float
     power: Float
@@ -79,7 +79,7 @@ def open_model(simulation: str, robot: Path | None, folder: Path) -> Model:
 
 
 def _followed(model: Model, body: RigidBody, step: float, warm: bool) -> list[bool]:
-    """Whether each term comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
+    """Tell of each term if it comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
     if not model.terms:
         return []
     long = _probe(model, body, round((LONG + PAST + 1) / step), step, True)

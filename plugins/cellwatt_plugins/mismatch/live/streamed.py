@@ -22,7 +22,7 @@ class Streamed:
     """As ``Intake.judged``: torque of each joint in Nm, then the supply's power in W where that is compared."""
 
     def rows(self, frames: Frames) -> Float:
-        """What the simulation says, (N, C); NaN where it said nothing."""
+        """Values of the simulation (N, C); NaN where it gave none."""
         return frames.values[:, self.columns]
 
 

@@ -1,4 +1,4 @@
-"""What a model found, in terms that simulators of arms have; and what they have no term for."""
+"""Correction of a simulator: what a model found in the terms that simulators have, and what they lack."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Correction:
-    """What is to be added to a simulator of n joints."""
+    """Correction to be added to a simulator of n joints."""
 
     friction: Float
     """(n,) Nm, against the motion."""
@@ -39,7 +39,7 @@ class Correction:
 
 
 def correction(retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[States]) -> Correction:
-    """What a model adds to the simulation that it was compared with."""
+    """Return what a model adds to the simulation that it was compared with."""
     n = len(retuned.coulomb_friction)
     friction, armature = retuned.coulomb_friction.copy(), retuned.rotor_inertia.copy()
     damping = np.column_stack([retuned.viscous_friction, np.zeros((n, 2))])

@@ -44,7 +44,7 @@ class Files:
             self._read(self._place(include.attributes.get("file", "")))
 
     def _place(self, name: str) -> Path:
-        """Where MuJoCo looks: from the main file's folder."""
+        """Path of a file as MuJoCo resolves it: from the main file's folder."""
         return self.path.parent / name
 
     def all(self, tag: str) -> Iterator[tuple[One, Element]]:

@@ -20,7 +20,7 @@ LEAST_MASS = 1e-4
 LEAST_RADIUS = 1e-3
 """m of its extent at least, each way."""
 PULL = 0.02
-"""How much nearness of the numbers themselves counts beside nearness of the torques."""
+"""Weight of nearness of the parameters themselves, beside nearness of the torques."""
 
 
 def pseudo_inertia(parameters: Float) -> Float:
@@ -63,7 +63,7 @@ def about_origin(mass: float, centre: Float, inertia: Float) -> Float:
 
 
 def physical(parameters: Float) -> NDArray[np.bool_]:
-    """Whether bodies (…, 10) can exist."""
+    """True for each body (…, 10) that can exist."""
     scale = np.array([1.0, 1.0, 1.0, LEAST_RADIUS])
     least = np.linalg.eigvalsh(pseudo_inertia(parameters) * np.outer(scale, scale))[..., 0]
     return np.asarray((parameters[..., 0] >= 0.5 * LEAST_MASS) & (least > 0.1 * LEAST_MASS * LEAST_RADIUS**2))
@@ -96,7 +96,7 @@ def nearest(wanted: Float, felt: Float) -> Float:
 
 
 def _scale(row: Float) -> Float:
-    """What is much for each of ten parameters of a body like this one."""
+    """Scale of each of ten parameters of a body like this one."""
     mass = max(abs(float(row[0])), 0.1)
     reach = max(float(np.linalg.norm(row[1:4])) / mass, 0.05)
     return np.array([mass, *(3 * [mass * reach]), *(6 * [mass * reach**2])])

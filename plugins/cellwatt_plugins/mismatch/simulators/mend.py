@@ -48,7 +48,7 @@ class ToMend:
 
 @dataclass(frozen=True)
 class Left:
-    """What was found and is not in the mended file."""
+    """Finding that is not in the mended file."""
 
     effect: str
     joint: int | None
@@ -107,7 +107,7 @@ def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mend
 
 
 def _target(simulator: Simulator, frames: Placing, solution: Solution, terms: Sequence[FittedTerm]) -> Target:
-    """What is to be written, as far as the kind of file can say it."""
+    """Values to be written, as far as the kind of file can hold them."""
     states = solution.problem.states
     found = correction(retuned(solution, None), terms, states)
     goal = target(simulator, frames, found, states, solution.problem.floor)
@@ -173,7 +173,7 @@ def _held_out(
 
 
 def _left(found: Explained, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
-    """What the file does not say, with the torque or power that is left by it."""
+    """Findings that the file cannot hold, with the torque or power that they leave."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     out = []
     for fitted in found.model.terms:

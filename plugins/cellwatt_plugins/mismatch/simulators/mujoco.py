@@ -20,11 +20,11 @@ Float = NDArray[np.float64]
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS")
-"""What no motor's torque on a planned motion is made of, and dry friction, which is taken as the file states it."""
+"""Contributions that are no motor torque on a planned motion, and dry friction, taken as the file states it."""
 
 
 def is_simulator(path: Path) -> bool:
-    """Whether a file is a simulator's model by its name, and not a table of its results."""
+    """True if a file, by its name, is a simulator's model and not a table of its results."""
     return path.suffix.lower() in SUFFIXES
 
 

@@ -1,4 +1,4 @@
-"""Where the frames of the robot's URDF are in a simulator: the same arm, described with other frames."""
+"""Frames of the robot's URDF in a simulator: the same arm, described with other frames."""
 
 from __future__ import annotations
 

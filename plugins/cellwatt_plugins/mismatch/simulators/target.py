@@ -1,4 +1,4 @@
-"""What a mended simulator shall have: the user's values and what was found, as far as a real arm can have it."""
+"""Values of a mended simulator: the user's and what was found, as far as a real arm can have it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Target:
     gear: Float
     """(n,), factor on the user's."""
     changed: tuple[Float, Float | None]
-    """What links (n, 10) and the payload (10,) differ from the user's, in the URDF's joint frames."""
+    """Difference of links (n, 10) and payload (10,) from the user's, in the URDF's joint frames."""
     refused: tuple[tuple[str, int | None, str], ...] = ()
     """Effects with their joints (0-based) that cannot be written, and why."""
     notes: tuple[str, ...] = ()

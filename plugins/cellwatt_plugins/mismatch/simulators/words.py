@@ -10,7 +10,7 @@ SAID = 0.05
 
 
 def mended_in_words(mended: Mended) -> str:
-    """What was written, what could not be, and the simulator's error before and after."""
+    """Describe what was written, what could not be, and the simulator's error before and after."""
     lines = [f"mended: {mended.path}"]
     told = [change for change in mended.applied if _worth_a_line(change)]
     lines += [f"  {change.where}: {change.what} {_values(change)}" for change in told]

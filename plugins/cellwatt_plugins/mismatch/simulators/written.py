@@ -1,4 +1,4 @@
-"""What was written into a simulator's file, and what could not be."""
+"""Record of what was written into a simulator's file, and what could not be."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SMALL = 1e-9
 
 
 def differ(values: Float, were: Float) -> bool:
-    """Whether numbers of one body are others, rounding aside."""
+    """True if the numbers of one body differ, rounding aside."""
     return bool(np.max(np.abs(values - were)) > SMALL * np.max(np.abs([values, were])))
 
 
@@ -46,7 +46,7 @@ class Written:
 
 
 def differs(value: float, was: float) -> bool:
-    """Whether a number is another one."""
+    """True if a number differs, rounding aside."""
     return abs(value - was) > SMALL * max(abs(value), abs(was), 1e-12)
 
 

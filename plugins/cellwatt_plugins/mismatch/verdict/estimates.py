@@ -37,7 +37,7 @@ def _foreseen(solution: Solution, term: Term) -> Float:
 
 
 def retuned(torque: Solution, supply: Solution | None) -> Retuned:
-    """How far the nominal parameters are off by the fits."""
+    """Return the corrections of the nominal parameters by the fits."""
     robot = torque.problem.states[0].robot
     joints = len(robot.joints)
     values = torque.fit.coefficients

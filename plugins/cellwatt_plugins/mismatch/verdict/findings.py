@@ -1,4 +1,4 @@
-"""What ``explain`` says: findings with their parameters, place and gain; written as ``findings.json``."""
+"""Findings of ``explain`` with their parameters, place and gain; written as ``findings.json``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Where:
-    """Where a mismatch sits; None: everywhere."""
+    """Place of a mismatch; None: everywhere."""
 
     channels: tuple[str, ...]
     position: tuple[float, float] | None = None
@@ -106,7 +106,7 @@ class Findings:
     fit: tuple[ChannelFit, ...] = ()
     tried: tuple[Trial, ...] = ()
     notes: tuple[str, ...] = field(default=())
-    """What the data could not tell, e.g. effects that this motion cannot show."""
+    """Remarks on what the data could not tell, e.g. effects that this motion cannot show."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

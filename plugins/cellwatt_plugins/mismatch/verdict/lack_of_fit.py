@@ -16,7 +16,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limits:
-    """When what is left is called unexplained."""
+    """Limits beyond which a residual is called unexplained."""
 
     excess: float = 0.35
     """Mean square residual beyond noise, in units of the noise, over a whole channel."""

@@ -68,7 +68,7 @@ def _finding(
 
 
 def _within_gain(term: Term, gain: float) -> bool:
-    """Whether a term is a gain that the description has, as a torque constant that nobody knows well."""
+    """True if a term is a gain that the description has, as a torque constant that nobody knows well."""
     return gain > 0 and term.effect.name == "torque_gain"
 
 

@@ -1,4 +1,4 @@
-"""Which effects are there: stepwise selection of terms by their evidence."""
+"""Stepwise selection of effects by their evidence."""
 
 from cellwatt_plugins.mismatch.fit.search.stepwise import search
 

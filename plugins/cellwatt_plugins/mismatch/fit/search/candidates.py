@@ -19,7 +19,7 @@ Float = NDArray[np.float64]
 
 
 def candidates(state: SearchState, now: Solution, at: int | None = None) -> list[Candidate]:
-    """What each effect would add, the greatest evidence first; where ``at`` is given, at that joint only."""
+    """Return what each effect would add, greatest evidence first; at joint ``at`` only, where it is given."""
     residual = now.problem.every_sample(now.residual)
     chi2 = now.problem.fast_chi2(now.residual)
     out = []
@@ -36,7 +36,7 @@ def candidates(state: SearchState, now: Solution, at: int | None = None) -> list
 
 
 def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:
-    """Whether there is Coulomb friction that an effect could change."""
+    """True if there is Coulomb friction that an effect could change."""
     described = column(state.robot, "coulomb_friction")[joint or 0]
     return bool(described > 0) or any(t.place == ("coulomb_friction", joint) for t in terms)
 
@@ -55,7 +55,7 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
 
 
 def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, fast_chi2: Float) -> bool:
-    """Whether an effect is worth a try beside the terms that are there."""
+    """True if an effect is worth a try beside the terms that are there."""
     if any(t.joint == joint and _stands_for(t.effect, effect) for t in now.terms):
         return False
     if effect.form.sample_by_sample and joint is not None and fast_chi2[joint] <= state.thresholds.costly:

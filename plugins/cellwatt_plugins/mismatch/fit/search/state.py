@@ -1,4 +1,4 @@
-"""What the steps of a search share: what is asked, the problem of the moment, and what was refused."""
+"""State that the steps of a search share: the task, the present problem, and the terms refused."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class SearchState:
     """s of this process's time at which nothing more is tried."""
 
     def spent(self) -> bool:
-        """Whether the time is up: what is found by then is said, no more."""
+        """True once the time is up: the search then reports what it has found."""
         return time.process_time() > self.until
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Whether recordings and simulations are fit to be compared; what is wrong with them, in one line, where they are not.
+"""Check that recordings and simulations can be compared, and say in one line what is wrong with them.
 
 A wrong input is claimed only where it is far from anything physical (an angle off by 57.3, a torque by 1000), and where
 undoing it makes recording and simulation agree far better than they do as they are. Effects that a robot can have are

@@ -1,4 +1,4 @@
-"""How well recorded torques agree with the robot's description, under one or another reading of the columns."""
+"""Agreement of recorded torques with the robot's description, under one or another reading of the columns."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Sample:
     torque: Float
 
     def expected(self, factor: Float | float = 1.0, order: Sequence[int] | None = None) -> Expected:
-        """What the description says of this motion times ``factor``, its columns in ``order``."""
+        """Torque by the description for this motion times ``factor``, its columns in ``order``."""
         motion = (self.position, self.velocity, self.acceleration)
         columns = slice(None) if order is None else list(order)
         q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in motion)

@@ -27,7 +27,7 @@ SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
 
 
 def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tuple[Baseline, list[str]]:
-    """What the runs are compared with, and what is worth saying of them before they are explained.
+    """Return the baseline of the runs, and remarks that are worth knowing before they are explained.
 
     Raises ``RecordingError``, one line, at the first run that cannot be used as it is.
     """

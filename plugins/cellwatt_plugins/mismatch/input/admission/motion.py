@@ -41,13 +41,13 @@ FACTOR = 2.0
 
 
 def spread(values: Float) -> Float:
-    """What each column (N, n) spans, without its extreme hundredths: (n,)."""
+    """Span (n,) of each column (N, n), without its extreme hundredths."""
     low, high = np.percentile(values, [1, 99], axis=0)
     return np.asarray(high - low, np.float64)
 
 
 def travel(run: Run) -> Float:
-    """What each joint (n,) spans in the samples that were not filled in, rad."""
+    """Span (n,) rad of each joint in the samples that were not filled in."""
     return spread(run.position[usable(run)])
 
 

@@ -128,7 +128,7 @@ def _clock(pair: _Pair, late: float, remaining: float) -> None:
 
 
 def _order(pair: _Pair) -> None:
-    """Which planned joint each recorded column follows."""
+    """Check that each recorded column follows the planned joint of its number."""
     difference = _centred(pair.position)[:, :, None] - _centred(pair.plan)[:, None, :]
     cost = np.sqrt(np.mean(difference**2, axis=0)) / _scale(pair.plan)
     lost = np.flatnonzero(np.diag(cost) > FOLLOWS)

@@ -1,4 +1,4 @@
-"""What is no error but good to know before reading the findings."""
+"""Remarks: no errors, but good to know before reading the findings."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) ->
 
 
 def _order(place: str, torque: Float, expected: Expected) -> None:
-    """Which joint each torque column belongs to, the positions being right."""
+    """Check that each torque column belongs to the joint of its number, the positions being right."""
     cost = expected.table(torque)
     _, order = linear_sum_assignment(np.minimum(cost, 2.0))
     other = np.flatnonzero(order != np.arange(len(order)))
@@ -197,5 +197,5 @@ def _better(other: Float, misfit: Float) -> Bool:
 
 
 def _agrees(other: float, misfit: float) -> bool:
-    """Whether another reading of the whole arm is to be believed; see ``AGREES``."""
+    """True if another reading of the whole arm is to be believed; see ``AGREES``."""
     return other < min(AGREES, GOOD * misfit)
