@@ -1,1 +1,1 @@
-"""Where a robot's energy goes: five consumer groups from an analyzer and the robot's own signals (ECDP)."""
+"""Split a robot's energy into five consumer groups, from an analyzer and the robot's own signals (ECDP)."""

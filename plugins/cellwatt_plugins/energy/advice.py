@@ -1,4 +1,4 @@
-"""What would save energy, from a task's own motion: its speed, brakes while it waits, the pose in which it waits."""
+"""Advice that saves energy, from a task's own motion: its speed, brakes while it waits, its waiting pose."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Advice:
     uncertainty: float
     """J, one standard deviation."""
     setting: Mapping[str, float] = field(default_factory=dict)
-    """What to set, with units in the names."""
+    """Settings to be made, with units in the names."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Cycle:
 
     @property
     def pose(self) -> Float:
-        """Where it waits, (n,) rad."""
+        """Pose in which it waits, (n,) rad."""
         return self.motion.position[-1] if self.rest is None else np.median(self.rest.position, axis=0)
 
     @property
@@ -68,12 +68,12 @@ class Cycle:
         return self.motion.torque[-1] if self.rest is None else np.median(self.rest.torque, axis=0)
 
     def braked(self, known: Known) -> bool:
-        """Whether it waits with its brakes on already."""
+        """True if it waits with its brakes on already."""
         return self.rest is not None and float(np.median(self.rest.power)) < known.drive.fixed - known.brakes / 2
 
 
 def advise(arm: Arm, known: Known, cycle: Cycle, brake_time: float) -> list[Advice]:
-    """What is worth telling, the largest saving first; ``brake_time`` s is lost with putting brakes on and off."""
+    """Return the advice, the largest saving first; ``brake_time`` s is lost with putting brakes on and off."""
     found = [speed_advice(arm, known, cycle)]
     if not cycle.braked(known):
         found += [brake_advice(arm, known, cycle, brake_time), pose_advice(arm, known, cycle)]

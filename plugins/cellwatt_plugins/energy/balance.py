@@ -57,7 +57,7 @@ class TaskEnergy:
     """(7, 7) J² of ``GROUPS``: errors of the groups go together."""
 
     def groups(self) -> dict[str, float]:
-        """What adds up to ``total``, by name."""
+        """Groups that add up to ``total``, by name."""
         return {name: float(getattr(self, name)) for name in GROUPS}
 
     def group_uncertainty(self) -> dict[str, float]:
@@ -137,5 +137,5 @@ def _payload_lifted(arm: Arm, stretch: Stretch) -> float:
 
 
 def resting_power(arm: Arm, known: Known, torque: Float) -> float:
-    """What holding the arm by ``torque`` (n,) Nm as given draws beyond fixed power, W."""
+    """Power beyond fixed power in W that holding the arm by ``torque`` (n,) Nm as given draws."""
     return float(bus_power(known.drive, features(arm, torque[None, :], np.zeros((1, arm.joints))))[0])

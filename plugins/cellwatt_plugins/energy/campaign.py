@@ -76,7 +76,7 @@ def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
 
 
 def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, RigidFit]:
-    """What the readings at rest and the description say of fixed power and torque."""
+    """Belief on fixed power and torque by the readings at rest and the description."""
     ones = np.ones(arm.joints)
     rigid = fit_rigid(arm, runs, ones, FROM_CURRENT * ones)
     torque, spread = ones, FROM_SENSOR * ones

@@ -31,7 +31,7 @@ class Drive:
     fixed: float
     """Power at rest with brakes released and no torque: electronics and brakes, W."""
     torque: Float
-    """What the robot's torque is to be multiplied by."""
+    """Factor on the robot's torque."""
     copper: Float
     """Winding resistance as a multiple of the described one, at the described torque constant and given torque."""
     switching: Float
@@ -70,10 +70,10 @@ def bus_power(drive: Drive, feature: Float) -> Float:
 
 
 def supply_power(drive: Drive, bus: Float) -> Float:
-    """What the analyzer sees, (N,) W, for ``bus`` (N,) W."""
+    """Power (N,) W that the analyzer sees for ``bus`` (N,) W."""
     return np.asarray(drive.fixed + drawn(bus, 1.0, drive.returned))
 
 
 def chopper_power(drive: Drive, bus: Float) -> Float:
-    """What the chopper burns, (N,) W, for ``bus`` (N,) W."""
+    """Power (N,) W that the chopper burns for ``bus`` (N,) W."""
     return (1.0 - drive.returned) * np.maximum(-bus, 0.0)

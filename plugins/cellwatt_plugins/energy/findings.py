@@ -1,4 +1,4 @@
-"""What ``disaggregate`` found, as data; every field is a key of ``energy.json``."""
+"""Findings of ``disaggregate`` as data; every field is a key of ``energy.json``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Fixed:
     robot_electronics_uncertainty: float
     brakes_uncertainty: float
     hold: float
-    """What the motors drew in the third state, to hold the arm where G(q) was not quite zero."""
+    """Power that the motors drew in the third state, to hold the arm where G(q) was not quite zero."""
     notes: tuple[str, ...] = ()
 
     @property
@@ -46,7 +46,7 @@ class JointFriction:
 
 @dataclass(frozen=True)
 class JointDrive:
-    """What was identified of one joint's drive."""
+    """Identified parameters of one joint's drive."""
 
     joint: str
     torque_gain: float
@@ -107,7 +107,7 @@ class Findings:
     """Share of the braking power on the bus that the electronics used; the chopper burnt the rest."""
     returned_uncertainty: float
     model_error_percent: float
-    """How far the modelled energy of a repetition is from the measured one, rms over the runs."""
+    """Difference of a repetition's modelled energy from the measured one, rms over the runs."""
     notes: tuple[str, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = field(kw_only=True)
     """(2 + 5 n, 2 + 5 n) of fixed power (W), of torque's factor, copper, switching, iron and hysteresis, all joints of

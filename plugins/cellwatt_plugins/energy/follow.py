@@ -1,4 +1,4 @@
-"""What the electronics draw now: they warm up and their fans start, and every rest shows it."""
+"""Present power of the electronics: they warm up and their fans start, and every rest shows it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cellwatt_plugins.energy.known import Known
 Float = NDArray[np.float64]
 
 FOLLOW = 0.2
-"""How far a rest moves the level of the electronics towards what it shows."""
+"""Share by which a rest moves the level of the electronics towards the power that it shows."""
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,14 @@ Float = NDArray[np.float64]
 ROUNDS = 8
 """Repetitions of the linear fit; the parameters rest after about five."""
 SPREAD = {"copper": 0.15, "switching": 0.15, "eddy": 0.5, "hysteresis": 0.5}
-"""How far joints differ from their common value, as a share of it: one standard deviation, by experience with motors
+"""Difference of joints from their common value, as a share of it: one standard deviation, by experience with motors
 of one family …"""
 FREE = 1e3
 """… and the common value itself, from 0: it is free."""
 LEAST_TORQUE = 0.2
-"""What the robot's torque is multiplied by, at least."""
+"""Least factor on the robot's torque."""
 RETURNED = (0.5, 0.5)
-"""What is believed of ``returned`` before measuring: mean and one standard deviation."""
+"""Prior of ``returned``: mean and one standard deviation."""
 SHARPEST = 0.05
 """W: no run counts as measured better than this, since no model of a drive is."""
 SHIFT = 0.05
@@ -43,12 +43,12 @@ WARMED = 0.02
 """… and the resistance of all windings, as a share: 5 K."""
 OWN = np.array([SHIFT, WANDERED, WARMED])
 NEIGHBOURS = 10.0
-"""What the model misses is alike in so many neighbouring values, and again in each repetition."""
+"""Neighbouring values in which the model's error is alike; it comes again in each repetition."""
 
 
 @dataclass(frozen=True)
 class Belief:
-    """What is known before the analyzer's power in motion is looked at: mean and one standard deviation each."""
+    """Belief before the analyzer's power in motion is looked at: mean and one standard deviation each."""
 
     fixed: tuple[float, float]
     """W, from the readings at rest."""
@@ -90,7 +90,7 @@ class Identified:
 
 
 def begin(arm: Arm, fixed: float) -> Drive:
-    """What the description alone says: the first guess."""
+    """Return the drive by the description alone: the first guess."""
     n = arm.joints
     return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), np.zeros(n), RETURNED[0])
 
@@ -141,7 +141,7 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
 
 
 def residual(one: Observed, drive: Drive) -> tuple[NDArray[np.bool_], Float]:
-    """Which values of the analyzer are within the robot's recording, and measured less modelled power of those, W."""
+    """Return which of the analyzer's values lie within the robot's recording, and their measured less modelled power, W."""
     model = modelled(one.run, one.feature, drive)
     used = inside(one.run.reading, one.offset.seconds, model)
     start, end = (edge[used] for edge in windows(one.run.reading, one.offset.seconds))
@@ -201,7 +201,7 @@ def _fitted(
 
 
 def _prior(drive: Drive, belief: Belief) -> Prior:
-    """What is believed of the drive beforehand: fixed power, torque, likeness of the joints, ``returned``."""
+    """Prior of the drive: fixed power, torque, likeness of the joints, ``returned``."""
     n = len(drive.torque)
     parts = [Prior.spread(np.array([belief.fixed[1]]), belief.fixed[0])]
     parts.append(Prior.spread(belief.torque_uncertainty, belief.torque))

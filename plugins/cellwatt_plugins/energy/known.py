@@ -1,4 +1,4 @@
-"""What a campaign found of an arm, read back from ``energy.json`` for the live side."""
+"""Findings of a campaign on an arm, read back from ``energy.json`` for the live side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far and how fast the flange goes, by the encoders."""
+"""Length and speed of the flange's path, by the encoders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each repetition of a closed path begins and ends, from the encoders alone."""
+"""Begin and end of each repetition of a closed path, from the encoders alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST = 20
 FEWEST = 4
 """Samples of the beginning motion that a law is fitted to, at least."""
 REACHES = (100.0, 300.0, 1000.0)
-"""How far the motion is followed, in noise of the encoder, until there are so many samples."""
+"""Limits to which the motion is followed, in noise of the encoder, until there are so many samples."""
 LAWS = (2, 3, 4)
 """Displacement grows with this power of time: limited in acceleration, jerk or snap."""
 AS_GOOD = 1.3
@@ -113,7 +113,7 @@ def _between(motion: Motion, before: tuple[int, int], after: tuple[int, int], no
 
 
 def onset(time: Float, position: Float, velocity: Float, noise: tuple[float, float]) -> tuple[float, float]:
-    """When a motion that begins from rest began, and the uncertainty, s.
+    """Return the time at which a motion from rest began, and its uncertainty, s.
 
     Displacement and velocity (N, n) along the first direction of motion are fitted by c (t − t₀)^m and its derivative;
     ``noise`` is theirs, rad and rad/s. The law m of the drive is unknown and the first moments are below the noise:

@@ -1,4 +1,4 @@
-"""Where an arm rests, by its encoders alone."""
+"""Rests of an arm, by its encoders alone."""
 
 from __future__ import annotations
 

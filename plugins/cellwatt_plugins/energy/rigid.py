@@ -94,7 +94,7 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
 
 
 def _missed(residual: Float) -> Float:
-    """How far each joint's torque is missed in each run, (N, n) Nm: fast runs are smoothed the most."""
+    """Error (N, n) Nm of each joint's torque in each run: fast runs are smoothed the most."""
     runs = residual.reshape(-1, SAMPLES, residual.shape[1])
     return np.asarray(np.repeat(np.sqrt(np.mean(runs**2, axis=1)), SAMPLES, axis=0))
 

@@ -136,12 +136,12 @@ def _scatter(values: Float) -> float:
 
 
 def _combined(drawn: Sequence[Float], own: Float) -> float:
-    """What a group's mean over the repetitions (R,) is uncertain by, from the draws' and from its own scatter."""
+    """Uncertainty of a group's mean over the repetitions (R,), from the draws' and from its own scatter."""
     return float(np.hypot(np.std([values.mean() for values in drawn]), _scatter(own)))
 
 
 def _power_at_edges(one: Observed, drive: Drive, repetitions: Sequence[Repetition]) -> float:
-    """What the arm draws at rest where repetitions begin and end, W: an edge that is off moves so much energy."""
+    """Power in W at rest where repetitions begin and end: an edge that is off moves so much energy."""
     motion = one.run.motion
     at = np.clip(np.searchsorted(motion.time, np.concatenate(edges(repetitions))), 0, len(motion.time) - 1)
     return float(supply_power(drive, bus_power(drive, one.feature[at])).mean())

@@ -19,7 +19,7 @@ Float = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Mechanical:
-    """What does not depend on the analyzer's reading, one value a repetition, (R,) J."""
+    """Energies (R,) J, one a repetition, that do not depend on the analyzer's reading."""
 
     losses: Float
     """L_M by joint, (R, n)."""

@@ -1,4 +1,4 @@
-"""How far the groups of one task may be off, all of them together.
+"""Uncertainty of the groups of one task, all of them together.
 
 What the campaign found is the same for every sample of a task: its covariance goes through the groups' slopes, linear
 about what was found. Noise of the samples averages out. What one cause moves from one group to another, or in all
@@ -27,7 +27,7 @@ GROUPS = (
     "regeneration",
     "unexplained",
 )
-"""Where the energy of a task goes: together they are its total."""
+"""Groups of a task's energy: together they are its total."""
 ELECTRONICS, BRAKES, STORED, MECHANICAL, ELECTRICAL, REGENERATION, UNEXPLAINED = range(len(GROUPS))
 TOTAL = UNEXPLAINED
 """Column of the measured total in tables that do not hold the unexplained, which follows from the others."""
@@ -35,10 +35,10 @@ TOTAL = UNEXPLAINED
 
 @dataclass(frozen=True)
 class Causes:
-    """What else makes a task's groups uncertain, one standard deviation each, J."""
+    """Further causes of uncertainty of a task's groups, one standard deviation each, J."""
 
     model: float
-    """What the model of the drive misses: in the electrical losses."""
+    """Error of the drive's model: in the electrical losses."""
     stored: float
     """Of what the path lifted: what is not stored was lost on the way, so that mechanical losses change against it."""
     total: float
@@ -108,7 +108,7 @@ def deviations(covariance: Float) -> dict[str, float]:
 
 
 def _left() -> Float:
-    """What turns groups and total into groups and what is in none of them."""
+    """Matrix from groups and total to groups and the part that is in none of them."""
     turned = np.eye(len(GROUPS))
     turned[UNEXPLAINED, :UNEXPLAINED] = -1.0
     return turned

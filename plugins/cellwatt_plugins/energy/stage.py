@@ -56,7 +56,7 @@ class EnergySettings(StageSettings):
     brake_time: Seconds = Field(default=2.0, ge=0)
     """Time lost with putting brakes on and off, for the advice to park with brakes on."""
     meter_class: Fraction = Field(default=0.001, ge=0, lt=1)
-    """What the maker says the power meter may be off, as a share of its reading; for the uncertainties."""
+    """Error of the power meter by its maker, as a share of its reading; for the uncertainties."""
 
 
 class EnergyStage(Stage[EnergySettings]):

@@ -1,4 +1,4 @@
-"""What a way that was never driven would take: from one pose to another, by the dynamic model."""
+"""Energy of a way that was never driven, from one pose to another, by the dynamic model."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ KINDS: Final = {
     "power": "cellwatt_plugins.models.power.command:train_power",
     "static": "cellwatt_plugins.models.static.command:train_static",
 }
-"""What can be trained: the command's name and where it is; imported only when called."""
+"""Kinds of training: the command's name and its function; imported only when called."""
 
 
 class _Kinds(click.Group):

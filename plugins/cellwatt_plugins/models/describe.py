@@ -40,7 +40,7 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
-    """What a model file says about itself. Raises ``ModelError`` where it is damaged or has no metadata."""
+    """Return the metadata of a model file. Raises ``ModelError`` where it is damaged or has none."""
     file = Path(path)
     check_intact(file)
     return metadata_of(open_session(file), file)

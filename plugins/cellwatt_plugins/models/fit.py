@@ -1,4 +1,4 @@
-"""Whether a model fits a cell: its robot, the rate of the frames, and a channel with the right unit for each input."""
+"""Check that a model fits a cell: its robot, the rate of the frames, a channel of the right unit for each input."""
 
 from __future__ import annotations
 

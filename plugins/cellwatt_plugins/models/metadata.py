@@ -1,4 +1,4 @@
-"""What a model file says about itself: JSON under the key ``cellwatt`` of the ONNX file's ``metadata_props``."""
+"""Metadata of a model file: JSON under the key ``cellwatt`` of the ONNX file's ``metadata_props``."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_CONFIG)
 class Training:
-    """What the model was made from.
+    """Origin of a model.
 
     ``data`` is the SHA-256 of the training data, ``range`` the lowest and highest value of each input in it,
     ``created`` when the model was made (with its time zone), ``rows`` how many frames it has seen.
@@ -102,7 +102,7 @@ class Training:
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=_CONFIG)
 class Metadata:
-    """Who a model is, and what it must be fed; raises ``pydantic.ValidationError`` where that contradicts itself.
+    """Identity of a model and its inputs; raises ``pydantic.ValidationError`` where they contradict each other.
 
     ``robot`` and ``rate_hz`` (of the frames) are ``None`` where any will do. ``window`` is the number of frames,
     the newest last, that the model sees at once, ``delay`` by how many frames what it says lies behind the newest.

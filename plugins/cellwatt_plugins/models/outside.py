@@ -35,15 +35,15 @@ class Limits:
 
     @property
     def slack(self) -> float:
-        """What each end of a narrow range is moved outwards by, so that it is ``STILL`` wide."""
+        """Distance by which each end of a narrow range is moved outwards, so that it is ``STILL`` wide."""
         return max(0.0, (STILL - (self.high - self.low)) / 2)
 
     def holds(self, value: float) -> bool:
-        """Whether a value is in the range; false where missing."""
+        """True if a value is in the range; false where missing."""
         return self.low - self.slack <= value <= self.high + self.slack
 
     def beyond(self, value: float) -> float:
-        """How far a value is outside; negative where it is inside."""
+        """Distance of a value from the range; negative where it is inside."""
         return max(self.low - value, value - self.high)
 
 

@@ -22,12 +22,12 @@ Float = NDArray[np.float64]
 KEPT: Final = ("pose", "move")
 """Columns that say which row is which; they go into what is written, after the time."""
 SAME_RATE = 0.02
-"""How far the rate of a table may be off the model's, as a share."""
+"""Share by which the rate of a table may differ from the model's."""
 HOLE = 1.5
 """Rows further apart than this many steps do not stand in one window."""
 _APPROACH = re.compile(r"(joint_\d+)\.approach")
 OUTSIDE = 0.05
-"""How far an input may leave the range of the training before it is told, as a share of its width; as in the stage."""
+"""Share of an input's range in training by which it may leave it before this is told; as in the stage."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def inputs_of(metadata: Metadata, table: Table) -> Float:
 
 
 def starts_of(table: Table) -> NDArray[np.bool_]:
-    """Where a motion begins, (N,): the first row, a new ``move``, or time that jumps by more than ``HOLE`` steps."""
+    """True (N,) where a motion begins: first row, a new ``move``, or a jump of time by more than ``HOLE`` steps."""
     starts = np.zeros(len(table), dtype=bool)
     starts[:1] = True
     if "move" in table.columns:

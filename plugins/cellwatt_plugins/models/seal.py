@@ -22,7 +22,7 @@ def sealed(content: bytes) -> bytes:
 
 
 def broken(content: bytes) -> bool:
-    """Whether a file ends with a digest that is not its own; files without one are never broken."""
+    """True if a file ends with a digest that is not its own; files without one are never broken."""
     body, seal = content[:-_LENGTH], content[-_LENGTH:]
     return seal.startswith(_HEAD) and seal != _HEAD + _digest(body)
 

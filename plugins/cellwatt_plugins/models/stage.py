@@ -29,7 +29,7 @@ class ModelSettings(StageSettings):
     source: str | None = None
     """Source whose channels are meant where several give an input of the model."""
     outside: Fraction = Field(0.05, ge=0)
-    """How far an input may leave the range of the training, as a share of its width, before it is told."""
+    """Share of an input's range in training by which it may leave it before this is told."""
 
 
 class ModelStage(Stage[ModelSettings]):

@@ -1,4 +1,4 @@
-"""What a model sees at each frame: the frame itself, or the last few."""
+"""Window of a model at each frame: the frame itself, or the last few."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cellwatt_plugins.models.network import Array
 
 
 def whole(values: Array, optional: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which frames (n, inputs) have all that is needed, (n,).
+    """True (n,) for frames (n, inputs) that have all that is needed.
 
     Of an ``optional`` input (inputs,) NaN may be missing; an infinite value is never whole.
     """
@@ -35,7 +35,7 @@ class Window:
         self._values: Array = np.full((size - 1, len(needed)), np.nan)
 
     def update(self, time: NDArray[np.int64], values: Array) -> tuple[NDArray[np.intp], Array]:
-        """Which of the next n frames, values (n, inputs), have a whole window, and those windows.
+        """Return which of the next n frames, values (n, inputs), have a whole window, and those windows.
 
         These are (k, size, inputs), the newest frame last, or (k, inputs) where the size is 1.
         """
@@ -50,7 +50,7 @@ class Window:
         return ends - past, values[ends[:, np.newaxis] + self._offsets]
 
     def _lengths(self, time: NDArray[np.int64], values: Array) -> NDArray[np.intp]:
-        """How many frames without a hole or a missing value end at each."""
+        """Count of frames without a hole or a missing value that end at each."""
         at = np.arange(len(time))
         start = np.where(whole(values, self._optional), 0, at + 1)
         holes = 1 + np.flatnonzero(np.diff(time) > self._hole)

@@ -63,7 +63,7 @@ class Segmenter:
         self._turned: Sample | None = None
 
     def update(self, time: Nanoseconds, positions: Float) -> list[Interval]:
-        """What became known with n more frames: ``time`` (n,) ns, ``positions`` (n, joints) rad, NaN missing."""
+        """Return what n more frames settle: ``time`` (n,) ns, ``positions`` (n, joints) rad, NaN missing."""
         good = ~np.isnan(positions).any(axis=1)
         when, pose = time[good], positions[good]
         last = self._motion.time[-1:] if len(self._motion.time) else when[:1]
@@ -144,11 +144,11 @@ class Segmenter:
         return groups
 
     def _negligible(self, a: Sample, b: Sample) -> bool:
-        """Whether what was moved between two samples is too short or too little to be an interval."""
+        """True if the motion between two samples is too short or too small to be an interval."""
         return b.time - a.time < self._minimum or _travel(a, b) < self.thresholds.minimum_travel
 
     def _leaves_little(self, group: list[Change], sample: Sample) -> bool:
-        """Whether some joints stopped just ahead of the others, which have hardly moved since: wait for those."""
+        """True if some joints stopped just ahead of the others, which have hardly moved since: wait for those."""
         if not self._motion.moving or any(c.started for c in group):
             return False
         return _travel(group[-1].sample, sample) < self.thresholds.minimum_travel
@@ -239,7 +239,7 @@ def _after(moving: int, changes: Iterable[Change]) -> int:
 
 
 def _boundary(old: int, new: int, group: Iterable[Change]) -> Sample:
-    """Where one set of moving joints gave way to another, out of changes too close together to count apart.
+    """Sample at which one set of moving joints gave way to another, out of changes too close to count apart.
 
     Motion begins with the first joint that starts and ends with the last that stops; between two moving
     sets the first newly moving joint decides.

@@ -1,4 +1,4 @@
-"""Which joints move: hysteresis on speeds from encoder positions (the "data change detector" of Sabry et al., V.A)."""
+"""Moving joints: hysteresis on speeds from encoder positions (the "data change detector" of Sabry et al., V.A)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ Nanoseconds = NDArray[np.int64]
 
 START_SIGMAS = 8.0
 STOP_SIGMAS = 4.0
-"""How many standard deviations of the measured speed the limits stay above its noise."""
+"""Standard deviations of the measured speed by which the limits stay above its noise."""
 CREEP = 0.2
 """Share of the stop speed down to which a start or stop is followed to its true moment."""
 TRAIL = 1.0
-"""How far back a start or stop may be followed, s."""
+"""Time in s that a start or stop may be followed back."""
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """When a joint counts as moving, and which sets of moving joints count as an interval.
+    """Thresholds at which a joint counts as moving, and a set of moving joints as an interval.
 
     A joint starts when its speed (rad/s, over ``window`` s) stays above ``start_speed`` for ``confirm``
     frames and stops when it stays below ``stop_speed`` as long; both rise with the position noise. Sets of
@@ -110,7 +110,7 @@ class Motion:
 
     @property
     def undecided(self) -> bool:
-        """Whether a joint is about to change."""
+        """True if a joint is about to change."""
         return any(self._streak)
 
     def feed(self, time: Nanoseconds, pose: Float) -> Iterator[Sample]:

@@ -18,7 +18,7 @@ REST_MARGIN = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """How far two runs of one motion may differ: ``displacement`` and start ``pose`` rad a joint, ``speed`` relative.
+    """Permitted difference of two runs of a motion: ``displacement`` and start ``pose`` rad a joint, ``speed`` relative.
 
     What moves no joint further than ``displacement`` counts as rest.
     """
@@ -29,7 +29,7 @@ class Likeness:
 
 
 def alike(a: Interval, b: Interval, likeness: Likeness) -> bool:
-    """Whether two intervals are the same motion: same joints, from the same pose, by the same angles, at any speed."""
+    """True if two intervals are the same motion: same joints, from the same pose, by the same angles, at any speed."""
     return (
         a.moving == b.moving
         and all(abs(x - y) <= likeness.displacement for x, y in zip(a.displacement, b.displacement, strict=True))
@@ -59,7 +59,7 @@ class Move:
 
     @property
     def seconds(self) -> float:
-        """How long it took."""
+        """Duration, s."""
         return (self.interval.end - self.interval.start) * 1e-9
 
 
@@ -84,7 +84,7 @@ class Known:
 
 
 def beginning(moves: Sequence[Move], period: int) -> int:
-    """Where in the first of two repetitions the task begins, 0 … period - 1.
+    """Return the move 0 … period - 1 of the first of two repetitions with which the task begins.
 
     After the longest rest (the shorter of the two repetitions counts, so that a chance pause does not;
     the very first follows on something else and does not count); where no rest stands out, at the rotation
@@ -150,7 +150,7 @@ class TaskRecogniser:
         return []
 
     def _gap_before(self, first: int) -> list[Task]:
-        """What lay between two known tasks: a task itself when it closes on itself and was seen before."""
+        """Tasks between two known tasks: one that closes on itself and was seen before."""
         run = self._free_run(first)
         left = first - len(run) - 1
         if not run or left < 0 or not self._moves[left].claimed or run[0].broken or not self._closes(run):
@@ -199,7 +199,7 @@ class TaskRecogniser:
         )
 
     def _is(self, known: Known, first: int) -> bool:
-        """Whether the unclaimed moves from ``first`` on are one repetition of a task."""
+        """True if the unclaimed moves from ``first`` on are one repetition of a task."""
         moves = self._moves[max(first, 0) : first + len(known.moves)]
         return (
             first >= 0
@@ -219,7 +219,7 @@ class TaskRecogniser:
         return alike(a.interval, b.interval, self.likeness)
 
     def _closes(self, run: Sequence[Move]) -> bool:
-        """Whether a run ends in the pose in which it began."""
+        """True if a run ends in the pose in which it began."""
         first, last = run[0].interval, run[-1].interval
         return all(
             abs(p + d - q) <= self.likeness.pose
@@ -227,7 +227,7 @@ class TaskRecogniser:
         )
 
     def _contains(self, long: Sequence[Interval], short: Sequence[Interval]) -> bool:
-        """Whether a task, repeated, contains another as a part."""
+        """True if a task, repeated, contains another as a part."""
         twice = [*long, *long]
         return any(
             all(alike(a, b, self.likeness) for a, b in zip(twice[i:], short, strict=False)) for i in range(len(long))

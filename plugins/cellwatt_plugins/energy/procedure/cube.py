@@ -23,7 +23,7 @@ REPETITIONS: Final = 30
 
 
 class Cube(BaseModel):
-    """Where one robot goes, in m and rad in its base frame."""
+    """Cube that one robot moves in, in m and rad in its base frame."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

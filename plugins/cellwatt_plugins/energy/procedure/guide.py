@@ -24,7 +24,7 @@ LOG: Final = "campaign.json"
 
 
 class Terminal(Protocol):
-    """Where the operator sits."""
+    """Terminal of the operator."""
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -41,7 +41,7 @@ class Terminal(Protocol):
 
 @dataclass(frozen=True)
 class Plan:
-    """What a campaign consists of."""
+    """Steps of a campaign."""
 
     arm: Arm
     pose: RestPose
@@ -54,7 +54,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Places:
-    """Where things come from and go to."""
+    """Sources and targets of a campaign's data."""
 
     feed: Callable[[], AbstractContextManager[Feed]]
     recorded: Callable[[], Recorded]

@@ -22,7 +22,7 @@ Float = NDArray[np.float64]
 
 
 class Feed(Protocol):
-    """What a reading needs of a cell."""
+    """Access to a cell that a reading needs."""
 
     def take(self, seconds: float) -> None:
         """Wait for what comes, so long at most."""

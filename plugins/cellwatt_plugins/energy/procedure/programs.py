@@ -122,7 +122,7 @@ def programs(robot: str, cube: Cube, speeds: Sequence[float], repetitions: int) 
 
 
 def minutes(cube: Cube, speeds: Sequence[float], repetitions: int) -> float:
-    """How long one program runs."""
+    """Duration of one program, min."""
     moving = sum(float(cube.seconds(speed).sum()) for speed in speeds) * repetitions
     return (moving + len(speeds) * (repetitions * DWELL + 2 * BETWEEN)) / 60
 

@@ -1,4 +1,4 @@
-"""What a cellwatt recording holds of an arm and of the analyzer beside it, in a span of the cell's time."""
+"""Samples of an arm and of the analyzer beside it in a recording, in a span of the cell's time."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def _descend(body: RigidBody, start: Float, bounds: tuple[Float, Float], checker
 
 
 def place_of(body: RigidBody, q: Float) -> Float:
-    """Where the last joint's frame is (3,) m in the base's frame: to look whether the cell has room there."""
+    """Position (3,) m of the last joint's frame in the base's frame: to look whether the cell has room there."""
     data = body.model.createData()
     pin.forwardKinematics(body.model, data, q)
     return np.array(data.oMi[body.joints].translation)

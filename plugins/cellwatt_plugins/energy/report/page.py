@@ -73,7 +73,7 @@ def write_report(outcome: Outcome, path: Path) -> None:
 
 
 def headline(found: Findings) -> str:
-    """What matters most, in one sentence."""
+    """State the main result in one sentence."""
     names = {
         "electronics": "electronics take",
         "brakes": "brakes take",

@@ -67,7 +67,7 @@ def payload_table(findings: Findings) -> str:
 
 
 def joint_table(findings: Findings) -> str:
-    """What was identified of each joint's drive and friction."""
+    """Table of the identified drive and friction of each joint."""
     head = ["Joint", "torque as given", "R Ω", "switching W/A", "eddy currents W s²/rad²", "hysteresis W s/rad"]
     head += ["f<sub>v</sub> Nm s/rad", "f<sub>c</sub> Nm", "f<sub>o</sub> Nm", "f<sub>w</sub> Nm s²/rad²"]
     rows = [

@@ -47,7 +47,7 @@ class Chain:
 
     @property
     def joints(self) -> int:
-        """How many, n."""
+        """Number of joints, n."""
         return len(self.axes)
 
     def with_inertial(self, parameters: Float) -> Chain:

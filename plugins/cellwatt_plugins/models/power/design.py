@@ -49,7 +49,7 @@ class Rows:
     warmth: Float | None
     """(N, n): joint temperature beyond its mean, in ``PER_WARMTH``."""
     shown: Shown
-    """What was measured of the power, of all of the rows."""
+    """Measured power of all of the rows."""
 
     def __len__(self) -> int:
         return len(self.q)
@@ -157,7 +157,7 @@ def shared_columns(rows: Rows, body: RigidBody, carrying: bool) -> Float:
 
 
 def link_spread(parameters: Float) -> Float:
-    """What the inertial parameters (10 n,) would be off by if each link were off by its own size: (10 n,)."""
+    """Error (10 n,) of the inertial parameters (10 n,) if each link were off by its own size."""
     links = parameters.reshape(-1, PER_LINK)
     mass = np.maximum(links[:, 0], 0.1 * links[:, 0].mean())[:, None]
     moments = np.linalg.norm(links[:, 1:4], axis=1, keepdims=True)

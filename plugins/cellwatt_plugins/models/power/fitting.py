@@ -41,7 +41,7 @@ SEED: Final = 0
 
 @dataclass(frozen=True)
 class Structure:
-    """What the model consists of, before its numbers."""
+    """Structure of a model, before its numbers."""
 
     effects: tuple[str, ...]
     losses: tuple[str, ...]
@@ -49,7 +49,7 @@ class Structure:
     doubt: float
     """Share by which the links of the URDF may be off."""
     network: bool = False
-    """Whether a network takes what physics leaves of the torques."""
+    """True if a network takes what physics leaves of the torques."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
 def _network_helps(
     moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, structure: Structure
 ) -> bool:
-    """Whether it lowers the error of the torques on moves left out, the fastest and the slowest first."""
+    """True if it lowers the error of the torques on moves left out, the fastest and the slowest first."""
     if not np.isfinite(moves.current).any():
         return False
     fold = folds_of(moves)

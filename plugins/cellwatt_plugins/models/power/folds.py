@@ -1,4 +1,4 @@
-"""Which moves are held out together: by turns, and the fastest and the slowest, as models must carry beyond both."""
+"""Moves held out together: by turns, and the fastest and the slowest, as models must carry beyond both."""
 
 from __future__ import annotations
 

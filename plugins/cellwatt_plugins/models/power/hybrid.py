@@ -53,12 +53,12 @@ class Hybrid:
         return torque if self.leftover is None else torque + self.leftover(motion)
 
     def motion(self, rows: Rows, shared: Float) -> Motion:
-        """What the terms depend on, from rows and the columns of the inertial parameters."""
+        """Motion that the terms depend on, from rows and the columns of the inertial parameters."""
         load = shared @ self.inertial
         return Motion(rows.q, rows.qd, rows.qdd, load, np.tanh(rows.qd / self.width), rows.warmth)
 
     def drive(self, torque: Any, qd: Any) -> Drives:
-        """What the drives have to do."""
+        """State of the drives for torques and velocities."""
         current = torque / self.constant
         return Drives.of(torque, qd, current, self.resistance)
 
@@ -106,7 +106,7 @@ class Hybrid:
         return graph.model(graph.concat([power.name, current.name]), 1 + joints)
 
     def carries(self, joints: int) -> bool:
-        """Whether a payload is an input."""
+        """True if a payload is an input."""
         return len(self.inertial) > PER_LINK * joints
 
     def _arm(self, chain: Chain) -> Chain:

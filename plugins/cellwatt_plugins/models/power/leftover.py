@@ -26,7 +26,7 @@ LEAST: Final = 0.3
 
 
 def inputs(motion: Motion) -> list[Any]:
-    """What a joint's network sees: (N, n) each."""
+    """Inputs of a joint's network: (N, n) each."""
     return [np.sin(motion.q), np.cos(motion.q), motion.qd, motion.qdd, motion.sign, motion.load]
 
 

@@ -77,7 +77,7 @@ class _Best:
         self._error, self._step = np.inf, 0
 
     def seen(self, step: int, w: Float, error: float) -> bool:
-        """Whether none was better for so long that training may end."""
+        """True if none was better for so long that training may end."""
         if error < self._error:
             self.w, self._error, self._step = w, error, step
         return step - self._step > PATIENCE
@@ -106,7 +106,7 @@ class _Shape:
         )
 
     def forward(self, w: Float, x: Float) -> tuple[Float, Float]:
-        """What the hidden layer and the outputs give."""
+        """Outputs of the hidden layer and of the network."""
         hidden, direct, out = self.split(w)
         inside = np.tanh(x @ hidden[:-1] + hidden[-1])
         return inside, inside @ out + x @ direct[:-1] + direct[-1]

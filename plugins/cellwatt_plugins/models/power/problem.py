@@ -31,7 +31,7 @@ LEAST_SPREAD: Final = 0.5
 
 @dataclass(frozen=True)
 class Problem:
-    """What is known before the fit, and how much each row weighs."""
+    """Data and beliefs before the fit, and the weight of each row."""
 
     robot: RobotDescription
     body: RigidBody
@@ -44,7 +44,7 @@ class Problem:
     """(n,) Nm/A."""
     stated: Stated
     effects: dict[str, tuple[str, ...]]
-    """What may be chosen from, and the terms of each."""
+    """Effects to choose from, and the terms of each."""
 
     @classmethod
     def of(
@@ -99,12 +99,12 @@ class Problem:
         return replace(self, variance=torques.variance_of(left, rows.qd, least), design=loaded)
 
     def doubting(self, share: float) -> Belief:
-        """What is believed where links may be off by another share."""
+        """Return the belief where links may be off by another share."""
         scale = _scale(self.rows, self.design, self.belief.shared, self.constant)
         return Belief.of(self.robot, self.body, self.design, scale, share)
 
     def drive(self, torque: Float, qd: Float) -> Drives:
-        """What drives have to do for torques (N, n)."""
+        """Return the state of the drives for torques (N, n) Nm and velocities (N, n) rad/s."""
         current = torque / self.constant
         return Drives.of(torque, qd, current, self.stated.resistances())
 

@@ -1,4 +1,4 @@
-"""How good predictions are: energy of each move, power, currents; in the layout of the paper's tables too."""
+"""Errors of predictions: energy of each move, power, currents; in the layout of the paper's tables too."""
 
 from __future__ import annotations
 

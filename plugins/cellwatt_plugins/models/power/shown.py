@@ -1,4 +1,4 @@
-"""What was measured of the power, beside the rows of a fit: in a row, or the mean that a slow meter showed."""
+"""Measured power beside the rows of a fit: in a row, or the mean that a slow meter showed."""
 
 from __future__ import annotations
 

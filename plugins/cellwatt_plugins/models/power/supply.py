@@ -46,7 +46,7 @@ class Supply:
     weights: Float
     """(terms, n)."""
     sharing: Sharing
-    """Whether drives use what others give back (one bus), or each burns its own."""
+    """``bus`` if drives use what others give back, ``joint`` if each burns its own."""
 
     def power(self, drive: Drives) -> Any:
         """(N, 1) W."""
@@ -103,7 +103,7 @@ class Believed:
 
 @dataclass(frozen=True)
 class Stated:
-    """What the robot's description says of its supply."""
+    """Figures of the supply in the robot's description."""
 
     standby: float
     """W; 0 where unknown."""

@@ -1,4 +1,4 @@
-"""What the torque and the electrical power of a drive may consist of, as formulas for arrays and for model files.
+"""Terms of the torque and of the electrical power of a drive, as formulas for arrays and for model files.
 
 ``Motion`` holds arrays in training and tensors of a graph in a model file; numpy's ufuncs serve both.
 """
@@ -18,7 +18,7 @@ from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 
 @dataclass(frozen=True)
 class Motion:
-    """What a term of torque may depend on: (N, n) each."""
+    """State of the joints that terms of torque depend on, (N, n) each."""
 
     q: Any
     """rad."""
@@ -87,7 +87,7 @@ EFFECTS: Final[Mapping[str, tuple[str, ...]]] = {
     **{f"torque by angle, {n} a turn": ("offset", f"sine {n}", f"cosine {n}") for n in HARMONICS},
     "friction by temperature": ("warm coulomb", "warm viscous"),
 }
-"""What may be found beside what is always there, and its terms."""
+"""Effects that may be found beside the terms that are always there, and the terms of each."""
 WARM: Final = "friction by temperature"
 
 
@@ -97,4 +97,4 @@ LOSSES: Final[Mapping[str, tuple[str, ...]]] = {
     "eddy-current loss": ("eddy",),
     "loss of the inverters by current": ("switching",),
 }
-"""What may be found beside what is always there, and its terms."""
+"""Effects that may be found beside the terms that are always there, and the terms of each."""

@@ -20,14 +20,14 @@ Float = NDArray[np.float64]
 
 ROUNDS: Final = 6
 ROUNDS_BLIND: Final = 24
-"""Where no current was measured, and the start is far."""
+"""Rounds where no current was measured and the start is far."""
 STILL: Final = 1e-5
 """Steps of all numbers, in prior standard deviations, below which it has ended."""
 
 
 @dataclass(frozen=True)
 class Together:
-    """What is found, with standard errors (p,): the torque's numbers joint by joint, then ``Supply.vector``."""
+    """Result with standard errors (p,): the torque's numbers joint by joint, then ``Supply.vector``."""
 
     torque: Solution
     supply: Supply

@@ -32,7 +32,7 @@ Advance = Callable[[float, str], None]
 METHODS: Final = ("NLS", "SCG", "best")
 BEST: Final = "best"
 AHEAD: Final = True
-"""Whether windows reach ahead of what is estimated."""
+"""True if windows reach ahead of the value that is estimated."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _held_out(
     structure: Structure,
     seed: int,
 ) -> tuple[Float, Float]:
-    """What a method that was fitted to some moves says of others."""
+    """Return the predictions for some moves of a method that was fitted to others."""
     if method == BEST:
         return estimate(fit(known, robot, body, tuning, structure), unknown, robot, body)
     seen, unseen = Seen.of(known, robot, body, tuning), Seen.of(unknown, robot, body, tuning)

@@ -1,4 +1,4 @@
-"""How much smoothing, and how sharply friction turns over: what leaves least of the measured currents."""
+"""Choice of the smoothing, and of the width over which friction turns over, by the error of the currents."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DOUBT: Final = 0.1
 
 @dataclass(frozen=True)
 class Tuning:
-    """What was chosen."""
+    """Smoothing and width that were chosen."""
 
     smoother: Smoother
     width: float

@@ -1,4 +1,4 @@
-"""What a training says: as tables for a person, and as JSON."""
+"""Results of a training as tables for a person, and as JSON."""
 
 from __future__ import annotations
 

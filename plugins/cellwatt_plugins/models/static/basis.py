@@ -1,4 +1,4 @@
-"""What the physics of held poses needs of each pose, worked out once."""
+"""Quantities that the physics of held poses needs of each pose, worked out once."""
 
 from __future__ import annotations
 

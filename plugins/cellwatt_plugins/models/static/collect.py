@@ -85,7 +85,7 @@ class PoseFile:
 
 
 def place_of(path: Path) -> dict[str, tuple[int, int]]:
-    """Where an earlier collection into a file was in the cell's frames; empty for a new one."""
+    """Return the place in the cell's frames that an earlier collection into a file reached; empty for a new one."""
     file = _place_file(path)
     if not (file.exists() and path.exists()):
         return {}
@@ -98,7 +98,7 @@ def _place_file(path: Path) -> Path:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a collection is: ``held`` poses in the file, of which ``planned`` are different ones of the plan."""
+    """Progress of a collection: ``held`` poses in the file, of which ``planned`` are different ones of the plan."""
 
     held: int
     planned: int

@@ -1,4 +1,4 @@
-"""What holds or loads a still arm, as parameters: torque of each joint and its slope over every parameter.
+"""Torques that hold or load a still arm, by their parameters, and their slopes over every parameter.
 
     τ = (1 + γ) ∘ G(q + δ; θ, tilt, payload) + springs(q) + hoses(q) + d ∘ (f + μ ∘ |load|)
 
@@ -76,7 +76,7 @@ class Effects:
     link: float
     """Tolerance of the links' parameters, as a share."""
     carries: bool = False
-    """Whether payloads differ between poses."""
+    """True if payloads differ between poses."""
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -85,7 +85,7 @@ class Effects:
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """Where each group's parameters are."""
+        """Parameters of each group."""
         ends = np.cumsum([len(group.scale) for group in self.groups])
         return {g.name: slice(int(e) - len(g.scale), int(e)) for g, e in zip(self.groups, ends, strict=True)}
 
@@ -119,12 +119,12 @@ class Effects:
         return torque, slope
 
     def friction(self, p: Float, load: Float) -> Float:
-        """What friction holds of a ``load`` (N, n) Nm: (N, n) Nm."""
+        """Part (N, n) Nm of a ``load`` (N, n) Nm that friction holds."""
         f, mu = self.friction_of(p)
         return np.asarray(f + mu * np.abs(load))
 
     def load(self, basis: Basis, p: Float) -> tuple[Float, Float]:
-        """What friction is not part of: torques (N, n), and their slopes (N, n, P)."""
+        """Load without friction: torques (N, n), and their slopes (N, n, P)."""
         at, n = self.slices, self.joints
         slope = np.zeros((len(basis), n, len(self.scale)))
         theta = self.cad + np.concatenate([p[at[f"link {i + 1}"]] for i in range(n)])

@@ -1,4 +1,4 @@
-"""What an arm has that its CAD model lacks: in words, with figures and their standard deviations."""
+"""Findings on an arm that its CAD model lacks: in words, with figures and their standard deviations."""
 
 from __future__ import annotations
 

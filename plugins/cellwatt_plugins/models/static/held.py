@@ -97,7 +97,7 @@ class Recogniser:
 
 
 class _Way:
-    """Where each joint last turned round; back and forth within ``slack`` rad is no turn."""
+    """Angles at which each joint last turned round; back and forth within ``slack`` rad is no turn."""
 
     def __init__(self, q: Float, slack: float) -> None:
         self._slack = slack

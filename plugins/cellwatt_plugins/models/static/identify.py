@@ -48,7 +48,7 @@ class Arm:
         return cls(robot, body, joint_limits(robot, q))
 
     def basis(self, poses: Poses) -> Basis:
-        """What the physics needs of some poses; ``torque`` is not looked at."""
+        """Return the basis of some poses; ``torque`` is not looked at."""
         return Basis.of(self.body, self.limits, poses.q, np.sign(poses.approach), poses.payload)
 
     def effects(self, poses: Poses) -> Effects:
@@ -78,7 +78,7 @@ class Identified:
         return load + basis.direction * self.effects.friction(self.posterior.mean, load)
 
     def load(self, basis: Basis) -> Float:
-        """What friction is not part of, (N, n) Nm."""
+        """Load without friction, (N, n) Nm."""
         load, _ = self.effects.load(basis, self.posterior.mean)
         return load if self.leftover is None else load + self.leftover(basis.share)
 

@@ -20,7 +20,7 @@ _LARGEST: Final = 2**31 - 1
 
 @dataclass(frozen=True)
 class Encoders:
-    """How joint angles become pulses; as in the settings of the yaskawa driver."""
+    """Conversion of joint angles to pulses; as in the settings of the yaskawa driver."""
 
     pulses_per_degree: Float
     """(n,)."""

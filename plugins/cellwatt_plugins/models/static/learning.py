@@ -1,4 +1,4 @@
-"""How the error falls with the number of poses, and when more would no longer help."""
+"""Learning curve: error by number of poses, and the number from which more no longer help."""
 
 from __future__ import annotations
 

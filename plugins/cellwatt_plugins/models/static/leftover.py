@@ -1,4 +1,4 @@
-"""What physics leaves over, learned from the neighbouring poses: a Gaussian process for each joint's torque.
+"""Residual of the physics, learned from neighbouring poses: a Gaussian process for each joint's torque.
 
 Squared-exponential kernel over the joint angles; its length and each joint's size and noise are those that make the
 data most probable (Rasmussen, Williams, Gaussian Processes for Machine Learning, 2006, ch. 5).

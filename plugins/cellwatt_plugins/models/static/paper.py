@@ -41,7 +41,7 @@ class Perceptron:
 
     @property
     def neurons(self) -> int:
-        """How many."""
+        """Number of hidden neurons."""
         return len(self.bias)
 
     def __call__(self, inputs: Float) -> Float:

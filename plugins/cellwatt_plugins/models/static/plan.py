@@ -1,4 +1,4 @@
-"""Which poses to hold, in which order: spread evenly over the joints' ranges, safe, short ways between them."""
+"""Plan of the poses to hold: spread evenly over the joints' ranges, safe, short ways between them."""
 
 from __future__ import annotations
 

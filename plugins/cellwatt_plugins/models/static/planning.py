@@ -25,7 +25,7 @@ _RAMP: Final = 0.4  # s a move takes longer than at full speed throughout: speed
 
 @dataclass(frozen=True)
 class PlanReport:
-    """What was planned and written."""
+    """Plan and the file that it was written to."""
 
     robot: str
     poses: int

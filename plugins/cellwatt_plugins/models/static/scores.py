@@ -1,4 +1,4 @@
-"""How good predictions of the absolute sum of torques are; eqs. 4–7 of the paper."""
+"""Errors of predictions of the absolute sum of torques; eqs. 4–7 of the paper."""
 
 from __future__ import annotations
 

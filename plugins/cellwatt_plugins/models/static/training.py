@@ -51,7 +51,7 @@ class Method:
 
 @dataclass(frozen=True)
 class Trained:
-    """What a training gives."""
+    """Result of a training."""
 
     methods: tuple[Method, ...]
     """On the fifth of the poses that none of them had seen."""
