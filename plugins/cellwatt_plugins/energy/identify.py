@@ -141,7 +141,7 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
 
 
 def residual(one: Observed, drive: Drive) -> tuple[NDArray[np.bool_], Float]:
-    """Return which of the analyzer's values lie within the robot's recording, and their measured less modelled power, W."""
+    """Return which readings of the analyzer lie within the robot's recording, and measured less modelled power, W."""
     model = modelled(one.run, one.feature, drive)
     used = inside(one.run.reading, one.offset.seconds, model)
     start, end = (edge[used] for edge in windows(one.run.reading, one.offset.seconds))

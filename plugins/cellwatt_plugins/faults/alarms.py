@@ -76,7 +76,7 @@ class AlarmBook:
         return out
 
     def _withdraw(self, finding: Finding) -> list[Alarm]:
-        """What was said while the interval ran, where its end shows that it was another motion or speed."""
+        """Withdraw the alarms of an interval while it ran, if its end shows that it was another motion or speed."""
         if finding.course not in ("other_motion", "other_speed"):
             return []
         number = finding.interval.number
@@ -174,7 +174,7 @@ class AlarmBook:
         return out
 
     def _still(self, joint: int) -> bool:
-        """Whether some interval in which a joint moves deviated when it last ran."""
+        """True if some interval in which a joint moves deviated when it last ran."""
         return any(f.code and joint in self._moving(f) for f in self._codes.values())
 
     def _clear(self, joint: int, kind: str, finding: Finding, statement: str) -> Alarm:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 FILE = click.Path(exists=True, path_type=Path)
 JUDGE = "judge"
-"""What `cellwatt faults` does where no command is named."""
+"""Subcommand of `cellwatt faults` where none is named."""
 METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
@@ -197,7 +197,7 @@ def _description(robot: str | None) -> Path | None:
 
 
 def _described(robot: str) -> bool:
-    """Whether a YAML description says enough of the arm to model it."""
+    """True if a YAML description states enough of the arm to model it."""
     file = _description(robot)
     content = _content(robot, file) if file is not None else None
     return isinstance(content, dict) and "urdf" in content and "joints" in content

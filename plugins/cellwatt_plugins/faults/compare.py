@@ -94,7 +94,7 @@ def compare(reference: ReferenceInterval, onset: int, trace: Trace, tolerance: T
 
 
 def _shift(reference: ReferenceInterval, t: Float, position: Float, tolerance: Tolerance, reach: float) -> float:
-    """How much later than found the onset is, s, where that makes the moving joints follow their paths."""
+    """Time in s by which the onset is later than found, if that makes the moving joints follow their paths."""
     before = (t >= -LEAD) & (t < BASE[0] / 2)
     since = t >= -SHIFT
     if not before.any():
@@ -149,7 +149,7 @@ def steps(residual: Float, limit: Float, swing: Float, calm: Bools) -> Float:
 def _follows(
     reference: ReferenceInterval, t: Float, measured: Float, error: Float, tolerance: Tolerance, reach: float
 ) -> Bools:
-    """Whether the moving joints have followed the reference so far; not yet known for the last frames."""
+    """True while the moving joints have followed the reference; not yet known for the last frames."""
     follows = np.zeros(len(t), dtype=bool)
     n = max(1, round(WINDOW / float(np.median(np.diff(t))))) if len(t) > 1 else 1
     if len(t) <= 2 * n:
@@ -170,7 +170,7 @@ def _follows(
 
 
 def _near(value: Float, around: Float, share: float, floor: float) -> Bools:
-    """Whether values (n,) lie in the band of ``around`` (shifts, n), widened by a share of its peak and a floor."""
+    """True for values (n,) in the band of ``around`` (shifts, n), widened by a share of its peak and a floor."""
     low, high = around.min(axis=0), around.max(axis=0)
     return np.asarray(np.abs(outside(value, low, high)) <= share * float(np.abs(around).max()) + floor)
 
@@ -185,7 +185,7 @@ def _motion(pattern: Pattern, t: Float, half: Float, reach: float) -> tuple[Floa
 def power_agrees(
     reference: ReferenceInterval, trace: Trace, start: int, end: int, tolerance: Tolerance, frames: int
 ) -> bool:
-    """Whether the power of an interval that the encoders did not show is found between ``start`` and ``end`` (ns)."""
+    """True if the power of an interval that the encoders did not show is found between ``start`` and ``end`` (ns)."""
     window = trace.between(start - round(LEAD * 1e9), end)
     for onset in window.time[(window.time >= start) & (window.time + round(reference.duration * 1e9) <= end)].tolist():
         t = window.since(onset)

@@ -1,4 +1,4 @@
-"""When a cycle deviates, and what the deviation says: (16) and (20) of Sabry et al., and the rules under (16)."""
+"""Criteria of a deviating cycle: (16) and (20) of Sabry et al., and the rules under (16)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far healthy cycles may lie from the reference: ``position`` rad, ``power`` relative, ``floor`` W at least."""
+    """Permitted distance from the reference: ``position`` rad, ``power`` relative, and at least ``floor`` W."""
 
     position: float = math.radians(1.0)
     power: float = 0.10

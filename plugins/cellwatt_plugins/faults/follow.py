@@ -1,4 +1,4 @@
-"""Where in the reference the arm is: by the set of moving joints, the start pose and the place in the sequence."""
+"""Place of the arm in the reference: by the set of moving joints, the start pose and the place in the sequence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which joint explains the ternary codes of a task's intervals.
+"""Name the joint that explains the ternary codes of a task's intervals.
 
 The network of Sabry et al. (section V.D) is trained on the table of intervals in which each joint is active; its
 largest output names the joint. Here the same comparison is made directly: the share of intervals on which the
@@ -17,7 +17,7 @@ Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 SHAPE_WEIGHT = 0.2
-"""How much the likeness of residual and motion adds to the agreement, which is 1 at most."""
+"""Weight of the likeness of residual and motion beside the agreement, which is 1 at most."""
 TIE = 0.05
 """Joints whose score is this close to the best are named as alternatives."""
 

@@ -1,4 +1,4 @@
-"""What each interval says about the arm: power while it runs, encoders once the next shows that the task goes on."""
+"""Findings on the arm by interval: power while it runs, encoders once the next shows that the task goes on."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Finding:
-    """What one interval says.
+    """Finding on one interval.
 
     ``place`` is ``None`` where the interval is not in the reference. ``code`` is equation (20) on power for
     motion that follows the reference, ``None`` where power could not be judged. ``verdicts`` holds joints
@@ -94,7 +94,7 @@ class Judge:
         return finding if finding.code else None
 
     def closed(self, interval: Interval, trace: Trace) -> list[Finding]:
-        """What a moving interval says at its end, and what it settles about the one before."""
+        """Judge a moving interval at its end, and settle the one before."""
         if not interval.complete:
             self.lost()
             return []
@@ -168,7 +168,7 @@ class Judge:
         )
 
     def _resumes(self, interval: Interval) -> bool:
-        """Whether this interval takes up a motion that was interrupted: a pause, not a fault."""
+        """True if this interval takes up a motion that was interrupted: a pause, not a fault."""
         doubt = self._doubt
         if doubt is None or not doubt.interrupted or interval.moving != doubt.interval.moving:
             return False
@@ -229,7 +229,7 @@ class Judge:
 def _course(
     reference: ReferenceInterval, interval: Interval, trace: Trace, doubtful: tuple[int, ...], rules: Rules
 ) -> Course:
-    """How the motion of a closed interval compares with the reference."""
+    """Compare the motion of a closed interval with the reference."""
     if not doubtful:
         return "follows"
     if not any(reference.displacement[j - 1] for j in reference.moving):
@@ -254,7 +254,7 @@ def _course(
 
 
 def _stretched(reference: ReferenceInterval, interval: Interval, trace: Trace, rules: Rules) -> bool:
-    """Whether the same path was covered, only faster or slower throughout."""
+    """True if the same path was covered, only faster or slower throughout."""
     inside = trace.between(interval.start, interval.end)
     ratio = reference.duration / ((interval.end - interval.start) * 1e-9)
     t = inside.since(interval.start) * ratio

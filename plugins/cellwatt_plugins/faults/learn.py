@@ -35,7 +35,7 @@ LEAST_WAY = math.radians(2.0)
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """What the reference is of: names that go into its head; ``step`` s of its patterns."""
+    """Cell of a reference: names that go into its head; ``step`` s of its patterns."""
 
     robot: str | None
     arm: str

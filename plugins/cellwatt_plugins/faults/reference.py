@@ -1,4 +1,4 @@
-"""What healthy running looks like: a YAML file that a person can read and plot.
+"""Reference of healthy running: a YAML file that a person can read and plot.
 
 cellwatt_reference: 1         version of this format
 robot: ur10e                  or null
@@ -195,7 +195,7 @@ def load(path: Path) -> Reference:
 
 
 def _check(reference: Reference, path: Path) -> None:
-    """What types cannot say: joint numbers and lengths of poses."""
+    """Check what types cannot express: joint numbers and lengths of poses."""
     for task in reference.tasks:
         for variant in task.variants:
             for number, interval in enumerate(variant.intervals, start=1):

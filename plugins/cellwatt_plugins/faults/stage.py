@@ -35,7 +35,7 @@ MARGIN = 10**9
 
 
 class ToleranceSettings(BaseModel):
-    """How far from the healthy reference is still healthy."""
+    """Distance from the healthy reference that is still healthy."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -60,7 +60,7 @@ class FaultsSettings(StageSettings):
     """Description of the robot (``robot.yaml``), as given to `cellwatt reference`: whole cycles are judged by the
     physics of the arm, and ``tolerance``, ``confirm`` and ``jitter`` are not used."""
     tolerance: ToleranceSettings = ToleranceSettings()
-    """How far from the reference is still healthy."""
+    """Distance from the healthy reference that is still healthy."""
     confirm: int = Field(default=5, ge=2, le=100)
     """Frames in a row that must be outside."""
     jitter: int = Field(default=2, ge=0, le=10)

@@ -87,7 +87,7 @@ def train(
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What both kinds of networks are trained for, and healthy ``recordings`` to try them on."""
+    """Task that both kinds of networks are trained for, and healthy ``recordings`` to try them on."""
 
     reference: Reference
     out: Path
@@ -231,7 +231,7 @@ def _in_words(report: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _lines(network: Mapping[str, Any]) -> Iterator[str]:
-    """What is said of one network."""
+    """Describe one network."""
     where = network["file"] or "no network of codes, as no fault moves the power beyond its tolerance"
     yield f"{where}: {network['task']} at speed {network['speed']:.2f}"
     if network["kind"] == "codes":

@@ -18,7 +18,7 @@ REST_MARGIN = 0.04
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """Permitted difference of two runs of a motion: ``displacement`` and start ``pose`` rad a joint, ``speed`` relative.
+    """Permitted difference of two runs of a motion: ``displacement`` and start ``pose`` in rad, ``speed`` relative.
 
     What moves no joint further than ``displacement`` counts as rest.
     """

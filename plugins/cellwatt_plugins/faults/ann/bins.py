@@ -1,4 +1,4 @@
-"""What the network is given of a cycle: mean residuals of power in parts of each move and rest, the pace of each move,
+"""Inputs of the network for a cycle: mean residuals of power in parts of each move and rest, the pace of each move,
 and how far each encoder is off its path in each rest."""
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ class Bins:
 
     @property
     def moves(self) -> int:
-        """How many moves the task has."""
+        """Number of moves of the task."""
         return len(self.pattern.moves)
 
     @property
     def joints(self) -> int:
-        """How many joints the arm has."""
+        """Number of joints of the arm."""
         return len(self.pattern.repeat)
 
     @property
@@ -71,7 +71,7 @@ class Bins:
         return np.array(start), np.array(end)
 
     def part_of(self, tau: Float) -> NDArray[np.int64]:
-        """Which of them times tau (N,) s of the pattern lie in; -1 in none."""
+        """Parts in which times tau (N,) s of the pattern lie; -1 in none."""
         start, end = self.edges
         order = np.argsort(start)
         found = order[np.clip(np.searchsorted(start[order], tau, side="right") - 1, 0, len(order) - 1)]
@@ -88,7 +88,7 @@ class Bins:
 
 
 def inputs_of(recording: Recording, match: Match, bins: Bins) -> Float:
-    """What the network is given of one cycle, (inputs,) in W, shares and rad."""
+    """Inputs (inputs,) of the network for one cycle, in W, shares and rad."""
     pattern, warp = bins.pattern, match.warp
     edges = warp.to_recording(np.array([0.0, pattern.time[-1]]))
     first, last = np.searchsorted(recording.time, edges)

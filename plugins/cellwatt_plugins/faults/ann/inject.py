@@ -46,7 +46,7 @@ OFFSET, SCALE = (0.015, 0.25), (0.04, 0.4)
 LOADED = ("spring", "friction", "winding")
 KINDS = (*LOADED, "drive_cut", "belt_off", "offset", "scale", "stuck")
 ODDS = (0.2, 0.2, 0.2, 0.1, 0.1, 0.07, 0.07, 0.06)
-"""How often each of ``KINDS`` is drawn."""
+"""Probability of drawing each of ``KINDS``."""
 DEAD = ("drive_cut", "belt_off")
 CREEPS = 0.1
 """Share of joints that stand still whose encoder is faulty, too: it shows a part of the way."""
@@ -154,7 +154,7 @@ class Injector:
         return np.asarray(effect * scale[_move_of(bins)])
 
     def _loaded(self, p: Parameters, kind: str, j: int, force: Float, qd: Float) -> Float:
-        """What the drive of a joint under a load takes more, (T,) W."""
+        """Power (T,) W that the drive of a joint under a load takes more."""
         size = _log_uniform(self._random, *SIZES[kind])
         if kind == "winding":
             return np.asarray(size * p.copper[j] * force**2)
@@ -163,7 +163,7 @@ class Injector:
         return np.asarray(qd * extra + p.copper[j] * (2 * force * extra + extra**2))
 
     def _alone(self, p: Parameters, j: int) -> Float:
-        """What a motor takes whose belt is off, (T,) W: shares of its friction and rotor that no description says."""
+        """Power (T,) W of a motor whose belt is off: shares of its friction and rotor that no description gives."""
         rubbing, turning = motor_alone(p, self._motion, j)
         return np.asarray(self._random.uniform(0.2, 0.8) * rubbing + self._random.uniform(0.2, 1.0) * turning)
 

@@ -26,8 +26,8 @@ ENDS = Ends("motion", "faults")
 
 @dataclass(frozen=True)
 class PatternHead:
-    """What stands in the file: of which task it is, in which order its inputs and outputs are, from which probability
-    of a fault of power (``limit``) one is told, and how it was made."""
+    """Head of the network's file: its task, the order of its inputs and outputs, the probability from
+    which a fault of power is reported (``limit``), and how it was made."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -85,7 +85,7 @@ class PatternNetwork:
             )
 
     def differs(self, pattern: Pattern) -> str:
-        """What of a healthy cycle is not as in the training; empty where it is the same."""
+        """Name what differs between a healthy cycle and the training; empty if nothing does."""
         names = Bins(pattern).names
         if len(names) != len(self.head.inputs):
             return f"{len(names)} inputs, expected {len(self.head.inputs)}"
@@ -96,7 +96,7 @@ class PatternNetwork:
         return self._network.run(ENDS, inputs)
 
     def tell(self, recording: Recording, match: Match, pattern: Pattern) -> Told:
-        """What it says of one cycle."""
+        """Judge one cycle."""
         bins, n = Bins(pattern), self.head.joints
         inputs = inputs_of(recording, match, bins)
         found = self.probabilities(inputs[None])[0]

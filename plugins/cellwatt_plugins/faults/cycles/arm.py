@@ -57,7 +57,7 @@ class Parameters:
 
 
 def nominal(robot: RobotDescription, body: RigidBody) -> Parameters:
-    """What the description says."""
+    """Return the parameters of the description."""
     return Parameters(
         link=body.parameters(),
         rotor=column(robot, "rotor_inertia"),

@@ -1,4 +1,4 @@
-"""How sure it is that a cycle with joints off their path is a known one: by the joints that keep to theirs, and by
+"""Probability that a cycle with joints off their path is a known one: by the joints that keep to theirs, and by
 whether what is off may be an encoder at all."""
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def known_odds(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, odd: Sequ
 
 
 def _right_again(seen: Sequence[tuple[int, Run, Run]], pattern: Pattern, joint: int) -> bool:
-    """Whether a joint goes back to its path after a rest off it, as no encoder does that is shifted, stuck or of a
+    """True if a joint goes back to its path after a rest off it, as no encoder does that is shifted, stuck or of a
     wrong scale; that one shows no error near the cycle's start."""
     shown = np.array([seen[0][1].before[joint], *(last.after[joint] for _, _, last in seen)])
     healthy = pattern.poses[1][[move for move, _, _ in seen], joint]

@@ -1,4 +1,4 @@
-"""How each thing that may be wrong, or only different, shows in the supply's power.
+"""Supply power of each fault, and of each harmless change.
 
 A torque Δτ more at joint j takes ΔP = g (q̇_j + 2 c_j τ_j) Δτ; a winding of (1 + a) times the resistance g c_j τ_j² a;
 a joint that a brake or nothing at all holds in place of its motor gives back its g c_j τ_j².
@@ -47,11 +47,11 @@ class Effect:
 
     @property
     def harmless(self) -> bool:
-        """Whether it is no fault."""
+        """True if it is no fault."""
         return self.joint is None
 
     def sensible(self, sizes: Float) -> bool:
-        """Whether the sizes have the sign that the thing must have, or are near what they must be."""
+        """True if the sizes have the sign that the cause must have, or are near the value they must have."""
         if self.what == "unheld":
             return bool(LEAST_UNHELD < sizes[0] < MOST_UNHELD)
         return self.harmless or bool(sizes[0] > 0)

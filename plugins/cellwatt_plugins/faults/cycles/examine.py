@@ -52,7 +52,7 @@ class Blame:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found in a cycle: ``tau`` (N,) s of the pattern and ``residual`` (N,) W against healthy power;
+    """Findings of a cycle: ``tau`` (N,) s of the pattern and ``residual`` (N,) W against healthy power;
     ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in healthy cycles;
     ``misfit``, variance that nothing explains, relative to the noise's; ``foreign`` probability of another task."""
 

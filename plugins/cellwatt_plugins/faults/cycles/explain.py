@@ -35,7 +35,7 @@ UNEXPLAINED = 3.0
 where drives give back what the supply burns, power has no slope. With less, harmless changes may have done it: of them
 only lines are known."""
 ALIKE = 5.0
-"""What nothing explains stays alike for so many samples: its variance counts so many times."""
+"""Samples over which an unexplained residual stays alike: its variance counts so many times."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class _Search:
         return out
 
     def _beside(self, best: tuple[int, ...], more: Sequence[int]) -> list[float]:
-        """What each effect more gains beside ``best``, along the slope of power at its sizes."""
+        """Gain of each further effect beside ``best``, along the slope of power at its sizes."""
         found = self.weighed(best)
         effects = [self.effects[k] for k in (*best, *more)]
         none = [np.zeros(effect.columns.shape[1]) for effect in effects[len(best) :]]

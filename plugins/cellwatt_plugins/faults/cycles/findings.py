@@ -1,4 +1,4 @@
-"""What is said of every cycle of a recording: the content of ``findings.json``."""
+"""Findings on every cycle of a recording: the content of ``findings.json``."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ def judge_recording(recording: Recording, known: Known) -> list[CycleFinding]:
 
 
 def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:
-    """What is said of a cycle of a task that is not known."""
+    """Finding on a cycle of a task that is not known."""
     start, end = float(recording.time[runs[0].first]), float(recording.time[runs[-1].last])
     return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
 
 
 def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFinding:
-    """What is said of a known cycle that is under way, as far as its last move that has been seen.
+    """Judge a known cycle that is under way, as far as its last move that has been seen.
 
     Only what is certain to be a fault is told, though it may leave the choice between joints, or whether a joint off
     its path stands still; and of the others nothing while power still differs from what the best explanation says.
@@ -108,7 +108,7 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
 
 
 def _may_be_new(match: Match, verdict: Verdict) -> bool:
-    """Whether this may be a new task that begins like a known one.
+    """True if this may be a new task that begins like a known one.
 
     Of a joint that stands still power cannot tell; the others that go exactly where they should can.
     """
@@ -117,7 +117,7 @@ def _may_be_new(match: Match, verdict: Verdict) -> bool:
 
 
 def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFinding:
-    """What is said of one known cycle."""
+    """Judge one known cycle."""
     pattern = known.patterns[match.pattern]
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), pattern.moves[-1][1])
@@ -177,7 +177,7 @@ def _faults(
 
 
 def _deviation(recording: Recording, match: Match, pattern: Pattern, joint: int) -> Float:
-    """How far (T,) rad an encoder is from the pattern's path."""
+    """Distance (T,) rad of an encoder from the pattern's path."""
     when = match.warp.to_recording(pattern.time)
     return np.abs(np.interp(when, recording.time, recording.position[:, joint]) - pattern.position[:, joint])
 

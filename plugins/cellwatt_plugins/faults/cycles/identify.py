@@ -23,14 +23,14 @@ Float = NDArray[np.float64]
 
 ROUNDS = 8
 LEAST = 0.05
-"""What should be positive stays above this share of the description's value."""
+"""Share of the description's value above which a positive parameter stays."""
 MISFIT = 1.0
 SHARE = 0.03
 """W, and share of the power above standing, that no parameter explains …"""
 ALIKE = 0.2
 """… and that stays alike for so long, s."""
 GAIN, BACK = 0.06, 0.4
-"""How far the supply's gains may be from 1 while drives take and give power."""
+"""Distance of the supply's gains from 1 while drives take and give power."""
 LOAD = 0.5
 """kg: what the last link may carry beside what the description says …"""
 REACH = 0.1

@@ -1,4 +1,4 @@
-"""What is known of a cell that runs healthily: its arm and its cycles, learned or read from the reference file."""
+"""Knowledge of a cell that runs healthily: its arm and its cycles, learned or read from the reference file."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def learn_known(recording: Recording, robot: RobotDescription) -> Known:
 
 
 def stored(known: Known, robot: RobotDescription) -> tuple[StoredModel, tuple[StoredCycle, ...]]:
-    """What goes into the file."""
+    """Return the content of the file."""
     p = known.arm.parameters
     links = p.link.reshape(-1, 10)
     joints = tuple(

@@ -61,7 +61,7 @@ def _seconds(cycle: Sequence[Run]) -> float:
 
 
 def _speed(recording: Recording, cycle: Sequence[Run], fastest: Pattern) -> float:
-    """How fast a cycle runs relative to a pattern."""
+    """Speed of a cycle relative to a pattern."""
     joints = range(recording.joints)
     times = [timing(fastest, m, recording, (run.first, run.last), joints) for m, run in enumerate(cycle)]
     shares = [(b - a) / (t.end - t.start) for (a, b), t in zip(fastest.moves, times, strict=True)]

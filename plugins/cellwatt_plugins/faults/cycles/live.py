@@ -43,7 +43,7 @@ GAP = 2.5
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What is said of a cycle that is ``over``; of one under way only its faults so far."""
+    """Findings on a cycle that is ``over``; of one under way only its faults so far."""
 
     finding: CycleFinding
     over: bool
@@ -57,11 +57,11 @@ class CycleJudge(ABC):
 
     @abstractmethod
     def whole(self, recording: Recording, match: Match) -> CycleFinding:
-        """What is said of a cycle that is over."""
+        """Judge a cycle that is over."""
 
     @abstractmethod
     def begun(self, recording: Recording, match: Match) -> CycleFinding | None:
-        """What is said of one under way, as far as its last move that has ended; None where it waits for the end."""
+        """Judge a cycle under way, as far as its last move that has ended; None if it waits for the end."""
 
 
 class PhysicsJudge(CycleJudge):
@@ -98,7 +98,7 @@ class CycleWatch:
         return 0.0 if self._judge.meter is None else self._judge.meter.delay
 
     def feed(self, time: Float, position: Float, power: Float) -> list[Told]:
-        """What n more frames make known: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
+        """Return what n more frames settle: ``time`` (n,) s, ``position`` (n, joints) rad, ``power`` (n,) W."""
         there = ~np.isnan(position).any(axis=1)
         time, position, power = time[there], position[there], power[there]
         size = max(1, round(PIECE / self._step))
@@ -106,7 +106,7 @@ class CycleWatch:
         return [told for piece in pieces for told in self._take(time[piece], position[piece], power[piece])]
 
     def close(self) -> list[Told]:
-        """What the end of the frames settles."""
+        """Return what the end of the frames settles."""
         return self._look(ended=True)
 
     def _take(self, time: Float, position: Float, power: Float) -> list[Told]:
@@ -122,7 +122,7 @@ class CycleWatch:
         return [*found, *self._look(ended=False)] if self._worth_a_look(len(time)) else found
 
     def _move_has_ended(self) -> bool:
-        """Whether the arm has come to a brief rest since the last move."""
+        """True if the arm has come to a brief rest since the last move."""
         width = max(2, round(BRIEF / self._step))
         still = bool(np.all(np.ptp(self._position[-width:], axis=0) <= AT_ONCE))
         ended = self._fresh_move and still
@@ -130,7 +130,7 @@ class CycleWatch:
         return ended
 
     def _worth_a_look(self, fresh: int) -> bool:
-        """Whether the arm has come to rest since the last look, or power has caught up with its rest; ``fresh`` frames
+        """True if the arm has come to rest since the last look, or power has caught up with its rest; ``fresh`` frames
         are new.
         """
         rest = self._position[-max(2, round(REST / self._step)) :]
@@ -184,7 +184,7 @@ class CycleWatch:
         return [Told(finding, over=True) for finding in sorted(found, key=lambda finding: finding.start)]
 
     def _is_over(self, match: Match, runs: list[Run]) -> bool:
-        """Whether nothing more of a cycle can come: a last move that encoders do not show may still be due."""
+        """True if nothing more of a cycle can come: a last move that encoders do not show may still be due."""
         pattern = self._judge.patterns[match.pattern]
         if len(pattern.moves) - 1 in match.unseen:
             return match.last + 1 < len(runs)

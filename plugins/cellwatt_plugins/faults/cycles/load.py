@@ -1,4 +1,4 @@
-"""What a motion asks of the drives, and how it would change with every parameter."""
+"""Load of the drives in a motion, and its change with every parameter."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Load:
 
 
 def load_of(body: RigidBody, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
-    """What the model says of a motion; joints in ``dead`` take no power at all."""
+    """Return the load of a motion by the model; joints in ``dead`` take no power at all."""
     regressor = body.regressor(motion.q, motion.qd, motion.qdd)
     forces = torque(parameters, regressor, motion)
     alive = np.array([j not in dead for j in range(motion.q.shape[1])])

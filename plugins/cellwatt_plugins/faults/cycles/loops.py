@@ -96,14 +96,14 @@ def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run])
 
 
 def _compound(loop: Loop, places: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
-    """Whether a loop holds a shorter one that also runs without it: then it is several tasks in a row."""
+    """True if a loop holds a shorter one that also runs without it: then it is several tasks in a row."""
     n = len(loop.moves)
     inner = Counter(loop.moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
     return any(len(places.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items())
 
 
 def _primitive(moves: tuple[Token, ...]) -> bool:
-    """Whether a loop is no repetition of a shorter one."""
+    """True if a loop is no repetition of a shorter one."""
     return not any(_repeats(moves, k) for k in range(1, len(moves) // 2 + 1))
 
 

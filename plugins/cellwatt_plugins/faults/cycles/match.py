@@ -126,7 +126,7 @@ def _options(
 
 
 def _reach(steps: Sequence[_Step], last: int) -> bool:
-    """Whether the last move that is seen is that of run ``last``."""
+    """True if the last move that is seen is that of run ``last``."""
     return any(step.runs is not None and step.runs[1] == last for step in steps)
 
 
@@ -176,7 +176,7 @@ def _without(steps: Sequence[_Step], joints: Collection[int]) -> list[_Step]:
 
 
 def _stirs(run: Run, pattern: Pattern, move: int, odd: Sequence[int]) -> bool:
-    """Whether a run moves a joint off its path that this move should; else it is a later move's."""
+    """True if a run moves a joint off its path that this move should; else it is a later move's."""
     due = pattern.ways[move, list(odd)] > WAY
     return bool(np.any((np.abs(run.after - run.before)[list(odd)] > POSE) & due))
 

@@ -1,4 +1,4 @@
-"""What a healthy cycle looks like, and the time map that lays any cycle over it.
+"""Pattern of a healthy cycle, and the time map that lays any cycle over it.
 
 Time is warped move by move along the path of the encoders, so that a pause, a speed override or a slow start of one
 move is no difference of power.
@@ -80,12 +80,12 @@ class Pattern:
 
     @cached_property
     def limits(self) -> Float:
-        """How far (n,) rad each joint may be from a rest pose."""
+        """Permitted distance (n,) rad of each joint from a rest pose."""
         return np.asarray(np.maximum(POSE, REPEAT * self.repeat))
 
     @cached_property
     def ways(self) -> Float:
-        """How far each joint goes in each move, (M, n) rad, from its lowest to its highest angle."""
+        """Way (M, n) rad of each joint in each move, from its lowest to its highest angle."""
         return np.stack([np.ptp(self.position[self.part(m)], axis=0) for m in range(len(self.moves))])
 
     def part(self, move: int) -> slice:
@@ -94,7 +94,7 @@ class Pattern:
         return slice(max(0, round(start / self.step)), round(end / self.step) + 1)
 
     def passing(self, move: int, joints: tuple[int, ...]) -> Float:
-        """When each of ``LEVELS`` of a move's way, as ``joints`` (0-based) go it, has been gone, s."""
+        """Times in s at which each of ``LEVELS`` of a move's way, as ``joints`` (0-based) go it, has been gone."""
         if (move, joints) not in self._passings:
             part = self.part(move)
             way = _passing(self.time[part], self.position[part][:, list(joints)], self.step)
@@ -136,7 +136,7 @@ class Warp:
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """When a move of the pattern ran in a recording: ``start`` to ``end`` s, fitted with ``error`` s."""
+    """Timing of a move of the pattern in a recording: ``start`` to ``end`` s, fitted with ``error`` s."""
 
     start: float
     end: float
@@ -166,7 +166,7 @@ def warp_of(pattern: Pattern, timings: Sequence[tuple[int, Timing]]) -> Warp:
 
 
 def _passing(time: Float, position: Float, step: float) -> Float:
-    """When each of ``LEVELS`` of the way has been gone, s."""
+    """Times in s at which each of ``LEVELS`` of the way has been gone."""
     width = max(1, round(SMOOTH / step))
     kernel = np.ones(width) / width
     padded = np.pad(position, ((width // 2, width - 1 - width // 2), (0, 0)), mode="edge")

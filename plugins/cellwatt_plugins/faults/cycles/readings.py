@@ -1,4 +1,4 @@
-"""What a joint off its path may mean: a wrong encoder, or a joint that its drive does not move.
+"""Meanings of a joint off its path: a wrong encoder, or a joint that its drive does not move.
 
 Only power tells: with a wrong encoder it is as in healthy cycles, without a drive the joint's share is missing, and
 with the belt off the motor turns its own rotor and bearings.
@@ -69,7 +69,7 @@ class Reading:
 
     @property
     def foreign(self) -> bool:
-        """Whether it means that this is another task."""
+        """True if it means that this is another task."""
         return any(cause == "moved" for _, cause in self.causes)
 
 
@@ -99,7 +99,7 @@ def readings(recording: Recording, match: Match, pattern: Pattern, arm: Arm, sam
 def _reading(
     recording: Recording, arm: Arm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
 ) -> Reading:
-    """What is left of the residual once joints stand where they were at the cycle's start, or go where they show."""
+    """Residual once joints stand where they were at the cycle's start, or go where they show."""
     healthy = samples.healthy
     if all(cause == "encoder" for _, cause in causes):
         return Reading(tuple(causes), healthy, samples.residual, vague)
@@ -133,7 +133,7 @@ def _load(recording: Recording, arm: Arm, samples: Samples, causes: Sequence[tup
 
 
 def _goes_elsewhere(recording: Recording, match: Match, pattern: Pattern, joint: int, until: float) -> bool:
-    """Whether an encoder shows other ways between rests than the healthy ones: not if it is merely shifted."""
+    """True if an encoder shows other ways between rests than the healthy ones: not if it is merely shifted."""
     edges = np.minimum([edge for move in pattern.moves if move[0] < until for edge in move], until)
     when = match.warp.to_recording(edges)
     rows = _rows(recording, when, 0)

@@ -79,7 +79,7 @@ def _noise(watts: Float) -> float:
 
 
 def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool_]:
-    """Whether pattern times (N,) lie within a move, or ``margin`` s from it."""
+    """True for pattern times (N,) within a move, or ``margin`` s from it."""
     inside = np.zeros(len(tau), dtype=bool)
     for start, end in pattern.moves:
         inside |= (tau > start - margin) & (tau < end + margin)

@@ -1,4 +1,4 @@
-"""How whole cycles and the fitted arm stand in the reference file."""
+"""Whole cycles and the fitted arm in the reference file."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def _between(count: int, matches: Sequence[Match]) -> Iterator[tuple[int, int]]:
 
 
 def _known(run: Run, patterns: Sequence[Pattern]) -> bool:
-    """Whether some pattern has a move from and to these poses."""
+    """True if some pattern has a move from and to these poses."""
     for pattern in patterns:
         before, after = pattern.poses
         near = (np.abs(before - run.before) < POSE).all(axis=1) & (np.abs(after - run.after) < POSE).all(axis=1)

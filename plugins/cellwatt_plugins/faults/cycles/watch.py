@@ -1,4 +1,4 @@
-"""What the stage does with frames where it knows the arm: cycles in, alarms out."""
+"""Judge frames where the arm is known: cycles in, alarms out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Float = NDArray[np.float64]
 
 
 def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float) -> Known:
-    """What a reference (of the file ``path``) has of a described robot.
+    """Return the knowledge that a reference (of the file ``path``) has of a described robot.
 
     ``false_alarms``: share of healthy intervals in which one is accepted. Raises ``ModelError`` where the reference has
     no cycles or is of another arm.

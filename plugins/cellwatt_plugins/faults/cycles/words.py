@@ -46,7 +46,7 @@ def statement_on(
 
 
 def note_on(match: Match, verdict: Verdict) -> str:
-    """What was different and harmless; empty where nothing was."""
+    """Describe what was different and harmless; empty if nothing was."""
     parts = []
     if abs(match.pace - 1.0) > ANOTHER_PACE:
         more = "faster" if match.pace > 1 else "slower"

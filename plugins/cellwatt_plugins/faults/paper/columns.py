@@ -91,7 +91,7 @@ def simulated(arm: Arm, course: Course, joint: int, tolerance: Tolerance) -> lis
 
 
 def column_of(cycles: Sequence[Codes]) -> Codes:
-    """What most of the cycles (intervals,) say of each interval, 0 where not more than half say the same.
+    """Code of each interval in most of the cycles (intervals,), 0 where not more than half agree.
 
     Cycles without any code say nothing: their fault is below the tolerance.
     """

@@ -34,7 +34,7 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _File(BaseModel):
-    """What the file must hold; see the module."""
+    """Content of the file; see the module."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -1,4 +1,4 @@
-"""What a healthy cycle looks like in time: positions and power in each interval, counted from the cycle's start."""
+"""Course of a healthy cycle: positions and power in each interval, counted from the cycle's start."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class CycleFollower:
         return self._start
 
     def _decided(self, trace: Trace, now: float) -> bool:
-        """Whether the speed is known: that which fits best, for as long as the fastest takes for its first interval."""
+        """True if the speed is known: that which fits best, for as long as the fastest takes for its first interval."""
         if self._course is not None:
             return True
         assert self._start is not None
@@ -137,13 +137,13 @@ class CyclesSeen:
 
 
 def _readings(trace: Trace, start: int) -> Readings:
-    """What was measured from a second before ``start`` (ns) on; frames with something missing are left out."""
+    """Readings from a second before ``start`` (ns) on; frames with something missing are left out."""
     part = trace.between(start - 10**9, int(trace.time[-1]))
     known = np.isfinite(part.power) & np.isfinite(part.position).all(axis=1)
     return Readings(part.since(start)[known], part.position[known], part.power[known])
 
 
 def _known(readings: Readings, start: float, end: float) -> bool:
-    """Whether no stretch longer than ``GAP`` is missing between two times, s."""
+    """True if no stretch longer than ``GAP`` is missing between two times, s."""
     inside = readings.t[(readings.t > start) & (readings.t < end)]
     return bool(np.diff(np.concatenate([[start], inside, [end]])).max() <= GAP)

@@ -34,7 +34,7 @@ SHIFTS = 20
 
 @dataclass(frozen=True, slots=True)
 class IntervalVerdict:
-    """What one interval says.
+    """Verdict on one interval.
 
     ``code`` is equation (20), ``power_left`` whether power left (16). ``off`` holds the moving joints whose encoder
     left (16), ``still`` those of them that did not move at all. ``watts`` is the largest

@@ -36,7 +36,7 @@ Codes = NDArray[np.int8]
 HIDDEN = 3
 """Hidden neurons for each interval."""
 SURE = 0.95
-"""What the right output reaches on the column that it was trained on."""
+"""Output of the right joint on the column that it was trained on, at least."""
 DECAY = 1e-4
 """Weight decay of the training: small enough that the table is learnt, large enough that weights stay bounded."""
 KEY = "cellwatt_fault_table"

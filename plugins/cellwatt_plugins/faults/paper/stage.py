@@ -60,11 +60,11 @@ class PaperFaultsSettings(StageSettings):
     """Network of a task made by ``cellwatt faults train`` (ONNX), or the folder of several. Networks of codes name the
     joint in place of a comparison with the motion, networks of a motion give alarms of their own beside it."""
     tolerance: ToleranceSettings = ToleranceSettings()
-    """How far from the reference is still healthy."""
+    """Distance from the reference that is still healthy."""
     equations: Path | None = None
     """Folder made by ``cellwatt train pattern``: power is held against these equations, not against mean cycles."""
     residual: Residual = "samples"
-    """What the codes of intervals compare: each sample of the power, or the interval's energy as the paper has it."""
+    """Quantity that the codes of intervals compare: each sample of power, or the interval's energy as in the paper."""
 
 
 class PaperFaultsStage(Stage[PaperFaultsSettings]):

@@ -54,7 +54,7 @@ class TrainedFor:
         return f"{self.task} at speed {self.speed:.2f}"
 
     def differs(self, course: Course) -> str:
-        """What of a course is not as in the task; empty where it is the same."""
+        """Name what differs between a course and the task; empty if nothing does."""
         own, other = self, TrainedFor.of(course)
         if other.joints != own.joints:
             return f"{other.joints} joints, expected {own.joints}"

@@ -37,7 +37,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Sources:
-    """Where cycles with a fault are from: codes of recorded ones by joint (from 1) and task; the ``arm`` to simulate
+    """Sources of cycles with a fault: codes of recorded ones by joint (from 1) and task; the ``arm`` to simulate
     springs on, if any; whether the emulated arm is asked."""
 
     recorded: Mapping[int, Mapping[Key, Sequence[Codes]]]
