@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from cellwatt.errors import CellwattError, why
 from cellwatt.record import Recording
 
 
@@ -23,13 +22,7 @@ def command(
 
     Where no intervals were recorded they are found now, with the segment stage's defaults.
     """
-    try:
-        from cellwatt.runtime.page import draw
-    except ImportError as error:
-        raise CellwattError("plot needs plotly: pip install 'cellwatt[plot]'") from error
-    page = draw(Recording.open(recording), start, end, channels)
-    try:
-        out.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise CellwattError(f"{out} cannot be written: {why(error)}") from error
+    from cellwatt.runtime.page import report
+
+    report(Recording.open(recording), start, end, channels).write(out)
     click.echo(f"wrote {out}")

@@ -1,74 +1,100 @@
-"""A recording as one HTML page that needs nothing else."""
+"""The page of ``cellwatt plot``: a recording as it was."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from html import escape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
-from plotly.subplots import make_subplots
 
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
 from cellwatt.registry import stage as find_stage
+from cellwatt.report import Axis, Figure, Notes, Panel, Provenance, Report, Section, Table
+from cellwatt.report.drawing import MOST_POINTS, curve, note, stretch, upright
+from cellwatt.report.figure import Json
+from cellwatt.report.theme import BAD, GOOD, SERIES
 from cellwatt.results import Alarm, Interval, Task
 from cellwatt.stage import CellInfo
 
-MOST_POINTS = 8000
-"""Points drawn per curve; longer ones are thinned by keeping the extremes of each span."""
-SHADES = ("#4c78a8", "#f58518", "#54a24b", "#e45756", "#72b7b2", "#b279a2", "#ff9da6", "#9d755d")
+HEIGHT = 190
+"""Pixels of a diagram."""
+LEAD = (
+    "Coloured bands: intervals, labelled with the joints that move. "
+    "Dotted lines: alarms raised (red) and cleared (green)."
+)
 
 
-def draw(recording: Recording, start: float | None, end: float | None, wanted: Sequence[str]) -> str:
-    """The page as text. Raises ``RecordingError`` where there is nothing to draw.
+def report(recording: Recording, start: float | None, end: float | None, wanted: Sequence[str]) -> Report:
+    """The page. Raises ``RecordingError`` where there is nothing to draw.
 
     ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, all where empty.
     """
     frames = recording.frames_table()
     origin = int(frames.time[0])
-    seconds = np.asarray((frames.time - origin) * 1e-9, np.float64)
-    shown = (seconds >= (start if start is not None else -np.inf)) & (seconds <= (end if end is not None else np.inf))
+    low, high = -np.inf if start is None else start - 1e-9, np.inf if end is None else end + 1e-9
+    seconds = (frames.time - origin) * 1e-9
+    first, last = np.searchsorted(seconds, low), np.searchsorted(seconds, high, side="right")
     groups = _groups(frames, wanted)
-    if not groups or not shown.any():
+    if not groups or first >= last:
         raise RecordingError("nothing to draw: no such channels, or no frames in that span")
     results = list(recording.results())
+    alarms = [r for r in results if isinstance(r, Alarm)]
+    raised = [a for a in alarms if a.active]
+    shown = (float(seconds[first]), float(seconds[last - 1]))
     intervals = [r for r in results if isinstance(r, Interval) and r.closed] or _segment(frames)
-    height = max(0.06, 1 / len(groups) - 0.02)
-    figure = make_subplots(
-        len(groups),
-        1,
-        shared_xaxes=True,
-        vertical_spacing=min(0.03, 0.3 / len(groups)),
-        row_heights=[height] * len(groups),
-        subplot_titles=[title for title, _ in groups],
+    marks, labels = _bands(intervals, origin, shown)
+    marks += _lines(alarms, origin, shown)
+    x = Axis("s since the start", shown)
+    grids = [_gridded(frames, columns, int(first), int(last)) for _, columns in groups]
+    rows = [
+        [Panel(_curves(frames, columns, grid, shown[0]), x, marks=marks + labels * (row == 0), title=title)]
+        for row, ((title, columns), grid) in enumerate(zip(groups, grids, strict=True))
+    ]
+    figure = Figure(
+        f"Channels of {recording.header.cell} over time",
+        rows,
+        [HEIGHT] * len(rows),
+        "x",
+        own_legends=True,
+        sides=(70, 190),
+        layout={"hovermode": "x unified"},
     )
-    for row, (_, columns) in enumerate(groups, start=1):
-        _curves(figure, row, frames, columns, seconds, shown)
-    span = (float(seconds[shown][0]), float(seconds[shown][-1]))
-    bands, labels = _bands(intervals, origin, span)
-    lines = _lines([r for r in results if isinstance(r, Alarm)], origin, span)
-    figure.update_layout(
-        shapes=bands + lines,
-        annotations=[*figure.layout.annotations, *labels],
-        template="plotly_white",
-        height=110 + 210 * len(groups),
-        margin={"l": 70, "r": 30, "t": 40, "b": 50},
-        hovermode="x unified",
-    )
-    for row in range(1, len(groups) + 1):
-        top = figure.layout["yaxis" if row == 1 else f"yaxis{row}"].domain[1]
-        figure.update_layout({_legend(row): {"y": top, "yanchor": "top", "font": {"size": 10}}})
-    figure.update_xaxes(title_text="s since the start", row=len(groups), col=1)
-    figure.update_xaxes(range=span)
+    table = [[f"{(a.time - origin) * 1e-9:.2f} s", a.severity, a.statement] for a in raised]
     tasks = [r for r in results if isinstance(r, Task)]
-    body = figure.to_html(full_html=False, include_plotlyjs="inline", config={"displaylogo": False})
-    return _page(recording, frames, tasks, results, body)
+    header = recording.header
+    return Report(
+        name=f"{header.site}/{header.cell}",
+        subject="recording",
+        facts=_facts(recording, frames),
+        verdict=f"{len(raised)} alarm{'s were' if len(raised) > 1 else ' was'} raised." if raised else "No alarms.",
+        tone="open" if recording.damage else "part" if raised else "good",
+        sections=[
+            Section("Channels over time", [figure], LEAD),
+            Section("Alarms", [Table("Alarms", ("at", "severity", "alarm"), table)] if table else []),
+            Section("Tasks", [Notes(_tasks(tasks))]),
+            Section("Damage to the recording", [Notes([str(d) for d in recording.damage])]),
+        ],
+        provenance=Provenance.here(),
+    )
+
+
+def _facts(recording: Recording, frames: Frames) -> list[str]:
+    start = datetime.fromtimestamp(recording.start * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    length = (recording.end - recording.start) * 1e-9
+    return [start, f"{length:.1f} s", f"{len(frames)} frames at {frames.layout.rate:g} Hz"]
+
+
+def _tasks(tasks: Sequence[Task]) -> list[str]:
+    out = []
+    for name in sorted({t.name for t in tasks}):
+        mine = [t for t in tasks if t.name == name]
+        variants = ", ".join(sorted({t.variant for t in mine}))
+        out.append(f"{name}: {len(mine)} repetitions ({variants})")
+    return out
 
 
 def _groups(frames: Frames, wanted: Sequence[str]) -> list[tuple[str, list[int]]]:
@@ -84,33 +110,21 @@ def _groups(frames: Frames, wanted: Sequence[str]) -> list[tuple[str, list[int]]
     return list(groups.items())
 
 
-def _curves(
-    figure: Any, row: int, frames: Frames, columns: list[int], seconds: NDArray[np.float64], shown: NDArray[np.bool_]
-) -> None:
-    holes = np.append(np.diff(seconds) > 1.5 / frames.layout.rate, False)
-    for n, column in enumerate(columns):
-        x, y = thin(seconds[shown], np.where(holes, np.nan, frames.values[:, column])[shown], MOST_POINTS)
-        name = frames.layout.channels[column].short
-        line = {"color": SHADES[n % len(SHADES)], "width": 1.3}
-        trace = go.Scatter(x=x, y=y, name=name, mode="lines", line=line, legend=_legend(row), connectgaps=False)
-        figure.add_trace(trace, row=row, col=1)
+def _gridded(frames: Frames, columns: Sequence[int], first: int, last: int) -> NDArray[np.float64]:
+    """Values (n, columns) on an even grid, NaN where frames are missing."""
+    rows = (frames.time[first:last] - frames.time[first] + frames.layout.step // 2) // frames.layout.step
+    out = np.full((int(rows[-1]) + 1, len(columns)), np.nan)
+    out[rows] = frames.values[first:last, columns]
+    return out
 
 
-def _legend(row: int) -> str:
-    """Each diagram has a legend of its own beside it."""
-    return "legend" if row == 1 else f"legend{row}"
-
-
-def thin(x: NDArray[np.float64], y: NDArray[np.float64], most: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """At most about ``most`` of the points (n,), keeping the lowest and highest of each span so that peaks stay."""
-    if len(x) <= most:
-        return x, y
-    span = 2 * len(x) // most + 1
-    whole = len(x) // span * span
-    blocks = np.where(np.isfinite(y[:whole]), y[:whole], 0.0).reshape(-1, span)
-    base = np.arange(len(blocks)) * span
-    picks = np.unique(np.concatenate([base + blocks.argmin(1), base + blocks.argmax(1), np.arange(whole, len(x))]))
-    return x[picks], y[picks]
+def _curves(frames: Frames, columns: Sequence[int], values: NDArray[np.float64], start: float) -> list[Json]:
+    step = frames.layout.step * 1e-9
+    names = [frames.layout.channels[column].short for column in columns]
+    return [
+        curve(name, column, SERIES[n % len(SERIES)], start=start, step=step, most=MOST_POINTS * 2)
+        for n, (name, column) in enumerate(zip(names, values.T, strict=True))
+    ]
 
 
 def _segment(frames: Frames) -> list[Interval]:
@@ -124,67 +138,21 @@ def _segment(frames: Frames) -> list[Interval]:
     return [r for r in results if isinstance(r, Interval) and r.closed]
 
 
-def _bands(intervals: Sequence[Interval], origin: int, span: tuple[float, float]) -> tuple[list[Any], list[Any]]:
-    """Shapes and labels of the intervals in which something moves, for all diagrams at once."""
+def _bands(intervals: Sequence[Interval], origin: int, span: tuple[float, float]) -> tuple[list[Json], list[Json]]:
+    """Marks and labels of the intervals in which something moves."""
     sets = sorted({i.moving for i in intervals if i.moving})
-    shapes, labels = [], []
+    bands, labels = [], []
     for interval in intervals:
         left, right = (interval.start - origin) * 1e-9, (interval.end - origin) * 1e-9
         if not interval.moving or right < span[0] or left > span[1]:
             continue
-        colour = SHADES[sets.index(interval.moving) % len(SHADES)]
-        place = {"xref": "x", "yref": "paper", "x0": left, "x1": right, "y0": 0, "y1": 1}
-        style = {"fillcolor": colour, "opacity": 0.13, "line": {"width": 0}, "layer": "below"}
-        shapes.append({"type": "rect", **place, **style})
-        text = "+".join(str(j) for j in interval.moving)
-        font = {"size": 10, "color": colour}
-        anchor = {"xref": "x", "yref": "paper", "x": (left + right) / 2, "y": 1.0, "yanchor": "bottom"}
-        labels.append({**anchor, "text": text, "showarrow": False, "font": font, "yshift": 16})
-    return shapes, labels
+        colour = SERIES[sets.index(interval.moving) % len(SERIES)]
+        bands.append(stretch(left, right, colour))
+        labels.append(note("+".join(map(str, interval.moving)), (left + right) / 2, 0.93, colour))
+    return bands, labels
 
 
-def _lines(alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> list[Any]:
+def _lines(alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> list[Json]:
     """Upright lines where alarms were raised (red) and cleared (green)."""
-    shapes = []
-    for alarm in alarms:
-        at = (alarm.time - origin) * 1e-9
-        if span[0] <= at <= span[1] and alarm.severity != "info":
-            style = {"color": "#c62828" if alarm.active else "#2e7d32", "width": 1.5, "dash": "dot"}
-            shapes.append(
-                {"type": "line", "xref": "x", "yref": "paper", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": style}
-            )
-    return shapes
-
-
-def _page(recording: Recording, frames: Frames, tasks: Sequence[Task], results: Sequence[Any], body: str) -> str:
-    header = recording.header
-    start = datetime.fromtimestamp(recording.start * 1e-9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-    length = (recording.end - recording.start) * 1e-9
-    lines = [
-        f"<b>{escape(header.site)}/{escape(header.cell)}</b> · {start} · {length:.1f} s · {len(frames)} frames at "
-        f"{frames.layout.rate:g} Hz",
-        "Coloured bands: intervals, labelled with the joints that move. "
-        "Dotted lines: alarms raised (red) and cleared (green).",
-    ]
-    names = sorted({t.name for t in tasks})
-    for name in names:
-        mine = [t for t in tasks if t.name == name]
-        variants = ", ".join(sorted({t.variant for t in mine}))
-        lines.append(f"{escape(name)}: {len(mine)} repetitions ({escape(variants)})")
-    raised = [r for r in results if isinstance(r, Alarm) and r.active]
-    rows = "".join(
-        f"<tr><td>{(a.time - int(frames.time[0])) * 1e-9:.2f} s</td><td>{a.severity}</td>"
-        f"<td>{escape(a.statement)}</td></tr>"
-        for a in raised
-    )
-    table = f"<table><tr><th>at</th><th></th><th>alarm</th></tr>{rows}</table>" if raised else "<p>No alarms.</p>"
-    damage = "".join(f"<p class=bad>{escape(str(d))}</p>" for d in recording.damage)
-    head = "".join(f"<p>{line}</p>" for line in lines)
-    style = (
-        "body{font:14px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1180px;color:#222}"
-        "td,th{text-align:left;padding:2px 14px 2px 0}p{margin:4px 0}.bad{color:#c62828}"
-    )
-    return (
-        f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(header.cell)}</title>"
-        f"<style>{style}</style><h1>{escape(header.cell)}</h1>{head}{damage}{table}{body}</html>"
-    )
+    told = [(a, (a.time - origin) * 1e-9) for a in alarms if a.severity != "info"]
+    return [upright(at, BAD if a.active else GOOD) for a, at in told if span[0] <= at <= span[1]]

@@ -76,7 +76,13 @@ def disaggregate(
     recorded = read_runs(runs, arm.joints)
     with threadpool_limits(1):
         outcome = run_campaign(arm, rest, recorded)
-    _write(outcome, out, report=not no_report)
+    _write(outcome, out)
+    if not no_report:
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.energy.report import report
+
+        inputs = [robot, *([controller] if controller else []), connected, released, runs]
+        report(outcome, Provenance.here(inputs)).write(out / "report.html")
     found = outcome.findings
     click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out))
 
@@ -96,16 +102,12 @@ def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path)
     return AtRest(alone, plugged, steady_power(read_reading(released)))
 
 
-def _write(outcome: Outcome, out: Path, report: bool) -> None:
+def _write(outcome: Outcome, out: Path) -> None:
     found = outcome.findings
     try:
         out.mkdir(parents=True, exist_ok=True)
         (out / "energy.json").write_text(json.dumps(found.as_json(), indent=1))
         write_table(found, out / "energy.csv")
-        if report:
-            from cellwatt_plugins.energy.report import write_report
-
-            write_report(outcome, out / "report.html")
     except OSError as error:
         raise RecordingError(f"{out}: cannot be written: {why(error)}") from error
 

@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from cellwatt.report import Provenance
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
@@ -16,7 +17,7 @@ from cellwatt_plugins.mismatch.explain import explain as explain_runs
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states, save_model
-from cellwatt_plugins.mismatch.report import write_report
+from cellwatt_plugins.mismatch.report import report
 from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
@@ -98,9 +99,9 @@ def explain(
     (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
     if not no_report:
-        write_report(
-            out / "report.html", found.findings, traces_of(runs, found), description.robot, noise_floors(found)
-        )
+        made_from = Provenance.here([*recordings, *simulations, *meters, robot, Path(description.urdf)])
+        page = report(found.findings, traces_of(runs, found), description.robot, noise_floors(found), made_from)
+        page.write(out / "report.html")
     with threadpool_limits(1):
         mended = None if user is None else mend(found, runs, user, out)
     if mended is not None:

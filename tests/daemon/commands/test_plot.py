@@ -10,6 +10,7 @@ from cellwatt.record import Header
 from cellwatt.results import Alarm, Interval
 from tests.daemon.commands.calling import Call, call
 from tests.daemon.record import making
+from tests.daemon.report.reading import check, read
 
 __all__ = ["call"]
 
@@ -29,15 +30,19 @@ def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_page(call: Call, recordings: Path, tmp_path: Path) -> None:
     ended = call("plot", recordings, "--out", tmp_path / "page.html")
     assert (ended.code, ended.out) == (0, f"wrote {tmp_path / 'page.html'}\n")
-    page = (tmp_path / "page.html").read_text()
-    assert "Joint 2 is hot." in page
-    assert all(f"joint_{n}.position" in page for n in (1, 2, 3))
-    assert "<script src" not in page
+    page = read(tmp_path / "page.html")
+    check(page)
+    assert page.headings[0] == ("h1", "1 alarm was raised.")
+    assert page.tables["Alarms"][1:] == [["0.20 s", "warning", "Joint 2 is hot."]]
+    (figure,) = page.figures
+    names = [trace["name"] for trace in figure["data"]]
+    assert all(f"joint_{n}.position" in names for n in (1, 2, 3))
+    assert "1+3" in [note["text"] for note in figure["layout"]["annotations"]]
 
 
 def test_some_of_it(call: Call, recordings: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "page.html")
     assert call("plot", recordings, *out, "--channel", "joint_2", "--from", "0.1", "--to", "0.3").code == 0
-    page = (tmp_path / "page.html").read_text()
-    assert "joint_2.position" in page
-    assert "joint_3.position" not in page
+    (figure,) = read(tmp_path / "page.html").figures
+    assert {trace["name"] for trace in figure["data"]} == {"joint_2.position"}
+    assert figure["layout"]["xaxis"]["range"] == pytest.approx([0.1, 0.3])

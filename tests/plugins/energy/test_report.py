@@ -1,48 +1,65 @@
-import re
-from xml.etree import ElementTree
-
 import pytest
 
-from cellwatt_plugins.energy.report import write_report
-from cellwatt_plugins.energy.report.page import headline
+from cellwatt.report import Provenance
+from cellwatt_plugins.energy.report import headline, report
+from tests.daemon.report.reading import check, numbers, read
 
 
 @pytest.fixture(scope="module")
 def page(outcome, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(outcome, path)
-    return path.read_text()
+    report(outcome, Provenance.here()).write(path)
+    return read(path)
 
 
-def test_it_needs_nothing_else(page):
-    assert not re.search(r"https?://|<script|<link|@import", page)
-    assert len(page) < 1_000_000
-
-
-def test_its_plots_are_whole(page):
-    plots = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-    assert len(plots) == 6  # power, shares, and two speeds with and without payload
-    for plot in plots:
-        ElementTree.fromstring(re.sub(r"=(label|note|grid|tick|img)\b", r'="\1"', plot))
+def test_it_is_one_of_the_report_pages(page, outcome):
+    check(page)
+    assert page.headings[0] == ("h1", headline(outcome.findings))
+    assert [text for tag, text in page.headings if tag == "h2"] == [
+        "Fixed power",
+        "Average power of each run",
+        "Share of each consumer",
+        "Over time",
+        "Energies of one repetition",
+        "Payload efficiency",
+        "Joints",
+        *(["Notes"] if "Notes" in page.words else []),
+    ]
+    assert len(page.figures) == 6  # power, shares, and two speeds with and without payload
 
 
 def test_bars_are_as_long_as_their_power(page, outcome):
-    bars = re.findall(r'<rect class="electronics" x="([\d.]+)" y="\d+" width="([\d.]+)"', page)[:6]
+    electronics = page.figures[0]["data"][0]
+    assert electronics["name"] == "electronics"
     watts = [run.electronics / run.seconds for run in outcome.findings.runs]
-    scale = float(bars[0][1]) / watts[0]
-    assert [float(width) / scale for _, width in bars] == pytest.approx(watts, rel=0.01)
+    assert electronics["x"] == pytest.approx(watts, rel=0.001)
+    shares = [sum(trace["x"][run] for trace in page.figures[1]["data"]) for run in range(len(watts))]
+    assert shares == pytest.approx([100.0] * len(watts), abs=1.0)
 
 
-def test_it_holds_the_numbers(page, outcome):
-    fixed = outcome.findings.fixed
-    assert f"{fixed.brakes:.2f} ± {fixed.brakes_uncertainty:.2f} W" in page
-    for run in outcome.findings.runs:
-        assert f"{run.total:.1f}" in page
+def test_tables_have_the_numbers_of_the_findings(page, outcome):
+    found = outcome.findings.as_json()
+    fixed = [numbers(cell)[0] for cell in page.tables["Fixed power"][1][1:]]
+    told = found["fixed"]
+    electronics = told["controller"] + told["robot_electronics"]
+    assert fixed == pytest.approx(
+        [told["controller"], told["robot_electronics"], electronics, told["brakes"]], abs=0.006
+    )
+    for row, run in zip(page.tables["Energies of one repetition"][1:], found["runs"], strict=True):
+        names = ("seconds", "total", "electronics", "brakes", "mechanical_losses")
+        assert [numbers(cell)[0] for cell in row[1:6]] == pytest.approx([run[n] for n in names], abs=0.06)
+    for row, drive in zip(page.tables["Joints"][1:], found["drives"], strict=True):
+        assert [numbers(cell)[0] for cell in row[1:3]] == pytest.approx(
+            [drive["torque_gain"], drive["winding_resistance"]], abs=0.0006
+        )
+
+
+def test_notes_are_told(page, outcome):
     for note in outcome.findings.notes:
-        assert note.split(":")[0] in page
+        assert note.split(":")[0] in page.words
 
 
 def test_the_headline_names_the_largest_first(outcome):
-    shares = [int(number) for number in re.findall(r"(\d+) %", headline(outcome.findings))]
+    shares = numbers(headline(outcome.findings))
     assert shares == sorted(shares, reverse=True)
     assert sum(shares) == pytest.approx(100, abs=2)

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
+from cellwatt.report import Axis, Figure, Panel
+from cellwatt.report.drawing import band, dots, line, stretch
+from cellwatt.report.figure import Json
+from cellwatt.report.numbers import unit
+from cellwatt.report.theme import CURVE, FOUND, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.input.run import Bool, Float
 from cellwatt_plugins.mismatch.report import words
-from cellwatt_plugins.mismatch.report.style import BARE, FOUND, GRID, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, mechanical_power, root, unroot
 from cellwatt_plugins.mismatch.verdict.findings import Where
 
-MOST_POINTS = 2000
-"""In each panel and state."""
 CURVE_CELLS, FEWEST = 44, 12
-CURVE = "#b3123f"
 
 
 @dataclass(frozen=True)
-class Axis:
+class Coordinate:
     """What a residual is drawn against; ``values`` (N,) over all recordings."""
 
     title: str
@@ -36,33 +34,30 @@ class Axis:
     """Where a finding sits."""
 
 
-def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | None) -> dict[str, Any]:
+def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | None) -> Figure:
     """Two panels: velocity and position of the joint; speed and mechanical power for the supply."""
     before, after, added = (
         np.concatenate(parts) for parts in zip(*((_differences(t, channel)) for t in traces), strict=True)
     )
-    axes = _axes(traces, channel, where)
-    figure = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04)
-    for col, axis in enumerate(axes, start=1):
-        first = col == 1
-        chosen = _some(np.isfinite(before) & np.isfinite(after) & np.isfinite(axis.values))
+    symbol = unit(next(t.units[t.channels.index(channel)] for t in traces if channel in t.channels))
+    panels = [_panel(axis, before, after, added, floor, symbol) for axis in _axes(traces, channel, where)]
+    label = f"Difference of {words.channel_name(channel)} against what drives it, before and after the model"
+    return Figure(label, [panels], (246,), "y")
+
+
+def _panel(axis: Coordinate, before: Float, after: Float, added: Float, floor: float, symbol: str) -> Panel:
+    known = np.isfinite(before) & np.isfinite(after)
+    points = [
+        {**dots(name, np.where(known, axis.values, np.nan), residual, colour), "hoverinfo": "skip"}
         for name, residual, colour in (
             ("measured − simulation", before, SIMULATION),
             ("measured − model", after, MODEL),
-        ):
-            figure.add_trace(_points(axis.values[chosen], residual[chosen], name, colour, first), row=1, col=col)
-        for dash, part in axis.ways:
-            figure.add_trace(_curve(axis, added, part, dash, first or dash != "solid"), row=1, col=col)
-        figure.update_xaxes(row=1, col=col, title_text=axis.title, title_standoff=6, **GRID)
-    unit = next(t.units[t.channels.index(channel)] for t in traces if channel in t.channels)
-    figure.update_yaxes(**GRID)
-    figure.update_yaxes(title_text=words.unit(unit), row=1, col=1)
-    legend = {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "itemsizing": "constant"}
-    figure.update_layout(
-        **BARE, height=330, margin={"l": 64, "r": 12, "t": 34, "b": 50}, legend=legend, shapes=_shapes(axes, floor)
-    )
-    drawn: dict[str, Any] = figure.to_plotly_json()
-    return drawn
+        )
+    ]
+    curves = [_curve(axis, added, part, dash) for dash, part in axis.ways]
+    marks = band(-2 * floor, 2 * floor, NOISE)
+    marks += [stretch(*axis.marked, FOUND)] if axis.marked else []
+    return Panel([*points, *curves], Axis(axis.title), Axis(symbol), marks)
 
 
 def _differences(trace: Trace, channel: str) -> tuple[Float, Float, Float]:
@@ -71,13 +66,15 @@ def _differences(trace: Trace, channel: str) -> tuple[Float, Float, Float]:
     return trace.residual(channel, trace.simulation), trace.residual(channel, trace.model), added
 
 
-def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[Axis, Axis]:
+def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[Coordinate, Coordinate]:
     joint = joint_of(channel)
     if joint is None:
         speed = np.concatenate([np.abs(t.velocity).max(axis=1) for t in traces])
         given = np.concatenate([mechanical_power(t) for t in traces])
         whole = (("solid", np.full(len(speed), True)),)
-        return Axis("speed of the fastest joint, rad/s", speed, whole), Axis("mechanical power Σ τ·ω, W", given, whole)
+        return Coordinate("speed of the fastest joint, rad/s", speed, whole), Coordinate(
+            "mechanical power Σ τ·ω, W", given, whole
+        )
     velocity = np.concatenate([t.velocity[:, joint - 1] for t in traces])
     position = np.concatenate([t.position[:, joint - 1] for t in traces])
     slow = 0.02 * float(np.nanmax(np.abs(velocity), initial=0.0))
@@ -85,34 +82,12 @@ def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[A
     every = (("solid", np.full(len(velocity), True)),)
     own = where if where is not None and channel in where.channels else Where((channel,))
     return (
-        Axis(f"velocity of joint {joint}, rad/s", velocity, every, True, own.velocity),
-        Axis(f"position of joint {joint}, rad", position, ways, False, own.position),
+        Coordinate(f"velocity of joint {joint}, rad/s", velocity, every, True, own.velocity),
+        Coordinate(f"position of joint {joint}, rad", position, ways, False, own.position),
     )
 
 
-def _some(good: Any) -> Any:
-    """Indices of at most ``MOST_POINTS`` samples, spread at random so that no rhythm of the motion shows."""
-    index = np.flatnonzero(good)
-    if len(index) <= MOST_POINTS:
-        return index
-    return np.sort(np.random.default_rng(0).choice(index, MOST_POINTS, replace=False))
-
-
-def _points(x: Float, y: Float, name: str, colour: str, legend: bool) -> go.Scatter:
-    marker = {"color": colour, "size": 4, "opacity": 0.4}
-    return go.Scatter(
-        x=[float(f"{v:.4g}") for v in x],
-        y=[float(f"{v:.4g}") for v in y],
-        name=name,
-        legendgroup=name,
-        showlegend=legend,
-        mode="markers",
-        marker=marker,
-        hoverinfo="skip",
-    )
-
-
-def _curve(axis: Axis, added: Float, part: Bool, dash: str, legend: bool) -> go.Scatter:
+def _curve(axis: Coordinate, added: Float, part: Bool, dash: str) -> Json:
     """Median of what the model adds in each cell along the axis."""
     good = part & np.isfinite(axis.values) & np.isfinite(added)
     x, y = axis.values[good], added[good]
@@ -123,28 +98,5 @@ def _curve(axis: Axis, added: Float, part: Bool, dash: str, legend: bool) -> go.
     order = np.argsort(cell, kind="stable")
     groups = np.split(y[order], np.searchsorted(cell[order], np.arange(1, len(edges) - 1)))
     name = "what the model adds" if dash == "solid" else "the same, moving backward"
-    middle = [round(float(np.median(g)), 4) if len(g) >= FEWEST else None for g in groups]
-    return go.Scatter(
-        x=((edges[:-1] + edges[1:]) / 2).round(5).tolist(),
-        y=middle,
-        name=name,
-        legendgroup=name,
-        showlegend=legend,
-        mode="lines",
-        line={"color": CURVE, "width": 2.5, "dash": dash},
-    )
-
-
-def _shapes(axes: Sequence[Axis], floor: float) -> list[dict[str, Any]]:
-    shapes: list[dict[str, Any]] = []
-    for i, axis in enumerate(axes):
-        n = "" if i == 0 else "2"
-        if np.isfinite(floor):
-            box = {"xref": f"x{n} domain", "yref": "y", "x0": 0, "x1": 1, "y0": -2 * floor, "y1": 2 * floor}
-            shapes.append({"type": "rect", **box, "fillcolor": NOISE, "opacity": 0.22})
-        if axis.marked:
-            ends = {"x0": axis.marked[0], "x1": axis.marked[1], "y0": 0, "y1": 1}
-            shapes.append(
-                {"type": "rect", "xref": f"x{n}", "yref": f"y{n} domain", **ends, "fillcolor": FOUND, "opacity": 0.13}
-            )
-    return [{**s, "line": {"width": 0}, "layer": "below"} for s in shapes]
+    middle = [float(np.median(g)) if len(g) >= FEWEST else np.nan for g in groups]
+    return line(name, (edges[:-1] + edges[1:]) / 2, middle, CURVE, dash=dash, width=2.5)

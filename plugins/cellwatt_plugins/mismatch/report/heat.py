@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from html import escape
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
+from cellwatt.report import Axis, Figure, Panel, drawing
+from cellwatt.report.figure import Json
 from cellwatt_plugins.mismatch.input.run import Float
-from cellwatt_plugins.mismatch.report.style import BARE
 from cellwatt_plugins.mismatch.report.trace import Trace, joint_of, root, unroot
 
 VELOCITY_CELLS, POSITION_CELLS, TIME_CELLS = 41, 48, 180
@@ -25,13 +22,7 @@ FEWEST = 20
 """Samples that a cell needs to be shown."""
 LOWEST, HIGHEST = 3.0, 5.0
 """Colours end between 2^3 and 2^5 noise floors: chance stays grey, and one large residual does not hide the rest."""
-COLOURS = (
-    (0.0, "rgba(128,140,150,0.16)"),
-    (0.12, "rgba(150,150,140,0.28)"),
-    (0.35, "rgba(244,184,96,0.75)"),
-    (0.65, "rgba(226,98,60,0.95)"),
-    (1.0, "rgba(150,20,60,1)"),
-)
+STATES = ("simulation", "refit", "model")
 
 
 @dataclass(frozen=True)
@@ -100,75 +91,42 @@ def by_time(traces: Sequence[Trace], which: str, floors: dict[str, float]) -> tu
 
 def colour_range(traces: Sequence[Trace], floors: dict[str, float]) -> float:
     """Upper end of the colours in powers of two, the same for all states so that they compare."""
-    strips = [by_time(traces, which, floors)[0].ratio for which in ("simulation", "refit", "model")]
+    strips = [by_time(traces, which, floors)[0].ratio for which in STATES]
     known = np.concatenate([s[np.isfinite(s)] for s in strips])
     return float(np.clip(np.ceil(np.log2(known.max())), LOWEST, HIGHEST)) if len(known) and known.max() > 0 else LOWEST
 
 
-def draw(traces: Sequence[Trace], which: str, floors: dict[str, float], top: float) -> dict[str, Any]:
-    """The three strips of one state (``simulation``, ``refit`` or ``model``)."""
-    velocity, position = (by_coordinate(traces, which, floors, c) for c in ("velocity", "position"))
-    time, middles = by_time(traces, which, floors)
-    upper, lower = ROW * max(len(velocity.rows), 1), ROW * len(time.rows)
-    inner = upper + lower + 66
-    figure = make_subplots(
-        2,
-        2,
-        specs=[[{}, {}], [{"colspan": 2}, None]],
-        row_heights=[upper, lower],
-        vertical_spacing=66 / inner,
-        horizontal_spacing=0.03,
-    )
-    for strip, row, col in ((velocity, 1, 1), (position, 1, 2), (time, 2, 1)):
-        figure.add_trace(_cells(strip), row=row, col=col)
-    figure.update_xaxes(title_standoff=6, tickangle=0, zeroline=False, showgrid=False)
-    marks, labels = _speed_marks(float(velocity.places[-1]))
-    figure.update_xaxes(title_text="joint velocity, rad/s", tickvals=marks, ticktext=labels, row=1, col=1)
-    figure.update_xaxes(title_text="joint position, rad", row=1, col=2)
-    shown = middles[:: -(-len(middles) // MOST_NAMES)]
-    named = {"tickvals": [m for m, _ in shown], "ticktext": [escape(name) for _, name in shown]}
-    figure.update_xaxes(title_text="time, recordings side by side", **named, row=2, col=1)
-    figure.update_yaxes(autorange="reversed", ticklabelstandoff=4, type="category", showgrid=False, ticks="")
-    figure.update_yaxes(showticklabels=False, row=1, col=2)
-    edges = {"l": 64, "r": 80, "t": 12, "b": 50}
-    figure.update_layout(**BARE, height=inner + 62, margin=edges, coloraxis=_colours(top))
-    drawn: dict[str, Any] = figure.to_plotly_json()
-    return drawn
+def draw(traces: Sequence[Trace], which: int, floors: dict[str, float], top: float) -> Figure:
+    """The three strips of one of ``STATES``."""
+    state = STATES[which]
+    velocity, position = (by_coordinate(traces, state, floors, c) for c in ("velocity", "position"))
+    time, middles = by_time(traces, state, floors)
+    shown = dict(middles[:: -(-len(middles) // MOST_NAMES)])
+    rows = Axis(names=True, grid=False)
+    upper = [
+        Panel([_cells(velocity)], Axis("joint velocity, rad/s", ticks=_speed_marks(velocity), grid=False), rows),
+        Panel([_cells(position)], Axis("joint position, rad", grid=False), replace(rows, labels=False)),
+    ]
+    lower = [Panel([_cells(time)], Axis("time, recordings side by side", ticks=shown, grid=False), rows)]
+    heights = ROW * max(len(velocity.rows), 1), ROW * len(time.rows)
+    powers = range(int(top) + 1)
+    layout = drawing.colours(top, "÷ noise", powers, [f"{2**power}×" for power in powers])
+    label = f"Residual of the {state} in noise floors by joint velocity, joint position and time"
+    return Figure(label, [upper, lower], heights, legend=False, sides=(64, 80), layout=layout, when=("state", which))
 
 
-def _speed_marks(rooted: float) -> tuple[list[float], list[str]]:
-    """Ticks of the velocity axis up to the root ``rooted``: where they stand and what they say."""
-    speeds = [s for s in (0.1, 0.5, 1.0, 2.0, 4.0, 8.0) if s <= rooted**2]
+def _speed_marks(strip: Strip) -> dict[float, str]:
+    """Ticks of the velocity axis, which is drawn by its signed root."""
+    speeds = [s for s in (0.1, 0.5, 1.0, 2.0, 4.0, 8.0) if s <= float(strip.places[-1]) ** 2]
     marks = np.array([*(-s for s in reversed(speeds)), 0.0, *speeds])
-    return root(marks).tolist(), [f"{m:g}".replace("-", "−") for m in marks]
+    return dict(zip(root(marks).tolist(), [f"{m:g}".replace("-", "−") for m in marks], strict=True))
 
 
-def _colours(top: float) -> dict[str, Any]:
-    steps = range(int(top) + 1)
-    bar = {
-        "title": {"text": "÷ noise", "side": "right"},
-        "tickvals": list(steps),
-        "ticktext": [f"{2**s}×" for s in steps],
-        "thickness": 12,
-        "outlinewidth": 0,
-    }
-    return {"colorscale": COLOURS, "cmin": 0, "cmax": top, "colorbar": bar}
-
-
-def _cells(strip: Strip) -> go.Heatmap:
+def _cells(strip: Strip) -> Json:
     with np.errstate(divide="ignore", invalid="ignore"):
         shade = np.maximum(np.log2(strip.ratio), 0.0)
-    rows = [f"joint {joint_of(c)}" if joint_of(c) is not None else escape(c) for c in strip.rows]
-    text = [
-        [f"{escape(label)}<br>{r:.1f} × noise floor" for label, r in zip(strip.labels, line, strict=True)]
-        for line in strip.ratio
+    rows = [f"joint {joint}" if (joint := joint_of(c)) is not None else c for c in strip.rows]
+    said = [
+        [f"{label}\n{r:.1f} × noise floor" for label, r in zip(strip.labels, row, strict=True)] for row in strip.ratio
     ]
-    return go.Heatmap(
-        x=strip.places.round(4).tolist(),
-        y=rows,
-        z=[[None if np.isnan(v) else round(float(v), 2) for v in line] for line in shade],
-        text=text,
-        hovertemplate="%{y}, %{text}<extra></extra>",
-        coloraxis="coloraxis",
-        ygap=2,
-    )
+    return drawing.cells(strip.places, rows, shade, said)

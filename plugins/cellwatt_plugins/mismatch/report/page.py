@@ -1,61 +1,61 @@
-"""The page put together: one file below 5 MB that needs no network."""
+"""The page of ``explain``: below 5 MB."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
-from importlib.resources import files
-from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from cellwatt.errors import CellwattError, why
+from cellwatt.report import Html, Notes, Provenance, Report, Section
+from cellwatt.report.page import Tone
 from cellwatt_plugins.mismatch.input.run import Float
-from cellwatt_plugins.mismatch.report import cards
+from cellwatt_plugins.mismatch.report import cards, figures, words
 from cellwatt_plugins.mismatch.report.trace import Trace
 from cellwatt_plugins.mismatch.verdict.findings import Findings
 
 MOST_NAMES = 6
 """Recordings named at the top; more are counted."""
 TRIED = "Evidence that each candidate adds, in nats (5 nats are odds of 150 to 1); bars on a logarithmic scale."
-FOOT = (
-    "<footer>Beside this page: <b>findings.json</b>, the same for programs; <b>model.yaml</b>, the model, "
-    "run with <code>cellwatt simulate --model model.yaml</code>.</footer>"
+BESIDE = Html(
+    "<p>Beside this page: <b>findings.json</b>, the same for programs; <b>model.yaml</b>, the model, "
+    "run with <code>cellwatt simulate --model model.yaml</code>.</p>"
 )
+TONES: Final[dict[str, Tone]] = {
+    "no_mismatch": "good",
+    "explained": "found",
+    "partly_explained": "part",
+    "unexplained": "open",
+}
 
 
-def write_report(path: Path, findings: Findings, traces: Sequence[Trace], robot: str, noise_floor: Float) -> None:
-    """Write the page to ``path``.
+def report(
+    findings: Findings, traces: Sequence[Trace], robot: str, noise_floor: Float, provenance: Provenance
+) -> Report:
+    """The page of what was found.
 
     ``noise_floor`` (C,) belongs to the channels of the first trace, NaN where none is known; ``robot`` is its name.
-    Raises ``CellwattError`` where plotly is not installed or the file cannot be written.
     """
     floors = _floors(traces, noise_floor)
-    drawn = [t for t in traces if len(t.time)]
-    figures, engine = _figures(findings, drawn, floors)
-    body = "".join(
-        [
-            _head(robot, traces),
-            cards.banner(findings),
-            cards.section("What was found", "", cards.found(findings)),
-            cards.section(
-                "Channels", "Held-out rms error; dots on a scale of noise floors.", cards.fit_table(findings.fit)
-            ),
-            figures,
-            cards.section("What was tried", TRIED, cards.trials(findings.tried)),
-            cards.section("What the data could not tell", "", cards.notes(findings.notes)),
-            FOOT,
-        ]
+    return Report(
+        name=robot,
+        subject="simulation and recordings",
+        facts=_facts(traces),
+        verdict=words.verdict(findings),
+        tone=TONES[findings.verdict],
+        badge=findings.verdict.replace("_", " "),
+        tiles=cards.tiles(findings.fit),
+        tiles_remark="Held-out error of the worst channel, in noise floors: 1× is noise.",
+        sections=[
+            Section("What was found", cards.found(findings)),
+            Section("Channels", cards.fit_table(findings.fit), "Held-out rms error; dots on a scale of noise floors."),
+            *figures.sections(findings, [t for t in traces if len(t.time)], floors),
+            Section("What was tried", cards.trials(findings.tried), TRIED),
+            Section("What the data could not tell", [Notes(findings.notes)]),
+        ],
+        beside=BESIDE,
+        provenance=provenance,
     )
-    text = (
-        '<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">'
-        f"<title>{escape(robot)}: simulation and recordings</title><style>{_part('page.css')}</style>"
-        f"<main>{body}</main>{engine}<script>{_part('page.js')}</script></html>"
-    )
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CellwattError(f"cannot write the report {path}: {why(error)}") from error
 
 
 def _floors(traces: Sequence[Trace], noise_floor: Float) -> dict[str, float]:
@@ -68,24 +68,11 @@ def _floors(traces: Sequence[Trace], noise_floor: Float) -> dict[str, float]:
     return {c: float(f) if np.isfinite(f) and f > 0 else float("nan") for c, f in floors}
 
 
-def _figures(findings: Findings, traces: Sequence[Trace], floors: dict[str, float]) -> tuple[str, str]:
-    """The drawn sections, and what draws them."""
-    try:
-        from cellwatt_plugins.mismatch.report import figures
-    except ImportError as error:
-        raise CellwattError("the report needs plotly: pip install 'cellwatt[plot]'") from error
-    return (figures.sections(findings, traces, floors), figures.engine()) if traces else ("", "")
-
-
-def _part(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
-
-
-def _head(robot: str, traces: Sequence[Trace]) -> str:
+def _facts(traces: Sequence[Trace]) -> list[str]:
+    """How many recordings, how long, how often sampled."""
     names = [t.name for t in traces]
     shown = ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
     rates = sorted({round(1 / t.step, 1) for t in traces if t.step > 0})
     facts = [f"{len(names)} recording{'s' * (len(names) != 1)} ({shown})"] if names else []
     facts += [f"{sum(len(t.time) * t.step for t in traces):.0f} s"] if rates else []
-    facts += [f"{' and '.join(f'{r:g}' for r in rates)} Hz"] if rates else []
-    return f"<header class=top><b>{escape(robot)}</b> <span>{escape(' · '.join(facts))}</span></header>"
+    return facts + ([f"{' and '.join(f'{r:g}' for r in rates)} Hz"] if rates else [])

@@ -83,25 +83,6 @@ def unroot(values: Float) -> Float:
     return np.asarray(np.sign(values) * values**2, np.float64)
 
 
-def thin(values: Float, most: int) -> tuple[Float, float]:
-    """At most ``most`` values that keep the extremes of (N,) ``values``, and how many samples apart they lie.
-
-    Each span gives its lowest and highest value in the order in which they came, so a peak is never lost and
-    lies at most half a span off its place. A span without a finite value stays a gap.
-    """
-    count = len(values)
-    if count <= most:
-        return values, 1.0
-    span = -(-count // (most // 2))
-    padded = np.concatenate([values, np.full(-count % span, np.nan)]).reshape(-1, span)
-    known = np.isfinite(padded)
-    low = np.where(known, padded, np.inf).argmin(axis=1)
-    high = np.where(known, padded, -np.inf).argmax(axis=1)
-    rows = np.arange(len(padded))
-    pairs = np.stack([padded[rows, np.minimum(low, high)], padded[rows, np.maximum(low, high)]], axis=1)
-    return np.where(known.any(axis=1)[:, None], pairs, np.nan).ravel(), span / 2
-
-
 def spans(mask: Bool) -> list[tuple[int, int]]:
     """First and last index of each stretch of true in (N,) ``mask``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))

@@ -1,0 +1,178 @@
+"""A figure of one or more panels as plotly draws it, without plotly's own classes: they check each of many numbers."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any, Literal
+
+from cellwatt.report.blocks import Html
+from cellwatt.report.theme import GRID, LAYOUT
+
+Json = dict[str, Any]
+
+GAP, TITLED_GAP, COLUMN_GAP = 16, 62, 0.035
+"""Between rows without and with a title of the upper axis, pixels; between columns, share of the width."""
+BOTTOM, TOP, LEGEND = 50, 14, 20
+"""Margins, pixels."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis: its title with the unit, and what differs from plotly's choice."""
+
+    title: str = ""
+    span: tuple[float, float] | None = None
+    log: bool = False
+    ticks: Mapping[float, str] | None = None
+    """Place → text."""
+    grid: bool = True
+    labels: bool = True
+    names: bool = False
+    """Rows of names, the first on top."""
+
+    def layout(self) -> Json:
+        """This axis for plotly."""
+        out: Json = {**GRID, "ticks": "", "showgrid": self.grid, "zeroline": self.grid, "showticklabels": self.labels}
+        out["title"] = {"text": escape(self.title), "standoff": 6}
+        if self.log:
+            out["type"] = "log"
+        if self.names:
+            out |= {"type": "category", "autorange": "reversed", "ticklabelstandoff": 4, "automargin": True}
+        if self.span is not None:
+            out["range"] = list(self.span)
+        if self.ticks is not None:
+            out |= {"tickvals": list(self.ticks), "ticktext": list(map(escape, self.ticks.values())), "tickangle": 0}
+        return out
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One diagram: traces and marks of ``cellwatt.report.drawing`` on two axes."""
+
+    traces: Sequence[Json]
+    x: Axis = Axis()
+    y: Axis = Axis()
+    marks: Sequence[Json] = ()
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Rows of panels, ``heights`` pixels each. ``label`` says what is drawn to those who do not see it.
+
+    A panel alone in its row takes the whole width. ``shared``: all panels have the last ``x`` or the first ``y`` axis.
+    """
+
+    label: str
+    rows: Sequence[Sequence[Panel]]
+    heights: Sequence[int]
+    shared: Literal["", "x", "y"] = ""
+    legend: bool = True
+    own_legends: bool = False
+    """A legend beside each panel in place of one for all."""
+    sides: tuple[int, int] = (64, 14)
+    """Margins left and right, pixels."""
+    layout: Json = field(default_factory=dict)
+    """Of plotly's, beside what all figures have."""
+    when: tuple[str, int] | None = None
+    """Shown while this choice of the switch of that name is taken; the first is at first."""
+
+    @property
+    def height(self) -> int:
+        """Pixels."""
+        return self._top + sum(self.heights) + sum(self._gaps) + BOTTOM
+
+    def plotly(self) -> Json:
+        """``data`` and ``layout`` as plotly takes them."""
+        data: list[Json] = []
+        layout: Json = {**LAYOUT, "height": self.height, "margin": self._margin(), "shapes": [], "annotations": []}
+        layout |= {"showlegend": self.legend, "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}}
+        layout["legend"] |= {"itemsizing": "constant"}
+        number, named = 0, set[str]()
+        count = sum(map(len, self.rows))
+        for row, panels in enumerate(self.rows):
+            for column, panel in enumerate(panels):
+                number += 1
+                wide, high = self._domain(row, column, len(panels))
+                layout |= self._axes(panel, number, count, wide, high)
+                layout["shapes"] += [_placed(mark, number) for mark in panel.marks if "text" not in mark]
+                layout["annotations"] += [_placed(mark, number) for mark in panel.marks if "text" in mark]
+                layout["annotations"] += [_title(panel.title, wide[0], high[1])] * bool(panel.title)
+                for trace in panel.traces:
+                    name = trace.get("name", "")
+                    told = bool(name) and (self.own_legends or name not in named)
+                    named.add(name)
+                    own = {"legend": _numbered("legend", number)} if self.own_legends else {"legendgroup": name}
+                    data.append({**trace, **own, "showlegend": told, "xaxis": f"x{number}", "yaxis": f"y{number}"})
+                if self.own_legends:
+                    layout[_numbered("legend", number)] = {"y": high[1], "yanchor": "top", "font": {"size": 10}}
+        return {"data": data, "layout": layout | self.layout}
+
+    def html(self) -> Html:
+        """Packed where it stands; page.js draws it when it is first seen."""
+        text = pack(json.dumps(self.plotly(), allow_nan=False, separators=(",", ":")))
+        state = "" if self.when is None else f" data-{self.when[0]}={self.when[1]}" + " hidden" * (self.when[1] > 0)
+        return Html(
+            f'<figure class=figure role=img aria-label="{escape(self.label)}"{state} style="height:{self.height}px">'
+            f"<script type=text/plain>{text}</script></figure>"
+        )
+
+    @property
+    def _top(self) -> int:
+        titled = bool(self.rows) and any(panel.title for panel in self.rows[0])
+        return TOP + LEGEND * (self.legend and not self.own_legends) + LEGEND * titled
+
+    @property
+    def _gaps(self) -> list[int]:
+        """Pixels below each row but the last."""
+        gaps = []
+        for upper, lower in zip(self.rows, self.rows[1:], strict=False):
+            labelled = self.shared != "x" and any(panel.x.labels for panel in upper)
+            titled = any(panel.title for panel in lower)
+            gaps.append((TITLED_GAP if labelled else GAP) + LEGEND * titled)
+        return gaps
+
+    def _margin(self) -> Json:
+        return {"l": self.sides[0], "r": self.sides[1], "t": self._top, "b": BOTTOM}
+
+    def _domain(self, row: int, column: int, columns: int) -> tuple[list[float], list[float]]:
+        """Ends of a panel along and up, as shares of the figure within its margins."""
+        inner = sum(self.heights) + sum(self._gaps)
+        top = inner - sum(self.heights[:row]) - sum(self._gaps[:row])
+        width = (1 - COLUMN_GAP * (columns - 1)) / columns
+        left = column * (width + COLUMN_GAP)
+        return [left, left + width], [max(0.0, (top - self.heights[row]) / inner), top / inner]
+
+    def _axes(self, panel: Panel, number: int, count: int, wide: list[float], high: list[float]) -> Json:
+        x = panel.x.layout() | {"domain": wide, "anchor": f"y{number}"}
+        y = panel.y.layout() | {"domain": high, "anchor": f"x{number}"}
+        if self.shared == "x" and number < count:
+            x |= {"matches": f"x{count}", "showticklabels": False, "title": None}
+        if self.shared == "y" and number > 1:
+            y |= {"matches": "y", "showticklabels": False, "title": None}
+        return {_numbered("xaxis", number): x, _numbered("yaxis", number): y}
+
+
+def pack(text: str) -> str:
+    """Gzip in base64, which page.js unpacks: a third of the size."""
+    return base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+
+
+def _numbered(name: str, number: int) -> str:
+    return name if number == 1 else f"{name}{number}"
+
+
+def _placed(mark: Json, number: int) -> Json:
+    """A mark on the axes of its panel."""
+    own = {key: mark[key].replace(key[0], _numbered(key[0], number), 1) for key in ("xref", "yref")}
+    return {**mark, **own}
+
+
+def _title(text: str, left: float, top: float) -> Json:
+    place = {"xref": "paper", "yref": "paper", "x": left, "y": top, "xanchor": "left", "yanchor": "bottom"}
+    return {**place, "text": f"<b>{escape(text)}</b>", "showarrow": False}

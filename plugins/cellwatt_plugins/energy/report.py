@@ -1,0 +1,230 @@
+"""The page of ``disaggregate``: Tables II and III and Figs 6 to 8 of ECDP, and what was identified of the joints."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from cellwatt.report import Axis, Block, Figure, Html, Notes, Panel, Provenance, Report, Section, Table, heading
+from cellwatt.report.drawing import bars, curve, dots, line, note
+from cellwatt.report.theme import BAD, CURVE, GOOD, MEASURED, MODEL, PALE, SIMULATION
+from cellwatt_plugins.energy.campaign import Outcome
+from cellwatt_plugins.energy.drive import bus_power, supply_power
+from cellwatt_plugins.energy.findings import Findings, RunEnergy
+
+GROUPS: Final = {
+    "electronics": MODEL,
+    "brakes": PALE,
+    "mechanical losses": GOOD,
+    "electrical losses": SIMULATION,
+    "chopper": BAD,
+}
+OVER_TIME = (
+    "The first repetition, and measured values of all. Each is a mean over the analyzer's interval: where power "
+    "changes faster, dots lie inside the peaks."
+)
+JOINTS = (
+    "Identified over all runs together: the factor on torque, resistance, switching and iron losses by measured power; "
+    "friction (viscous, Coulomb, offset, windage) by the corrected torque."
+)
+PAPER_FASTEST = 250.0
+"""mm/s: the fastest speed of the paper, drawn over time beside the fastest of the campaign."""
+ROW = 22
+"""Pixels of a bar."""
+
+
+def report(outcome: Outcome, provenance: Provenance) -> Report:
+    """The page of a campaign."""
+    found = outcome.findings
+    runs = found.runs
+    said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
+    return Report(
+        name=found.robot,
+        subject="energy by consumer",
+        facts=["energy by consumer", f"{len(runs)} runs", f"{sum(run.repetitions for run in runs)} repetitions"],
+        verdict=headline(found),
+        sections=[
+            Section("Fixed power", [_fixed(found)], "Drawn whatever the robot does."),
+            Section("Average power of each run", [_bars(found, "W")], "W, over one repetition."),
+            Section("Share of each consumer", [_bars(found, "%")], "Percent of the run's energy."),
+            Section("Over time", _curves(outcome), OVER_TIME),
+            Section("Energies of one repetition", [_energies(found)], _columns_told(found)),
+            Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
+            Section("Joints", [_joints(found)], JOINTS),
+            Section("Notes", [Notes(said)]),
+        ],
+        provenance=provenance,
+    )
+
+
+def headline(found: Findings) -> str:
+    """The shares in the mean power, the largest first, in one sentence."""
+    names = {
+        "electronics": "electronics take",
+        "brakes": "brakes take",
+        "mechanical_losses": "friction takes",
+        "electrical_losses_with_regeneration": "motors and drives take",
+    }
+    ranked = sorted(found.average_share_percent.items(), key=lambda item: -item[1])
+    words = [f"{names[group]} {share:.0f} %" for group, share in ranked]
+    return f"Of the mean power of these runs {words[0]}, {words[1]}, {words[2]} and {words[3]}."
+
+
+def unsure(spread: float) -> str:
+    """An uncertainty, never shown as 0 where it is not: 0.01 at least."""
+    return f"{spread:.1f}" if spread >= 1 else f"{spread:.2f}" if spread >= 0.01 else "0.01" if spread > 0 else "0"
+
+
+def _columns_told(found: Findings) -> str:
+    share = f"{100 * found.returned:.0f} ± {unsure(100 * found.returned_uncertainty)} %"
+    return (
+        "J with one standard deviation, and percent of the total. L_E* = L_E + E_RB; “at most” is the negative "
+        f"mechanical energy that ECDP takes for E_RB. Of what the motors give back to the bus the electronics "
+        f"use {share}; the chopper burns the rest."
+    )
+
+
+def _bars(found: Findings, unit: str) -> Figure:
+    """Stacked bars, one a run: Figs 7 and 8."""
+    labels = [_name(run) for run in found.runs]
+    scales = [1 / run.seconds if unit == "W" else 100 / run.total for run in found.runs]
+    sizes = np.array([_parts(run) for run in found.runs]) * np.array(scales)[:, None]
+    traces = [bars(name, labels, sizes[:, i], colour, unit) for i, (name, colour) in enumerate(GROUPS.items())]
+    ends = np.maximum(sizes, 0.0).sum(axis=1)
+    said = [
+        f"{run.total * s:.0f} W" if unit == "W" else f"electronics {p[0]:.0f} %"
+        for run, s, p in zip(found.runs, scales, sizes, strict=True)
+    ]
+    marks = [
+        {**note(f" {text}", float(end), i, up="y"), "xanchor": "left", "yanchor": "middle"}
+        for i, (text, end) in enumerate(zip(said, ends, strict=True))
+    ]
+    x = Axis(unit, (0.0, 1.14 * float(ends.max())))
+    rows = [[Panel(traces, x, Axis(names=True, grid=False), marks)]]
+    label = f"Stacked bars of each run's energy by consumer, {unit}"
+    return Figure(label, rows, (ROW * len(labels),), layout={"barmode": "stack", "bargap": 0.22})
+
+
+def _parts(run: RunEnergy) -> tuple[float, ...]:
+    """J of each of ``GROUPS``."""
+    left = run.electrical_losses_with_regeneration if run.electrical_losses is None else run.electrical_losses
+    return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
+
+
+def _curves(outcome: Outcome) -> list[Block]:
+    """Power over time of the paper's fastest speed and the fastest of all, each payload: Fig. 6."""
+    runs = outcome.findings.runs
+    slow = max((run.speed_mm_s for run in runs if run.speed_mm_s <= PAPER_FASTEST), default=None)
+    speeds = {slow, max(run.speed_mm_s for run in runs)}
+    chosen = [i for i, run in enumerate(runs) if run.speed_mm_s in speeds]
+    return [block for i in chosen for block in (heading(_name(runs[i])), _curve(outcome, i))]
+
+
+def _name(run: RunEnergy) -> str:
+    return f"{run.speed_mm_s:g} mm/s, {run.payload_kg:g} kg"
+
+
+def _curve(outcome: Outcome, index: int) -> Figure:
+    one, drive = outcome.identified.observed[index], outcome.identified.drive
+    first = outcome.repetitions[index][0]
+    motion, reading = one.run.motion, one.run.reading
+    inside = (motion.time >= first.start) & (motion.time <= first.end)
+    time = motion.time[inside] - first.start
+    feature = one.feature[inside]
+    supply = supply_power(drive, bus_power(drive, feature))
+    mechanical = feature[:, : len(drive.torque)] @ drive.torque
+    fixed = outcome.findings.fixed
+    level = fixed.electronics + fixed.brakes
+    since = np.array([repetition.start for repetition in outcome.repetitions[index]])
+    measured = (reading.time - one.offset.seconds)[None, :] - since[:, None]
+    seen = (measured >= 0) & (measured <= time[-1])
+    power = np.broadcast_to(reading.power, measured.shape)
+    ends, step = np.array([0.0, time[-1]]), float(np.median(np.diff(time)))
+    traces = [
+        line("electronics", ends, np.full(2, fixed.electronics), MODEL),
+        line("electronics and brakes", ends, np.full(2, level), PALE),
+        curve("mechanical power", mechanical, GOOD, step=step),
+        curve("electrical losses and chopper", supply - mechanical - level, SIMULATION, step=step),
+        curve("model of the supply", supply, CURVE, step=step),
+        dots("measured", measured[seen], power[seen], MEASURED, size=5, opacity=0.9),
+    ]
+    label = f"Power of each consumer over one repetition, {one.run.name}"
+    return Figure(label, [[Panel(traces, Axis("s"), Axis("W"))]], (240,))
+
+
+def _fixed(found: Findings) -> Table:
+    """Table II: power drawn whatever the robot does."""
+    fixed = found.fixed
+    cells = [
+        (fixed.controller, fixed.controller_uncertainty),
+        (fixed.robot_electronics, fixed.robot_electronics_uncertainty),
+        (fixed.electronics, fixed.robot_electronics_uncertainty),
+        (fixed.brakes, fixed.brakes_uncertainty),
+    ]
+    heads = ["P<sub>RC</sub> controller", "P<sub>RE</sub> robot", "P<sub>E</sub> both", "P<sub>MB</sub> brakes"]
+    row = [found.robot, *(f"{value:.2f} ± {unsure(spread)} W" for value, spread in cells)]
+    return Table("Fixed power", ["Robot", *map(Html, heads)], [row])
+
+
+def _energies(found: Findings) -> Table:
+    """Table III: energies of a repetition in J and in percent of the total."""
+    named = [
+        ("Run", ""),
+        ("T", "time, s"),
+        ("E<sub>R</sub>", "total"),
+        ("E<sub>E</sub>", "electronics"),
+        ("E<sub>MB</sub>", "brakes"),
+        ("L<sub>M</sub>", "mechanical<br>losses"),
+        ("L<sub>E</sub>*", "electrical losses<br>and chopper"),
+        ("L<sub>E</sub>", "electrical<br>losses"),
+        ("E<sub>RB</sub>", "chopper"),
+        ("at most", "chopper"),
+        ("E<sub>M+</sub>", "positive<br>mechanical"),
+        ("ε<sub>M+</sub>", "%"),
+    ]
+    heads = [Html(f"{symbol}<br><small>{name}</small>") for symbol, name in named]
+    return Table("Energies of one repetition", heads, [_row(run) for run in found.runs])
+
+
+def _row(run: RunEnergy) -> list[str]:
+    def both(name: str) -> Html:
+        value, spread = getattr(run, name), run.uncertainty.get(name)
+        if value is None:
+            return Html("not told")
+        share = f"<small>{100 * value / run.total:.1f} %</small>"
+        return Html(f"{value:.1f}<small> ± {unsure(spread or 0.0)}</small><br>{share}")
+
+    names = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration")
+    return [
+        Html(f"{_name(run)}<br><small>{run.repetitions} repetitions</small>"),
+        f"{run.seconds:.2f}",
+        Html(f"{run.total:.1f}<small> ± {unsure(run.uncertainty.get('total') or 0.0)}</small>"),
+        *(both(name) for name in (*names, "electrical_losses", "regeneration")),
+        f"{run.regeneration_upper_bound:.1f}",
+        f"{run.positive_mechanical:.1f}",
+        f"{run.motion_efficiency_percent:.1f}",
+    ]
+
+
+def _payload(found: Findings) -> list[Block]:
+    """ε_P (eq. 21) by speed."""
+    efficiency = found.payload_efficiency_percent
+    row = ["ε_P", *(f"{value:.1f} %" for value in efficiency.values())]
+    return [Table("Payload efficiency", ["", *(f"{speed} mm/s" for speed in efficiency)], [row])] if efficiency else []
+
+
+def _joints(found: Findings) -> Table:
+    """Table of the identified drive and friction of each joint."""
+    heads = ["Joint", "torque as given", "R Ω", "switching W/A", "eddy currents W s²/rad²", "hysteresis W s/rad"]
+    frictions = ["f<sub>v</sub> Nm s/rad", "f<sub>c</sub> Nm", "f<sub>o</sub> Nm", "f<sub>w</sub> Nm s²/rad²"]
+    rows = [
+        [
+            drive.joint,
+            Html(f"× {drive.torque_gain:.3f}<small> ± {drive.torque_gain_uncertainty:.3f}</small>"),
+            *(f"{v:.3f}" for v in (drive.winding_resistance, drive.switching, drive.iron, drive.hysteresis)),
+            *(f"{v:.2f}" for v in (friction.viscous, friction.coulomb, friction.offset, friction.windage)),
+        ]
+        for drive, friction in zip(found.drives, found.friction, strict=True)
+    ]
+    return Table("Joints", [*heads, *map(Html, frictions)], rows)
