@@ -51,7 +51,7 @@ class Report:
     name: str
     """Of the robot or the cell."""
     subject: str
-    """What the page is about, for its title."""
+    """Subject of the page, for its title."""
     facts: Sequence[str]
     """Beside the name, on top."""
     verdict: str

@@ -1,4 +1,4 @@
-"""What a page was made from: files with their digests, version, command line and settings."""
+"""Origin of a page: files with their digests, version, command line and settings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cellwatt.report.blocks import Folded, Html, Table, joined
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a page comes from."""
+    """Origin of a page."""
 
     files: Mapping[str, str]
     """Path → SHA-256, hex."""

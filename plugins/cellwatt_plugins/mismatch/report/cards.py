@@ -1,4 +1,4 @@
-"""What ``explain`` found, as cards, bars and tables."""
+"""Findings of ``explain`` as cards, bars and tables."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STATES = (("simulation", "simulation"), ("refit", "retuned"), ("model", "model")
 
 
 def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
-    """How far the error of the worst channel came down, in noise floors."""
+    """Error of the worst channel before and after, in noise floors."""
     out = []
     for key, label in (("simulation", "Simulation"), ("refit", "Simulation, retuned"), ("model", "Model")):
         ratios = [(_ratio(getattr(f, key), f.noise_floor), f.channel) for f in fit]

@@ -22,7 +22,7 @@ CURVE_CELLS, FEWEST = 44, 12
 
 @dataclass(frozen=True)
 class Coordinate:
-    """What a residual is drawn against; ``values`` (N,) over all recordings."""
+    """Quantity that a residual is drawn against; ``values`` (N,) over all recordings."""
 
     title: str
     values: Float
@@ -31,7 +31,7 @@ class Coordinate:
     rooted: bool = False
     """Cells of the curve narrow towards zero, where friction turns."""
     marked: tuple[float, float] | None = None
-    """Where a finding sits."""
+    """Range of a finding."""
 
 
 def draw(traces: Sequence[Trace], channel: str, floor: float, where: Where | None) -> Figure:

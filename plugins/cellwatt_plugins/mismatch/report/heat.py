@@ -1,4 +1,4 @@
-"""Where the mismatch sits: residual ÷ noise floor by joint and velocity, joint and position, channel and time."""
+"""Place of the mismatch: residual ÷ noise floor by joint and velocity, joint and position, channel and time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Strip:
     """(cells,) where each cell is drawn."""
     ratio: Float
     labels: tuple[str, ...]
-    """What each cell spans."""
+    """Span of each cell, in words."""
 
 
 def rms_by_cell(residual: Float, cell: Float, cells: int) -> Float:

@@ -69,7 +69,7 @@ def _floors(traces: Sequence[Trace], noise_floor: Float) -> dict[str, float]:
 
 
 def _facts(traces: Sequence[Trace]) -> list[str]:
-    """How many recordings, how long, how often sampled."""
+    """Number, length and rate of the recordings."""
     names = [t.name for t in traces]
     shown = ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
     rates = sorted({round(1 / t.step, 1) for t in traces if t.step > 0})

@@ -1,4 +1,4 @@
-"""What the report draws of one recording, and the arithmetic between the recording and its picture."""
+"""One recording as the report draws it, and the arithmetic between the recording and its picture."""
 
 from __future__ import annotations
 

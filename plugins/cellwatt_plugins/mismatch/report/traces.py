@@ -1,4 +1,4 @@
-"""What the report draws: each run with the simulation, the retuned law and the model."""
+"""Traces for the report: each run with the simulation, the retuned law and the model."""
 
 from __future__ import annotations
 

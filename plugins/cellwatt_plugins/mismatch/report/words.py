@@ -70,7 +70,7 @@ def _causes(findings: Sequence[Finding]) -> str:
 
 
 def _open_places(findings: Findings) -> str:
-    """Where something stays unexplained, e.g. ``joint 3 and the supply power``."""
+    """Places where something stays unexplained, e.g. ``joint 3 and the supply power``."""
     joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
     joints += [joint_of(rest.channel) for rest in findings.unexplained]
     places = [f"joint {j}" for j in sorted({j for j in joints if j is not None})]
