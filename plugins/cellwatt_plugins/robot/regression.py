@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import lsq_linear
 
 Float = NDArray[np.float64]
@@ -34,7 +35,10 @@ class Prior:
     @classmethod
     def spread(cls, deviations: Float, mean: Float | float = 0.0) -> Prior:
         """Return the prior of independent coefficients with standard ``deviations`` (k,) about ``mean``."""
-        return cls(np.broadcast_to(np.asarray(mean, np.float64), len(deviations)), np.diag(np.square(deviations)))
+        variance = np.square(deviations)
+        prior = cls(np.broadcast_to(np.asarray(mean, np.float64), len(variance)), np.diag(variance))
+        prior.__dict__["precision"] = np.diag(1 / variance)
+        return prior
 
     @classmethod
     def joined(cls, *parts: Prior) -> Prior:
@@ -128,7 +132,8 @@ class Fit:
     @cached_property
     def covariance(self) -> Float:
         """Posterior covariance (k, k)."""
-        return self.solved(np.eye(len(self.scale)))
+        lower = np.tril(dpotri(self._factor[0], lower=True)[0])
+        return np.asarray((lower + np.tril(lower, -1).T) * np.outer(self.scale, self.scale))
 
     @property
     def deviations(self) -> Float:

@@ -15,18 +15,18 @@ from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, LAWS, TORQUE, WARM, Motion
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot.priors import links_prior
+from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
 CARRIED: Final = 4
 """Parameters of what is carried, per kg of the stated payload: its mass and m·c at the last joint's frame."""
-SIZE: Final = 0.1
-"""m: length for which a link's mass counts where its own moments are small."""
+CARRIED_AS_STATED: Final = np.array([1.0, 0.0, 0.0, 0.0])
+"""… where it is a point at the last joint's frame, as heavy as stated."""
 REACH: Final = 0.1
 """m: how far from the flange a payload's centre of mass may be."""
-ROTOR_SPREAD: Final = 0.1
-"""Share of a stated rotor inertia by which it may be off."""
 SHARES: Final = {"gain": 0.1, "friction by load": 0.1, "viscous load": 0.1}
 """Spreads of terms that are shares of the load."""
 PER_WARMTH: Final = 10.0
@@ -114,23 +114,21 @@ class Design:
 
 @dataclass(frozen=True)
 class Belief:
-    """Means and standard deviations before any data."""
+    """What is thought of the numbers before any data."""
 
-    shared: Float
-    shared_spread: Float
-    """(R,)."""
+    shared: Prior
+    """Of the R numbers that all joints share."""
     own: Float
     own_spread: Float
-    """(F, n)."""
+    """(F, n): mean and standard deviation of each joint's own."""
 
     @classmethod
-    def of(cls, robot: RobotDescription, body: RigidBody, design: Design, scale: Float, share: float) -> Belief:
-        """From the robot's description; ``scale`` (n,) Nm is the size of the torques, links are off by ``share``."""
-        shared = body.parameters()
-        spread = share * link_spread(shared)
-        if design.shared.shape[2] > len(shared):
-            shared = np.concatenate([shared, [1.0, 0.0, 0.0, 0.0]])
-            spread = np.concatenate([spread, [0.02, REACH, REACH, REACH]])
+    def of(cls, robot: RobotDescription, body: RigidBody, design: Design, scale: Float, doubt: float) -> Belief:
+        """Return what the description says; ``scale`` (n,) Nm: size of the torques, ``doubt``: tolerances of links."""
+        links = body.parameters()
+        shared = Prior(links, links_prior(links, doubt * robot.tolerances.link).covariance)
+        if design.shared.shape[2] > len(links):
+            shared = Prior.joined(shared, Prior.spread(np.array([0.02, REACH, REACH, REACH]), CARRIED_AS_STATED))
         size = np.sqrt(np.mean(design.own**2, axis=0)).T
         # A joint that hardly moved is as likely to have friction as the others.
         size = np.maximum(size, 0.5 * size.max(axis=1, keepdims=True))
@@ -143,8 +141,8 @@ class Belief:
                 own[design.names.index(name)] = column(robot, key)
         if "rotor" in design.names:
             row, known = design.names.index("rotor"), column(robot, "rotor_inertia")
-            own_spread[row] = np.where(known > 0, ROTOR_SPREAD * known, own_spread[row])
-        return cls(shared, spread, own, own_spread)
+            own_spread[row] = np.where(known > 0, robot.tolerances.rotor_inertia * known, own_spread[row])
+        return cls(shared, own, own_spread)
 
 
 def shared_columns(rows: Rows, body: RigidBody, carrying: bool) -> Float:
@@ -154,17 +152,6 @@ def shared_columns(rows: Rows, body: RigidBody, carrying: bool) -> Float:
         return columns
     carried = columns[:, :, -PER_LINK : CARRIED - PER_LINK] * rows.payload[:, None, None]
     return np.concatenate([columns, carried], axis=2)
-
-
-def link_spread(parameters: Float) -> Float:
-    """Error (10 n,) of the inertial parameters (10 n,) if each link were off by its own size."""
-    links = parameters.reshape(-1, PER_LINK)
-    mass = np.maximum(links[:, 0], 0.1 * links[:, 0].mean())[:, None]
-    moments = np.linalg.norm(links[:, 1:4], axis=1, keepdims=True)
-    size = np.linalg.norm(links[:, 4:], axis=1, keepdims=True)
-    ones = np.ones((1, 3))
-    out = [mass, np.maximum(moments, SIZE * mass) * ones, np.maximum(size, SIZE**2 * mass) * np.ones((1, 6))]
-    return np.concatenate(out, axis=1).ravel()
 
 
 def possible(rows: Rows, width: float) -> dict[str, tuple[str, ...]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.models.power import supply as supplies
 from cellwatt_plugins.models.power import torque as torques
 from cellwatt_plugins.models.power.design import Rows, mean_temperature, shared_columns
-from cellwatt_plugins.models.power.folds import folds_of
+from cellwatt_plugins.models.power.folds import HARM, folds_of
 from cellwatt_plugins.models.power.hybrid import Hybrid
 from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.moves import Moves
@@ -25,8 +25,8 @@ from cellwatt_plugins.robot import RigidBody, RobotDescription
 
 Float = NDArray[np.float64]
 
-DOUBTS: Final = (0.03, 0.1, 0.3)
-"""Shares by which the links of the URDF may be off, tried on held-out moves."""
+DOUBTS: Final = (1.0, 3.0, 10.0)
+"""Tolerances by which the links of the URDF may be off, tried on held-out moves."""
 USUAL: Final = ("Stribeck friction (0.1 rad/s)",)
 """Effects of an arm whose currents were not measured: power alone tells no more."""
 WEIGHINGS: Final = 2
@@ -47,7 +47,7 @@ class Structure:
     losses: tuple[str, ...]
     sharing: Sharing
     doubt: float
-    """Share by which the links of the URDF may be off."""
+    """Tolerances by which the links of the URDF may be off."""
     network: bool = False
     """True if a network takes what physics leaves of the torques."""
 
@@ -58,8 +58,6 @@ class Fitted:
 
     model: Hybrid
     structure: Structure
-    errors: Float
-    """(p,) standard errors, see ``Together``; none where no power was measured."""
     rows: int
 
 
@@ -90,8 +88,8 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
         effects = torques.select(folds, problem.belief, problem.design.names, problem.effects)
         problem = problem.reweighed(effects)
     chosen = problem.chosen(effects)
-    scores = {share: folds.misfits(problem.doubting(share), chosen).mean() for share in DOUBTS}
-    return problem, effects, min(scores, key=lambda share: float(scores[share]))
+    scores = {doubt: folds.misfits(problem.doubting(doubt), chosen).mean() for doubt in DOUBTS}
+    return problem, effects, min(scores, key=lambda doubt: float(scores[doubt]))
 
 
 def _network_helps(
@@ -109,7 +107,7 @@ def _network_helps(
         with_it = held.torque - fitted.model.torque(motion)
         without = held.torque - replace(fitted.model, leftover=None).torque(motion)
         ratios.append(np.nanmean(with_it**2, axis=0) / np.nanmean(without**2, axis=0))
-        if np.mean(ratios[-1]) > torques.HARM:
+        if np.mean(ratios[-1]) > HARM:
             return False
     return bool(np.mean(ratios) < HELPS)
 
@@ -120,10 +118,9 @@ def fit(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, 
     for _ in range(WEIGHINGS):
         problem = problem.reweighed(structure.effects)
     chosen = problem.chosen(structure.effects)
-    torque, supply, errors = problem.solution(structure.effects), None, np.empty(0)
+    torque, supply = problem.solution(structure.effects), None
     if len(problem.rows.shown.power):
-        found = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
-        torque, supply, errors = found.torque, found.supply, found.errors
+        torque, supply = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
     warmth = moves.temperature if WARM in structure.effects else None
     model = Hybrid(
         smoother=tuning.smoother,
@@ -139,4 +136,4 @@ def fit(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, 
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
         model = replace(model, leftover=Leftover.train(motion, problem.rows.torque - model.torque(motion), SEED))
-    return Fitted(model, structure, errors, len(problem.rows))
+    return Fitted(model, structure, len(problem.rows))

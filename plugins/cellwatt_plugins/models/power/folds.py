@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.power.moves import Moves
+
+Float = NDArray[np.float64]
 
 TURNS: Final = 4
 EXTREME: Final = 0.15
@@ -16,6 +19,10 @@ FEW: Final = 12
 """Moves below which each is a fold of its own."""
 BLOCKS: Final = 8
 """Folds of a recording that is one long move."""
+GAIN: Final = 0.995
+"""An effect must bring the held-out error down to this share of its square."""
+HARM: Final = 1.02
+"""And raise it nowhere above this."""
 
 
 def folds_of(moves: Moves) -> NDArray[np.int64]:
@@ -34,3 +41,21 @@ def folds_of(moves: Moves) -> NDArray[np.int64]:
     fold[order[:extreme]] = TURNS
     fold[order[-extreme:]] = TURNS + 1
     return np.asarray(fold[moves.move], np.int64)
+
+
+def grown(
+    score: Callable[[Sequence[str]], Float], tried: Callable[[Sequence[str]], Sequence[str]]
+) -> tuple[list[str], Float]:
+    """Return the effects that lower the held-out error, the best first, and what they leave of it in each fold.
+
+    ``score`` gives the mean square (folds,) with some effects, ``tried`` the effects worth a trial beside them.
+    """
+    found: list[str] = []
+    now = score(found)
+    while True:
+        trials = {e: score([*found, e]) / now for e in tried(found) if e not in found}
+        best = min(trials, key=lambda e: float(trials[e].mean()), default=None)
+        if best is None or trials[best].mean() > GAIN or trials[best].max() > HARM:
+            return found, now
+        found.append(best)
+        now = now * trials[best]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.power import torque as torques
-from cellwatt_plugins.models.power.design import Belief, Design, Rows, all_terms, possible
+from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, all_terms, possible
 from cellwatt_plugins.models.power.folds import folds_of
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import noise_of
@@ -56,18 +56,18 @@ class Problem:
         doubt: float,
         effects: tuple[str, ...] | None = None,
     ) -> Problem:
-        """With columns for some effects, or for all that the rows can show; links are believed within ``doubt``."""
+        """With columns for some effects, or for all that the rows can show; links are off by ``doubt`` tolerances."""
         constant = column(robot, "torque_constant")
         rows = Rows.of(moves, tuning.smoother, constant, MOST)
         able = possible(rows, tuning.width) if effects is None else {e: EFFECTS[e] for e in effects}
         inertial = body.parameters()
         if rows.payload is not None:
-            inertial = np.concatenate([inertial, [1.0, 0.0, 0.0, 0.0]])
+            inertial = np.concatenate([inertial, CARRIED_AS_STATED])
         design = Design.of(rows, body, inertial, tuning.width, all_terms(able))
         scale = _scale(rows, design, inertial, constant)
         noise = np.nan_to_num(noise_of(moves, moves.current * constant), nan=1e-6)
         variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)
-        stated = Stated(robot.standby_power, column(robot, "winding_resistance"))
+        stated = Stated(robot.standby_power, column(robot, "winding_resistance"), robot.tolerances.supply)
         belief = Belief.of(robot, body, design, scale, doubt)
         return cls(robot, body, rows, design, belief, variance, constant, stated, able).reweighed(effects or ())
 
@@ -78,7 +78,7 @@ class Problem:
 
     def sums(self, rows: NDArray[np.bool_]) -> Sums:
         """Over some rows."""
-        return Sums.of(self.design, self.rows.torque, self.variance, rows)
+        return torques.sums_of(self.design, self.rows.torque, self.variance, rows)
 
     def everything(self) -> Sums:
         """Over all rows."""
@@ -96,12 +96,12 @@ class Problem:
         least = np.ones(left.shape[1])
         least[known] = 1e-3 * np.sqrt(np.nanmean(left[:, known] ** 2, axis=0))
         loaded = Design.with_load(rows, design.shared, solution.shared, design.width, design.names)
-        return replace(self, variance=torques.variance_of(left, rows.qd, least), design=loaded)
+        return replace(self, variance=torques.variance_by_speed(left, rows.qd, least), design=loaded)
 
-    def doubting(self, share: float) -> Belief:
-        """Return the belief where links may be off by another share."""
-        scale = _scale(self.rows, self.design, self.belief.shared, self.constant)
-        return Belief.of(self.robot, self.body, self.design, scale, share)
+    def doubting(self, doubt: float) -> Belief:
+        """Return the belief where links may be off by ``doubt`` tolerances."""
+        scale = _scale(self.rows, self.design, self.belief.shared.mean, self.constant)
+        return Belief.of(self.robot, self.body, self.design, scale, doubt)
 
     def drive(self, torque: Float, qd: Float) -> Drives:
         """Return the state of the drives for torques (N, n) Nm and velocities (N, n) rad/s."""

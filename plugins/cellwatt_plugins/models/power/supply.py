@@ -10,24 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cellwatt_plugins.models.power.folds import GAIN, grown
 from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
+from cellwatt_plugins.robot.regression import Prior, Products, gauss_newton
 
 Float = NDArray[np.float64]
 Sharing = Literal["bus", "joint"]
 
 ROUNDS: Final = 12
-GAIN: Final = 0.995
-HARM: Final = 1.02
+STILL: Final = 1e-6
+"""Steps of all numbers, in prior standard deviations, below which it has ended."""
 GAIN_SPREAD: Final = 0.03
 """Share by which a stated torque constant may be off."""
-COPPER_SPREAD: Final = 0.15
-"""Share by which a stated winding resistance may be off."""
+WARMER: Final = 0.15
+"""Share that a winding has more resistance 40 K above where it was stated, beside the tolerance."""
 GUESSED: Final = 1.0
 """Ω where none is stated; it may then be off by as much again."""
 LOSS: Final = 3.0
 """W that a loss of one joint may amount to."""
 BRAKES: Final = "brakes held open while the arm moves"
+POSSIBLE: Final = (*LOSSES, BRAKES)
 MOVING: Final = 0.02
 """rad/s above which an arm moves."""
 
@@ -95,10 +98,10 @@ def moving(drive: Drives) -> Any:
 
 @dataclass(frozen=True)
 class Believed:
-    """Means and standard deviations of ``Supply.vector``."""
+    """A supply as thought before any data, and the prior of its ``vector``."""
 
     mean: Supply
-    spread: Float
+    prior: Prior
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,8 @@ class Stated:
     """W; 0 where unknown."""
     resistance: Float
     """(n,) Ω; 0 where unknown."""
+    tolerance: float
+    """Share by which both may be off."""
 
     def resistances(self) -> Float:
         """(n,) Ω, guessed where unknown."""
@@ -119,7 +124,7 @@ def believed(drive: Drives, power: Float, effects: Sequence[str], sharing: Shari
     """Before any data: what is stated of the drives is about right, losses are small."""
     names = (*DRIVE_ALWAYS, *(term for effect in effects if effect in LOSSES for term in LOSSES[effect]))
     weights = np.array([[float(name in DRIVE_ALWAYS)] * drive.qd.shape[1] for name in names])
-    copper = np.where(stated.resistance > 0, COPPER_SPREAD, 1.0)
+    copper = np.where(stated.resistance > 0, np.hypot(stated.tolerance, WARMER), 1.0)
     known = {"mechanical": np.full(copper.shape, GAIN_SPREAD), "copper": copper}
     spreads = []
     for name in names:
@@ -130,33 +135,33 @@ def believed(drive: Drives, power: Float, effects: Sequence[str], sharing: Shari
     mean = Supply(stated.standby or level, 1.1, 0.55, 0.0, names, weights, sharing)
     brakes = LOSS if BRAKES in effects else 1e-6
     fixed = [max(0.5 * level, 1.0), 0.15, 0.55, brakes]
-    return Believed(mean, np.concatenate([fixed, np.concatenate(spreads)]))
+    return Believed(mean, Prior.spread(np.concatenate([fixed, *spreads]), mean.vector()))
 
 
-def fit(
-    drive: Drives, power: Float, belief: Believed, noise: float | None = None, meter: csr_array | None = None
-) -> tuple[Supply, float]:
-    """Gauss–Newton with the prior; and the rms of what is left, W, which is also the noise where none is given.
+def fit(drive: Drives, power: Float, belief: Believed, meter: csr_array | None = None) -> tuple[Supply, float]:
+    """Return the most probable supply, and the rms of what it leaves, W, which is also the noise.
 
     ``power`` (M,) W is of the N rows, or what a slow ``meter`` (M, N) makes of them.
     """
-    mean = belief.mean.vector()
-    x, size = mean.copy(), noise or float(np.std(power)) + 1e-9
-    for _ in range(ROUNDS):
+
+    def left(supply: Supply) -> Float:
+        return np.asarray(power - through(meter, supply.power(drive))[:, 0])
+
+    def linearised(x: Float) -> Products:
         supply = belief.mean.with_vector(x)
-        left = power - through(meter, supply.power(drive))[:, 0]
-        jacobian = through(meter, supply.slopes(drive)[0]) / size * belief.spread
-        step = np.linalg.solve(
-            jacobian.T @ jacobian + np.eye(len(x)), jacobian.T @ (left / size) - (x - mean) / belief.spread
-        )
-        x = x + belief.spread * step
-        x[2] = np.clip(x[2], 0.0, max(x[1], 0.0))
-        if noise is None:
-            size = float(np.sqrt(np.mean(left**2))) + 1e-9
-        if np.abs(step).max() < 1e-6:
-            break
-    supply = belief.mean.with_vector(x)
-    return supply, float(np.sqrt(np.mean((power - through(meter, supply.power(drive))[:, 0]) ** 2)))
+        slope, rest = through(meter, supply.slopes(drive)[0]), left(supply)
+        return Products.of(slope, rest + slope @ x, float(np.mean(rest**2)) + 1e-18)
+
+    x, _ = gauss_newton(linearised, belief.prior, belief.prior.mean, ROUNDS, STILL, possible)
+    found = belief.mean.with_vector(x)
+    return found, float(np.sqrt(np.mean(left(found) ** 2)))
+
+
+def possible(x: Float, at: int = 0) -> Float:
+    """Return numbers whose supply begins ``at`` a place, with no more fed back than is taken, and no less than 0."""
+    x = x.copy()
+    x[at + 2] = np.clip(x[at + 2], 0.0, max(x[at + 1], 0.0))
+    return x
 
 
 def through(meter: csr_array | None, rows: Float) -> Float:
@@ -183,19 +188,6 @@ def select(
             out.append(np.mean((power[~kept] - through(seen, supply.power(own))[:, 0]) ** 2))
         return np.array(out)
 
-    def grown(sharing: Sharing) -> tuple[list[str], Float]:
-        found: list[str] = []
-        now = score(found, sharing)
-        while True:
-            trials = {e: score([*found, e], sharing) / now for e in (*LOSSES, BRAKES) if e not in found}
-            best = min(trials, key=lambda e: float(trials[e].mean()), default=None)
-            if best is None or trials[best].mean() > GAIN or trials[best].max() > HARM:
-                return found, now
-            found.append(best)
-            now = now * trials[best]
-
-    one, left = grown("bus")
-    each, left_each = grown("joint")
-    if (left_each / left).mean() < GAIN:
-        return tuple(each), "joint"
-    return tuple(one), "bus"
+    one, left = grown(lambda found: score(found, "bus"), lambda found: POSSIBLE)
+    each, left_each = grown(lambda found: score(found, "joint"), lambda found: POSSIBLE)
+    return (tuple(each), "joint") if (left_each / left).mean() < GAIN else (tuple(one), "bus")

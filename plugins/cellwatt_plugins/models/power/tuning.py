@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.models.power.design import Belief, Design, Rows, shared_columns
+from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, shared_columns
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
-from cellwatt_plugins.models.power.torque import Sums, solve
+from cellwatt_plugins.models.power.torque import solve, sums_of
 from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
@@ -30,8 +30,8 @@ SPANS: Final = (3, 5, 7, 9, 11, 15, 21, 27, 35, 45, 61)
 WIDTHS: Final = (0.0005, 0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.02, 0.04, 0.08)
 """rad/s."""
 TERMS: Final = ("rotor", "coulomb", "viscous", "Stribeck friction (0.1 rad/s)", "offset")
-DOUBT: Final = 0.1
-"""Share of the links' parameters."""
+DOUBT: Final = 3.0
+"""Tolerances by which links may be off, before that is tried."""
 
 
 @dataclass(frozen=True)
@@ -86,18 +86,16 @@ def _some(moves: Moves) -> Moves:
 
 def _left(rows: Rows, shared: Float, robot: RobotDescription, body: RigidBody, width: float) -> float:
     """Sum over the joints of the logarithm of what is left of their torques."""
-    inertial = body.parameters() if rows.payload is None else _carrying(body)
+    inertial = body.parameters()
+    if rows.payload is not None:
+        inertial = np.concatenate([inertial, CARRIED_AS_STATED])
     design = Design.with_load(rows, shared, inertial, width, TERMS)
     scale = np.nanstd(rows.torque, axis=0) + 1e-9
     belief = Belief.of(robot, body, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)
-    sums = Sums.of(design, rows.torque, variance, np.ones(len(rows), bool))
+    sums = sums_of(design, rows.torque, variance, np.ones(len(rows), bool))
     left = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
     return float(np.nansum(np.log(np.nanmean(left**2, axis=0))))
-
-
-def _carrying(body: RigidBody) -> Float:
-    return np.concatenate([body.parameters(), [1.0, 0.0, 0.0, 0.0]])
 
 
 def _refined(cost: Callable[[float], float], width: float) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
+from cellwatt_plugins.robot.priors import body_prior, link_prior
 
 Float = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ PAYLOAD: Final = 0.15
 """m, of a payload's centre of mass from the flange."""
 SPRING: Final = 0.05
 """Of the rated torque, at a joint's limit."""
-SMALL_MASS: Final = 0.05
+ADDED: Final = 0.01
 """Of the arm's own mass: what may be added to any link beside its tolerance (hoses, cables, tools)."""
 PLAIN: Final = 3
 """Degree up to which a hose's energy is one group: a straight spring. Above it is bent."""
@@ -173,8 +174,9 @@ class Effects:
         total = own[:, 0].sum()
         for i, (mass, *moment) in enumerate(own):
             reach = max(float(np.linalg.norm(moment)) / mass if mass else 0.0, 0.1)
-            loose = self.link * mass + SMALL_MASS * 0.1 * total
-            yield Group("link", (i,), np.array([loose, *[loose * reach] * 3]))
+            stated = link_prior(np.array([mass, *moment, *[0.0] * 6]), self.link).deviations
+            added = body_prior(ADDED * total, reach).deviations
+            yield Group("link", (i,), np.hypot(stated, added)[:PER_GRAVITY])
         if self.carries:
             yield Group("payload", (), np.full(3, PAYLOAD))
         yield Group("gain", (), np.full(n, GAIN))

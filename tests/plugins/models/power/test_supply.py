@@ -10,7 +10,7 @@ from cellwatt_plugins.models.power.supply import BRAKES, Stated
 from cellwatt_plugins.robot.drive import Drives
 
 CONSTANT, RESISTANCE = np.array([12.0, 10.0, 8.0]), np.array([0.6, 0.8, 1.2])
-STATED = Stated(0.0, RESISTANCE)
+STATED = Stated(0.0, RESISTANCE, 0.05)
 FOLD = np.repeat(np.arange(6), 500)
 
 
