@@ -11,9 +11,7 @@ use the data. ``Recording``, ``Subscriber`` and the names that packages register
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from importlib import import_module
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from cellwatt.account import Account
@@ -33,6 +31,7 @@ from cellwatt.errors import (
     SourceError,
     WrongDeviceError,
 )
+from cellwatt.files import Places
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 from cellwatt.sink import CellView, Sink, SinkSettings
@@ -92,7 +91,7 @@ __all__ = [
 ]
 
 
-def open(recording: str | PathLike[str] | Iterable[str | PathLike[str]]) -> Recording:
+def open(recording: Places) -> Recording:
     """Open a recording: a file, several, or a folder, also one that is being written.
 
     Raises ``RecordingError`` where there is no recording, or they are of several cells.

@@ -9,14 +9,23 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from collections.abc import Iterable
 from io import FileIO
 from pathlib import Path
 from typing import Final
+
+Place = str | os.PathLike[str]
+Places = Place | Iterable[Place]
 
 WRITTEN: Final = 16_000_000
 """Bytes of a file that a person or their tool wrote: descriptions of robots and meters, URDF, notes."""
 COMPUTED: Final = 1_000_000_000
 """Bytes of a file that a computer filled: tables, references, networks."""
+
+
+def paths_of(places: Places) -> list[Path]:
+    """Paths of one file or folder, or of several."""
+    return [Path(p) for p in ([places] if isinstance(places, str | os.PathLike) else places)]
 
 
 class UnfitFileError(OSError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
@@ -17,7 +16,7 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.blocks import concatenate, cut
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
-from cellwatt.files import open_file
+from cellwatt.files import Places, open_file, paths_of
 from cellwatt.frames import Frames
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from cellwatt.record.dataframe import Library
 
 RESULTS = (Interval, Task, Energy, Prediction, Alarm)
-Place = str | os.PathLike[str]
 EVER = 2**62
 """Later than any time in a recording, UTC ns."""
 
@@ -64,13 +62,13 @@ class Recording:
         self.layout = next((t.rows.layout for t in self._all_tracks() if isinstance(t.rows, FrameRows)), None)
 
     @classmethod
-    def open(cls, source: Place | Iterable[Place]) -> Recording:
+    def open(cls, source: Places) -> Recording:
         """Open a file, several, or all in a folder, in the order in which they were recorded.
 
         Files still open or left open are read up to their last whole chunk; copies of a file are read once.
         Raises ``RecordingError`` where there is no recording, or they are of several cells.
         """
-        given = [Path(p) for p in ([source] if isinstance(source, str | os.PathLike) else source)]
+        given = paths_of(source)
         paths = [p for path in given for p in (_in_folder(path) if path.is_dir() else [path])]
         if not paths:
             raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")

@@ -9,16 +9,11 @@ import click
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from cellwatt.report import Provenance
 from cellwatt.tables import write_table
+from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
-from cellwatt_plugins.mismatch.explain import explain as explain_runs
-from cellwatt_plugins.mismatch.input.admission import examine
-from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
-from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states, save_model
-from cellwatt_plugins.mismatch.report import report
-from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
+from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 from cellwatt_plugins.mismatch.verdict.findings import Findings
@@ -87,23 +82,23 @@ def explain(
     Without simulations, robot.yaml is simulated on the recorded motion. Writes findings.json, model.yaml and
     report.html.
     """
-    description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    user = None if simulator is None else to_mend(simulator, body)
-    with threadpool_limits(1), Console(stderr=True).status("reading") as status:
-        runs = read_runs(recordings, simulations or ((simulator,) if simulator else ()), description, meters)
-        base, notes = examine(runs, description, body)
-        found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=status.update)
+    user = None
+    if simulator is not None:
+        description = load_robot(robot)
+        user = to_mend(simulator, RigidBody(description.urdf, tuple(joint.name for joint in description.joints)))
+    with Console(stderr=True).status("reading") as status:
+        given = simulations or ((simulator,) if simulator else ())
+        found = api.explain(
+            recordings, robot=robot, simulation=given, meter=meters, seconds=seconds, progress=status.update
+        )
     out.mkdir(parents=True, exist_ok=True)
-    content = found.findings.as_json()
+    content = found.as_json()
     (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
     if not no_report:
-        made_from = Provenance.here([*recordings, *simulations, *meters, robot, Path(description.urdf)])
-        page = report(found.findings, traces_of(runs, found), description.robot, noise_floors(found), made_from)
-        page.write(out / "report.html")
+        found.report(out / "report.html")
     with threadpool_limits(1):
-        mended = None if user is None else mend(found, runs, user, out)
+        mended = None if user is None else mend(found, found.runs, user, out)
     if mended is not None:
         content["mended"] = mended.as_json()
         (out / "findings.json").write_text(json.dumps(content, indent=1))
@@ -128,10 +123,7 @@ def simulate(model: Path, motion: Path, simulation: Path | None, out: Path) -> N
 
     A motion with accelerations is taken as planned; one without as measured, which is smoothed about the simulation's.
     """
-    loaded = load_model(model)
-    with threadpool_limits(1):
-        run, known = read_motion(motion, simulation, loaded.robot)
-        predicted = predict_states(loaded, loaded.baseline.states(run, -1, known))
+    predicted = api.simulate(model, motion, simulation)
     write_prediction(predicted, out)
     click.echo(f"written to {out}: {len(predicted.time)} samples")
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.files import Place
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
@@ -54,6 +57,23 @@ class Explained:
     supply: Solution | None
     nominal: Solution
     """Nominal parameters retuned, nothing added."""
+    runs: tuple[Run, ...]
+    inputs: tuple[Path, ...] = ()
+    """The files that it was made from; the report names them with their digests."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
+        return self.findings.as_json()
+
+    def report(self, path: Place) -> None:
+        """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.mismatch.report import report
+        from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
+
+        made_from = Provenance.here(self.inputs)
+        page = report(self.findings, traces_of(self), self.model.robot.robot, noise_floors(self), made_from)
+        page.write(Path(path))
 
 
 def explain(
@@ -88,7 +108,7 @@ def explain(
     supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until, progress=progress)
     progress("judging by data left out")
     findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
-    return Explained(findings, model_of(torque, supply), torque, supply, nominal)
+    return Explained(findings, model_of(torque, supply), torque, supply, nominal, tuple(runs))
 
 
 def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:

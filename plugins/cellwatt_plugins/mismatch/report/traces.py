@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.explain import Explained
-from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model, predict_states
 from cellwatt_plugins.mismatch.report import Trace
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
@@ -16,12 +13,12 @@ from cellwatt_plugins.mismatch.verdict.estimates import retuned
 Float = NDArray[np.float64]
 
 
-def traces_of(runs: Sequence[Run], found: Explained) -> list[Trace]:
+def traces_of(found: Explained) -> list[Trace]:
     """One trace a run, at all samples."""
     robot = found.model.robot
     refit = Model(robot, retuned(found.nominal, None), links=found.model.links)
     out = []
-    for run, states in zip(runs, found.torque.problem.states, strict=True):
+    for run, states in zip(found.runs, found.torque.problem.states, strict=True):
         tuned, model = predict_states(refit, states), predict_states(found.model, states)
         simulated = states.nominal
         power = states.with_torque(simulated).nominal_power

@@ -1,0 +1,59 @@
+"""``cw.explain`` and ``cw.simulate``: what the commands of the same name call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from cellwatt.files import Place, Places, paths_of
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.explain import explain as explain_runs
+from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
+from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states
+from cellwatt_plugins.robot import RigidBody, load_robot
+
+
+def explain(
+    recordings: Places,
+    *,
+    robot: Place,
+    simulation: Places = (),
+    meter: Places = (),
+    seconds: float = 50.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Explained:
+    """Explain where recordings differ from the simulation, which physics it leaves out, and what a model gains.
+
+    ``recordings`` are Parquet, CSV or cellwatt's own: t (s), q_i (rad), qd_i (rad/s), tau_i (Nm) and power (W);
+    ``simulation`` the same of the simulator, one a recording, or a simulator's own file (MJCF, URDF). Without one,
+    ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion. ``meter`` are tables of power on a clock
+    of their own, one a recording. After ``seconds`` of computing nothing more is looked for; ``progress`` is told what
+    it is at. The result has ``findings``, the augmented ``model``, ``as_json`` and ``report``.
+
+    Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    """
+    description = load_robot(Path(robot))
+    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
+    with threadpool_limits(1):
+        runs = read_runs(recorded, simulated, description, metered)
+        base, notes = examine(runs, description, body)
+        found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=progress)
+    return replace(found, inputs=(*recorded, *simulated, *metered, Path(robot), Path(description.urdf)))
+
+
+def simulate(model: Place, motion: Place, simulation: Place | None = None) -> Prediction:
+    """Predict torque (N, n) Nm and supply power (N,) W of a motion by a model that ``explain`` has written.
+
+    ``model`` is ``model.yaml`` or its folder; ``motion`` a table with t, q_i, qd_i and qdd_i (planned; without qdd_i
+    measured, and smoothed about ``simulation``), and temperature_i (degC) where it is known. ``simulation`` is what the
+    user's simulator says of that motion; the model adds to it. Raises ``ConfigError`` and ``RecordingError``.
+    """
+    loaded = load_model(Path(model))
+    with threadpool_limits(1):
+        run, known = read_motion(Path(motion), None if simulation is None else Path(simulation), loaded.robot)
+        return predict_states(loaded, loaded.baseline.states(run, -1, known))
