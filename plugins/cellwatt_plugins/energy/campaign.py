@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.files import Place
 from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
@@ -44,6 +47,19 @@ class Outcome:
     identified: Identified
     repetitions: tuple[tuple[Repetition, ...], ...]
     """Of each run, in the order of ``identified.observed``."""
+    inputs: tuple[Path, ...] = ()
+    """The files that it was made from; the report names them with their digests."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of ``energy.json``, which ``cellwatt disaggregate --json`` prints."""
+        return self.findings.as_json()
+
+    def report(self, path: Place) -> None:
+        """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.energy.report import report
+
+        report(self, Provenance.here(self.inputs)).write(Path(path))
 
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:

@@ -15,11 +15,8 @@ import click
 
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
-from cellwatt_plugins.energy.fixed import AtRest, steady_power
-from cellwatt_plugins.energy.recordings import read_reading, read_runs
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.energy.arm import Arm
     from cellwatt_plugins.energy.campaign import Outcome
 
 FILE = click.Path(exists=True, path_type=Path)
@@ -66,40 +63,14 @@ def disaggregate(
     Files are Parquet or CSV: t (s) and power (W) of the analyzer; t, q_1 …, qd_1 …, tau_1 … (rad, rad/s, Nm) of the
     robot. Each run repeats one closed path, from rest to rest. Writes energy.json, energy.csv and report.html.
     """
-    from threadpoolctl import threadpool_limits
+    from cellwatt_plugins.energy import api
 
-    from cellwatt_plugins.energy.arm import load_arm
-    from cellwatt_plugins.energy.campaign import disaggregate as run_campaign
-
-    arm = load_arm(robot)
-    rest = _at_rest(arm, controller, connected, released)
-    recorded = read_runs(runs, arm.joints)
-    with threadpool_limits(1):
-        outcome = run_campaign(arm, rest, recorded)
+    outcome = api.disaggregate(robot=robot, controller=controller, connected=connected, released=released, runs=runs)
     _write(outcome, out)
     if not no_report:
-        from cellwatt.report import Provenance
-        from cellwatt_plugins.energy.report import report
-
-        inputs = [robot, *([controller] if controller else []), connected, released, runs]
-        report(outcome, Provenance.here(inputs)).write(out / "report.html")
+        outcome.report(out / "report.html")
     found = outcome.findings
     click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out))
-
-
-def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path) -> AtRest:
-    """The three states; where the arm cannot be unplugged, the controller's share is with the connected arm."""
-    plugged = steady_power(read_reading(connected))
-    if controller is not None and controller.exists():
-        alone = steady_power(read_reading(controller))
-    elif arm.supplied.controller_separate:
-        raise RecordingError(
-            f"{controller or '--controller'}: no such file: measure the controller with the arm unplugged, or write "
-            "controller_separate: false in robot.yaml where that cannot be done"
-        )
-    else:
-        alone = plugged
-    return AtRest(alone, plugged, steady_power(read_reading(released)))
 
 
 def _write(outcome: Outcome, out: Path) -> None:

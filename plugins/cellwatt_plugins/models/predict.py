@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.files import Place
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import Metadata, refused
 from cellwatt_plugins.models.network import Network, open_network
@@ -34,7 +35,10 @@ OUTSIDE = 0.05
 class Report:
     """Result of a prediction."""
 
-    file: str
+    columns: Mapping[str, NDArray[Any]]
+    """Time t (s), pose and move where the table has them, then each output of the model, (N,) each."""
+    file: str | None
+    """None where nothing was written."""
     rows: int
     outputs: tuple[str, ...]
     begun: int
@@ -46,11 +50,12 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
-        return asdict(self)
+        return {name: value for name, value in vars(self).items() if name != "columns"}
 
     def in_words(self) -> str:
         """For a person."""
-        lines = [f"written to {self.file}: {self.rows} rows of {', '.join(self.outputs)}"]
+        where = "" if self.file is None else f"written to {self.file}: "
+        lines = [f"{where}{self.rows} rows of {', '.join(self.outputs)}"]
         if self.begun:
             lines.append(f"{self.begun} rows at the start of a motion were predicted as if the arm had rested before")
         if self.missing:
@@ -62,21 +67,29 @@ class Report:
         return "\n".join(lines)
 
 
-def predict_file(model: Path, source: Path, out: Path) -> Report:
-    """Write the model's outputs for a table. Raises ``ModelError`` and ``RecordingError``."""
-    network = open_network(model)
-    table = read_table(source)
-    values = inputs_of(network.metadata, table)
-    starts = starts_of(table)
+def predict_file(model: Place, table: Place, out: Place | None = None) -> Report:
+    """Run a model file on the rows of a table, or of a recording: the function behind ``cw.predict``.
+
+    ``columns`` of the result holds the outputs, which are also written to ``out`` (.parquet or .csv). A model that sees
+    several rows at once begins anew where move changes or t jumps. Raises ``ModelError`` where the model cannot be
+    run, ``RecordingError`` where the table cannot be used or ``out`` not be written.
+    """
+    network = open_network(Path(model))
+    rows = read_table(Path(table))
+    values = inputs_of(network.metadata, rows)
+    starts = starts_of(rows)
     if network.metadata.rate_hz is not None:
-        _check_rate(network.metadata.rate_hz, table, starts, model)
+        _check_rate(network.metadata.rate_hz, rows, starts, Path(model))
     given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
-    kept = {name: _numbered(table.columns[name]) for name in KEPT if name in table.columns}
-    clock = {} if table.clock is None else {"t": table.time}
-    write_table(out, {**clock, **kept, **dict(zip(names, given.T, strict=True))})
+    kept = {name: _numbered(rows.columns[name]) for name in KEPT if name in rows.columns}
+    clock = {} if rows.clock is None else {"t": rows.time}
+    columns = {**clock, **kept, **dict(zip(names, given.T, strict=True))}
+    if out is not None:
+        write_table(Path(out), columns)
     return Report(
-        str(out),
+        columns,
+        None if out is None else str(out),
         len(values),
         names,
         begun=int(np.sum(_since(starts) < network.metadata.window - 1 - network.metadata.delay)),

@@ -28,28 +28,11 @@ def train_power(
     or recordings of cellwatt. Prints how the paper's two methods and the best model do on moves that they have not
     seen, and writes model.onnx (the best model), nls.onnx and scg.onnx (the paper's) and power.json.
     """
-    from threadpoolctl import threadpool_limits
-
-    from cellwatt_plugins.models.power.exported import write, write_published
-    from cellwatt_plugins.models.power.moves import read_moves
-    from cellwatt_plugins.models.power.training import train
-    from cellwatt_plugins.models.power.wording import as_json as report_of
+    from cellwatt_plugins.models.power import api
     from cellwatt_plugins.models.power.wording import in_words
     from cellwatt_plugins.models.progress import progress_bar
-    from cellwatt_plugins.robot import RigidBody, load_robot
 
-    description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    moves = read_moves(recordings, body.joints, meters)
-    with threadpool_limits(1), progress_bar(1.0, quiet=as_json) as advance:
-        trained = train(moves, description, body, seed, advance)
-    write(out / "model.onnx", trained.fitted, moves, body, description.robot)
-    published = {"nls.onnx": trained.nls, "scg.onnx": trained.scg}
-    for name, model in published.items():
-        if model is not None:
-            write_published(out / name, model, trained.tuning, moves, body, description.robot)
-    report = json.dumps(report_of(trained, moves))
-    (out / "power.json").write_text(report)
-    written = ("model.onnx", *(name for name, model in published.items() if model is not None), "power.json")
-    files = [str(out / name) for name in written]
-    click.echo(report if as_json else in_words(trained, moves, files))
+    with progress_bar(1.0, quiet=as_json) as advance:
+        model = api.train_power(recordings, robot=robot, meter=meters, seed=seed, progress=advance)
+    files = [str(file) for file in model.save(out)]
+    click.echo(json.dumps(model.as_json()) if as_json else in_words(model.trained, model.moves, files))

@@ -23,23 +23,15 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, as_json: 
     the best model do on poses that they have not seen, what the arm has and its CAD model lacks, and whether more
     poses would help.
     """
-    from threadpoolctl import threadpool_limits
-
     from cellwatt_plugins.models.progress import progress_bar
-    from cellwatt_plugins.models.static.identify import Arm
-    from cellwatt_plugins.models.static.poses import read_poses
-    from cellwatt_plugins.models.static.training import steps, train, write
+    from cellwatt_plugins.models.static import api
     from cellwatt_plugins.models.static.wording import in_words
-    from cellwatt_plugins.robot import load_robot
 
-    description = load_robot(robot)
-    poses = read_poses(recordings, description)
-    arm = Arm.of(description, poses.q)
-    with threadpool_limits(1), progress_bar(steps(len(poses)), quiet=as_json) as advance:
-        trained = train(poses, arm, lambda: advance(1, "training"))
-    files = write(trained, arm, out)
-    report = {**trained.as_json(), "files": [str(file) for file in files]}
-    click.echo(json.dumps(report) if as_json else in_words(trained, files))
+    with progress_bar(1.0, quiet=as_json) as advance:
+        model = api.train_static(recordings, robot=robot, progress=advance)
+    files = model.save(out)
+    report = {**model.as_json(), "files": [str(file) for file in files]}
+    click.echo(json.dumps(report) if as_json else in_words(model.trained, files))
 
 
 @click.command("plan-poses")

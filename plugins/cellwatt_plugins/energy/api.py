@@ -1,0 +1,55 @@
+"""``cw.disaggregate``: what ``cellwatt disaggregate`` calls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from cellwatt.errors import RecordingError
+from cellwatt.files import Place
+from cellwatt_plugins.energy.arm import Arm, load_arm
+from cellwatt_plugins.energy.campaign import Outcome
+from cellwatt_plugins.energy.campaign import disaggregate as run_campaign
+from cellwatt_plugins.energy.fixed import AtRest, steady_power
+from cellwatt_plugins.energy.recordings import read_reading, read_runs
+
+
+def disaggregate(
+    *, robot: Place, connected: Place, released: Place, runs: Place, controller: Place | None = None
+) -> Outcome:
+    """Split a robot's energy by consumer: electronics, brakes, mechanical and electrical losses, chopper.
+
+    ``robot`` is robot.yaml, or its folder. ``controller``, ``connected`` and ``released`` are tables of the analyzer,
+    t (s) and power (W): with the arm unplugged, with it connected and its brakes on, and with the brakes released and
+    the arm at rest. ``runs`` is a folder of SPEED_PAYLOADkg.robot (t, q_i rad, qd_i rad/s, tau_i Nm) and .analyzer
+    tables, each of one closed path, repeated from rest to rest. The result has ``findings`` (J, W and their
+    uncertainties), ``as_json`` and ``report``.
+
+    Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
+    Source: ECDP, see the energy page.
+    """
+    arm = load_arm(Path(robot))
+    alone = None if controller is None else Path(controller)
+    rest = _at_rest(arm, alone, Path(connected), Path(released))
+    recorded = read_runs(Path(runs), arm.joints)
+    with threadpool_limits(1):
+        outcome = run_campaign(arm, rest, recorded)
+    given = (Path(robot), alone, Path(connected), Path(released), Path(runs))
+    return replace(outcome, inputs=tuple(path for path in given if path is not None))
+
+
+def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path) -> AtRest:
+    """The three states; where the arm cannot be unplugged, the controller's share is with the connected arm."""
+    plugged = steady_power(read_reading(connected))
+    if controller is not None and controller.exists():
+        alone = steady_power(read_reading(controller))
+    elif arm.supplied.controller_separate:
+        raise RecordingError(
+            f"{controller or '--controller'}: no such file: measure the controller with the arm unplugged, or write "
+            "controller_separate: false in robot.yaml where that cannot be done"
+        )
+    else:
+        alone = plugged
+    return AtRest(alone, plugged, steady_power(read_reading(released)))
