@@ -21,7 +21,7 @@ from tests.plugins.faults.paper import irb1200  # noqa: E402
 from tests.plugins.faults.paper.patterns import pattern_of  # noqa: E402
 
 from cellwatt.emulation import ArmSignals  # noqa: E402
-from cellwatt_plugins.faults.command import learn_from  # noqa: E402
+from cellwatt_plugins.faults.api import learn_from  # noqa: E402
 from cellwatt_plugins.faults.paper import rivals  # noqa: E402
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms  # noqa: E402
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train  # noqa: E402

@@ -24,7 +24,7 @@ from cellwatt_plugins.energy.procedure.cube import load_cube
 from cellwatt_plugins.energy.procedure.log import read_log
 from cellwatt_plugins.energy.recordings import read_reading
 from cellwatt_plugins.faults import reference
-from cellwatt_plugins.faults.command import _described, _robot_name
+from cellwatt_plugins.faults.api import _described, _robot_name
 from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.mismatch.model import load_model

@@ -1,28 +1,17 @@
-"""``cellwatt reference``: learn what healthy running looks like."""
+"""``cellwatt reference`` learns healthy cycles; ``cellwatt faults`` judges others against them."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
-from cellwatt.errors import ConfigError, ModelError, RecordingError, why
-from cellwatt.frames import Frames
-from cellwatt.registry import stage as find_stage
-from cellwatt.results import Interval, Result, Task
-from cellwatt.stage import CellInfo
-from cellwatt.yaml_file import read_yaml
-from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
-from cellwatt_plugins.faults.learn import Cell, learn
-from cellwatt_plugins.faults.recordings import frames_of_files
-from cellwatt_plugins.faults.reference import Reference, load, save
-from cellwatt_plugins.faults.trace import Trace
+from cellwatt.errors import RecordingError, why
+from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
 
 if TYPE_CHECKING:
@@ -58,14 +47,11 @@ def reference(
     Recordings are cellwatt's own (.mcap, or their folder) or tables (.parquet, .csv) with columns t (s),
     q_1 … q_n (rad) and power (W). Each task must be seen three times or more at each speed.
     """
-    name = _robot_name(robot)
-    blocks = list(frames_of_files(recordings, meters))
-    if robot is not None and _described(robot):
-        learned, tasks = _learned_with_cycles(blocks, Path(robot), arm, power)
-    else:
-        learned, tasks = learn_from(blocks, name, arm, power)
-    save(learned, out)
-    report = _report(learned, tasks, out)
+    learned = api.reference(recordings, robot=robot, meter=meters, arm=arm, power=power)
+    if learned.note:
+        click.echo(learned.note, err=True)
+    learned.save(out)
+    report = {"file": str(out), **learned.as_json()}
     click.echo(json.dumps(report) if as_json else _in_words(report))
 
 
@@ -120,87 +106,26 @@ def judge(
 
     RECORDINGs as for `cellwatt reference`, which must have been given the same description of the robot.
     """
-    if (robot is None) == (network is None):
-        raise ConfigError("give one of --robot and --network: what cycles are judged by")
-    learnt = load(file)
-    blocks = list(frames_of_files(recordings, meters))
-    recording = recording_of(blocks, arm, power or learnt.power)
-    if recording.joints != learnt.joints:
-        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
-    if robot is not None:
-        found = _judged(recording, learnt, file, robot, false_alarms)
-    else:
-        assert network is not None
-        found = _judged_by_network(recording, learnt, file, network)
-    content = {"cycles": [asdict(finding) for finding in found]}
+    found = api.faults(
+        recordings,
+        reference=file,
+        robot=robot,
+        network=network,
+        meter=meters,
+        arm=arm,
+        power=power,
+        false_alarms=false_alarms,
+    )
+    content = found.as_json()
     if out is not None:
         try:
             out.write_text(json.dumps(content, indent=1))
         except OSError as error:
             raise RecordingError(f"--out {out}: cannot be written: {why(error)}") from error
-    click.echo(json.dumps(content) if as_json else _findings_in_words(found, out))
+    click.echo(json.dumps(content) if as_json else _findings_in_words(found.cycles, out))
 
 
 faults.add_command(train)
-
-
-def _judged(
-    recording: Recording, reference: Reference, file: Path, robot: Path, false_alarms: float
-) -> list[CycleFinding]:
-    """Findings by the physics of the arm. Raises ``CellwattError``."""
-    from cellwatt_plugins.faults.cycles.findings import judge_recording
-    from cellwatt_plugins.faults.cycles.watch import known_of
-
-    return judge_recording(recording, known_of(reference, file, robot, false_alarms))
-
-
-def _judged_by_network(recording: Recording, reference: Reference, file: Path, network: Path) -> list[CycleFinding]:
-    """Findings by the networks of motions, as live. Raises ``CellwattError``."""
-    from cellwatt_plugins.faults.cycles.live import CycleWatch
-    from cellwatt_plugins.faults.paper.networks import networks_of
-
-    judge = networks_of(network, reference, file).motions
-    if judge is None:
-        raise ModelError(f"--network {network}: has codes only; whole cycles need the network of a motion")
-    watch = CycleWatch(judge, recording.step)
-    told = [*watch.feed(recording.time, recording.position, recording.power), *watch.close()]
-    return [each.finding for each in told if each.over]
-
-
-def _learned_with_cycles(
-    blocks: Sequence[Frames], robot: Path, arm: str | None, power: str
-) -> tuple[Reference, list[Task]]:
-    """The reference with whole cycles and the arm that their power shows; intervals where they recur often enough."""
-    from cellwatt_plugins.faults.cycles.known import learn_known, stored
-    from cellwatt_plugins.robot import load_robot
-
-    description = load_robot(robot)
-    model, cycles = stored(learn_known(recording_of(blocks, arm, power), description), description)
-    tasks: list[Task] = []
-    try:
-        learned, tasks = learn_from(blocks, description.robot, arm, power)
-    except ModelError as error:
-        click.echo(f"whole cycles only, no intervals: {error}", err=True)
-        layout = blocks[0].layout
-        source = layout.channels[layout.joints("position", arm)[0]].source
-        learned = Reference(1, description.robot, source, power, len(description.joints), ())
-    return replace(learned, power_model=model, cycles=cycles), tasks
-
-
-def _description(robot: str | None) -> Path | None:
-    """The file of a description, or of the folder that holds it; None where it is only a name."""
-    if robot is None:
-        return None
-    if Path(robot).is_dir():
-        return Path(robot) / "robot.yaml"
-    return Path(robot) if robot.endswith((".yaml", ".yml")) else None
-
-
-def _described(robot: str) -> bool:
-    """True if a YAML description states enough of the arm to model it."""
-    file = _description(robot)
-    content = _content(robot, file) if file is not None else None
-    return isinstance(content, dict) and "urdf" in content and "joints" in content
 
 
 def _findings_in_words(found: Sequence[CycleFinding], out: Path | None) -> str:
@@ -213,74 +138,6 @@ def _findings_in_words(found: Sequence[CycleFinding], out: Path | None) -> str:
     count = Counter(cycle.status for cycle in found)
     lines.append(f"{len(found)} cycles: " + ", ".join(f"{n} {status}" for status, n in sorted(count.items())))
     return "\n".join([*lines, f"written to {out}"] if out else lines)
-
-
-def learn_from(
-    blocks: Iterable[Frames], robot: str | None, arm: str | None, power: str
-) -> tuple[Reference, list[Task]]:
-    """The reference of some frames, and every task seen in them. Raises ``CellwattError``."""
-    parts: list[Trace] = []
-    found: list[Result] = []
-    segment: Any = None
-    columns: list[int] = []
-    channel = 0
-    for frames in blocks:
-        if segment is None:
-            segment_class = find_stage("segment")
-            cell = CellInfo("", "", robot, Path())
-            segment = segment_class("segment", segment_class.Settings.model_validate({"arm": arm}), frames.layout, cell)
-            columns, channel = list(frames.layout.joints("position", arm)), frames.layout.index(power)
-        elif frames.layout != segment.layout:
-            raise RecordingError("the channels or the rate of the frames change from one recording to the next")
-        parts.append(Trace(frames.time, frames.values[:, columns], frames.values[:, channel]))
-        found.extend(segment.process(frames, ()))
-    if segment is None:
-        raise RecordingError("no frames in these recordings")
-    found.extend(segment.close())
-    layout = segment.layout
-    source = layout.channels[columns[0]].source
-    head = Cell(robot, source, power, layout.step * 1e-9)
-    tasks = [r for r in found if isinstance(r, Task)]
-    trace = Trace(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("time", "position", "power")))
-    return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
-
-
-def _robot_name(robot: str | None) -> str | None:
-    """The name itself, or what a YAML description gives under ``robot``. Raises ``ConfigError``."""
-    file = _description(robot)
-    if file is None:
-        return robot
-    content = _content(robot, file)
-    name = content.get("robot") if isinstance(content, dict) else None
-    if not isinstance(name, str):
-        raise ConfigError(f"--robot {robot}: has no key robot with a name")
-    return name
-
-
-def _content(robot: str | None, file: Path) -> Any:
-    try:
-        return read_yaml(file)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
-
-
-def _report(learned: Reference, tasks: list[Task], out: Path) -> dict[str, Any]:
-    cycles = sum(v.cycles for t in learned.tasks for v in t.variants)
-    return {
-        "file": str(out),
-        "robot": learned.robot,
-        "tasks": [
-            {
-                "name": task.name,
-                "signature": task.signature,
-                "variants": [
-                    {"speed": v.speed, "cycles": v.cycles, "intervals": len(v.intervals)} for v in task.variants
-                ],
-            }
-            for task in learned.tasks
-        ],
-        "cycles_left_out": len(tasks) - cycles,
-    }
 
 
 def _in_words(report: dict[str, Any]) -> str:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError, ModelError, RecordingError
-from cellwatt_plugins.faults.command import learn_from
+from cellwatt_plugins.faults.api import learn_from
 from cellwatt_plugins.faults.reference import load
 from tests.plugins.faults.plant import CYCLE, GRAVITY, HOME, LOSS, OTHER, STANDBY, Cycle, frames, run
 

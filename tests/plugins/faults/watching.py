@@ -12,7 +12,7 @@ from _pytest.mark import ParameterSet
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm
 from cellwatt.stage import CellInfo
-from cellwatt_plugins.faults.command import learn_from
+from cellwatt_plugins.faults.api import learn_from
 from cellwatt_plugins.faults.reference import save
 from cellwatt_plugins.faults.stage import FaultsSettings, FaultsStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage

@@ -1,0 +1,235 @@
+"""``cw.reference`` and ``cw.faults``: what the commands of the same name call."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cellwatt.errors import ConfigError, ModelError, RecordingError
+from cellwatt.files import Place, Places, paths_of
+from cellwatt.frames import Frames
+from cellwatt.registry import stage as find_stage
+from cellwatt.results import Interval, Result, Task
+from cellwatt.stage import CellInfo
+from cellwatt.yaml_file import read_yaml
+from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
+from cellwatt_plugins.faults.learn import Cell, learn
+from cellwatt_plugins.faults.recordings import frames_of_files
+from cellwatt_plugins.faults.reference import Reference, load, save
+from cellwatt_plugins.faults.trace import Trace
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.faults.cycles.findings import CycleFinding
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A reference, and every task seen in the recordings that it was learnt from."""
+
+    reference: Reference
+    tasks: tuple[Task, ...]
+    note: str | None = None
+    """Why it has no intervals, if it has none."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The report that ``cellwatt reference --json`` prints, without the file."""
+        cycles = sum(v.cycles for t in self.reference.tasks for v in t.variants)
+        return {
+            "robot": self.reference.robot,
+            "tasks": [
+                {
+                    "name": task.name,
+                    "signature": task.signature,
+                    "variants": [
+                        {"speed": v.speed, "cycles": v.cycles, "intervals": len(v.intervals)} for v in task.variants
+                    ],
+                }
+                for task in self.reference.tasks
+            ],
+            "cycles_left_out": len(self.tasks) - cycles,
+        }
+
+    def save(self, path: Place) -> None:
+        """Write the reference file. Raises ``ModelError``."""
+        save(self.reference, Path(path))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Findings of every cycle of a recording."""
+
+    cycles: tuple[CycleFinding, ...]
+    recording: Recording
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of ``findings.json``, which ``cellwatt faults --json`` prints."""
+        return {"cycles": [asdict(finding) for finding in self.cycles]}
+
+
+def reference(
+    recordings: Places,
+    *,
+    robot: Place | None = None,
+    meter: Places = (),
+    arm: str | None = None,
+    power: str = "supply.power",
+) -> Learned:
+    """Learn the reference of healthy running: tasks, intervals and their power (W).
+
+    ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must be seen three times
+    or more at each speed. ``robot`` is the robot's name, or robot.yaml (or its folder): with urdf and joints in it,
+    whole cycles and the arm that their power shows are learnt, too. ``meter`` are tables of power on a clock of their
+    own, one a table. ``arm`` is the source with the joints, where several have joints; ``power`` the channel of the
+    power. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` where no task recurs.
+    """
+    name = _robot_name(robot)
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
+    if robot is not None and _described(robot):
+        return _learned_with_cycles(blocks, Path(robot), arm, power)
+    learned, tasks = learn_from(blocks, name, arm, power)
+    return Learned(learned, tuple(tasks))
+
+
+def faults(
+    recordings: Places,
+    *,
+    reference: Place,
+    robot: Place | None = None,
+    network: Place | None = None,
+    meter: Places = (),
+    arm: str | None = None,
+    power: str | None = None,
+    false_alarms: float = 1e-4,
+) -> Judged:
+    """Judge every cycle of ``recordings`` against healthy ones: what is harmless, which joint or encoder is faulty.
+
+    ``reference`` is a file that ``Learned.save`` or ``cellwatt reference`` wrote. Cycles are judged by ``robot``
+    (robot.yaml or its folder, as given to ``reference``), or by ``network`` (of a motion, or the folder of several).
+    ``meter``, ``arm`` and ``power`` as for ``reference``, whose own are taken where left out. ``false_alarms`` is the
+    share of healthy intervals in which a false alarm is accepted. Raises ``RecordingError``, ``ConfigError`` and
+    ``ModelError``.
+    """
+    if (robot is None) == (network is None):
+        raise ConfigError("give one of --robot and --network: what cycles are judged by")
+    file = Path(reference)
+    learnt = load(file)
+    recording = recording_of(list(frames_of_files(paths_of(recordings), paths_of(meter))), arm, power or learnt.power)
+    if recording.joints != learnt.joints:
+        raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
+    if robot is not None:
+        found = _judged(recording, learnt, file, Path(robot), false_alarms)
+    else:
+        assert network is not None
+        found = _judged_by_network(recording, learnt, file, Path(network))
+    return Judged(tuple(found), recording)
+
+
+def _judged(
+    recording: Recording, reference: Reference, file: Path, robot: Path, false_alarms: float
+) -> list[CycleFinding]:
+    """Findings by the physics of the arm. Raises ``CellwattError``."""
+    from cellwatt_plugins.faults.cycles.findings import judge_recording
+    from cellwatt_plugins.faults.cycles.watch import known_of
+
+    return judge_recording(recording, known_of(reference, file, robot, false_alarms))
+
+
+def _judged_by_network(recording: Recording, reference: Reference, file: Path, network: Path) -> list[CycleFinding]:
+    """Findings by the networks of motions, as live. Raises ``CellwattError``."""
+    from cellwatt_plugins.faults.cycles.live import CycleWatch
+    from cellwatt_plugins.faults.paper.networks import networks_of
+
+    judge = networks_of(network, reference, file).motions
+    if judge is None:
+        raise ModelError(f"--network {network}: has codes only; whole cycles need the network of a motion")
+    watch = CycleWatch(judge, recording.step)
+    told = [*watch.feed(recording.time, recording.position, recording.power), *watch.close()]
+    return [each.finding for each in told if each.over]
+
+
+def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None, power: str) -> Learned:
+    """Learn whole cycles and the arm that their power shows, and intervals where they recur often enough."""
+    from cellwatt_plugins.faults.cycles.known import learn_known, stored
+    from cellwatt_plugins.robot import load_robot
+
+    description = load_robot(robot)
+    model, cycles = stored(learn_known(recording_of(blocks, arm, power), description), description)
+    tasks: list[Task] = []
+    note = None
+    try:
+        learned, tasks = learn_from(blocks, description.robot, arm, power)
+    except ModelError as error:
+        note = f"whole cycles only, no intervals: {error}"
+        layout = blocks[0].layout
+        source = layout.channels[layout.joints("position", arm)[0]].source
+        learned = Reference(1, description.robot, source, power, len(description.joints), ())
+    return Learned(replace(learned, power_model=model, cycles=cycles), tuple(tasks), note)
+
+
+def learn_from(
+    blocks: Iterable[Frames], robot: str | None, arm: str | None, power: str
+) -> tuple[Reference, list[Task]]:
+    """Return the reference of some frames, and every task seen in them. Raises ``CellwattError``."""
+    parts: list[Trace] = []
+    found: list[Result] = []
+    segment: Any = None
+    columns: list[int] = []
+    channel = 0
+    for frames in blocks:
+        if segment is None:
+            segment_class = find_stage("segment")
+            cell = CellInfo("", "", robot, Path())
+            segment = segment_class("segment", segment_class.Settings.model_validate({"arm": arm}), frames.layout, cell)
+            columns, channel = list(frames.layout.joints("position", arm)), frames.layout.index(power)
+        elif frames.layout != segment.layout:
+            raise RecordingError("the channels or the rate of the frames change from one recording to the next")
+        parts.append(Trace(frames.time, frames.values[:, columns], frames.values[:, channel]))
+        found.extend(segment.process(frames, ()))
+    if segment is None:
+        raise RecordingError("no frames in these recordings")
+    found.extend(segment.close())
+    layout = segment.layout
+    source = layout.channels[columns[0]].source
+    head = Cell(robot, source, power, layout.step * 1e-9)
+    tasks = [r for r in found if isinstance(r, Task)]
+    trace = Trace(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("time", "position", "power")))
+    return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
+
+
+def _description(robot: Place | None) -> Path | None:
+    """The file of a description, or of the folder that holds it; None where it is only a name."""
+    if robot is None:
+        return None
+    if Path(robot).is_dir():
+        return Path(robot) / "robot.yaml"
+    return Path(robot) if Path(robot).suffix in (".yaml", ".yml") else None
+
+
+def _described(robot: Place) -> bool:
+    """True if a YAML description states enough of the arm to model it."""
+    file = _description(robot)
+    content = _content(robot, file) if file is not None else None
+    return isinstance(content, dict) and "urdf" in content and "joints" in content
+
+
+def _robot_name(robot: Place | None) -> str | None:
+    """The name itself, or what a YAML description gives under ``robot``. Raises ``ConfigError``."""
+    file = _description(robot)
+    if file is None or robot is None:
+        return None if robot is None else str(robot)
+    content = _content(robot, file)
+    name = content.get("robot") if isinstance(content, dict) else None
+    if not isinstance(name, str):
+        raise ConfigError(f"--robot {robot}: has no key robot with a name")
+    return name
+
+
+def _content(robot: Place, file: Path) -> Any:
+    try:
+        return read_yaml(file)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
