@@ -5,7 +5,7 @@
 Samples a second, samples lost and share of one core, of both sides in turns at the same emulated devices. Runs the
 benchmarks of the folder ``drivers`` beside this file, and those of this folder for the drivers that have one there, one
 after the other; nothing else should run on the machine meanwhile. Without --json it prints the table of
-``docs/devices.md``. A benchmark that fails or hangs is told, and the others go on.
+``docs/performance.md``. A benchmark that fails or hangs is told, and the others go on.
 """
 
 from __future__ import annotations
