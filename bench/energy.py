@@ -6,7 +6,7 @@
 
 Thirteen arms of six and seven joints, with torque by sensor and by current, other motors, gears, timings, rates,
 noises, losses and clocks, are simulated by ``bench/energy`` (no code in common with the product) and measured as in a
-campaign. Errors of groups are per cent of the run's total energy. ``docs/energy.md`` tells what comes out.
+campaign. Errors of groups are per cent of the run's total energy. ``docs/proof-energy.md`` holds the results.
 """
 
 from __future__ import annotations

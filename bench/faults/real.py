@@ -1,6 +1,6 @@
 """Recordings of real arms beside the checkout: which tasks are found, and what can be said of their faults.
 
-None of them has cycles with supply power and a fault at once, so each shows a part only; see docs/faults.md.
+None of them has cycles with supply power and a fault at once, so each shows a part only; see docs/proof-faults.md.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def test_of_a_small_set_nine_in_ten_are_within_two_standard_deviations(tmp_path)
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_of_nineteen_arms_nine_in_ten_are_within_two_standard_deviations(tmp_path):
-    """What docs/energy.md tells."""
+    """The figures of docs/proof-energy.md."""
     from energy.coverage import drawn, pulls, within
 
     found = []
