@@ -7,7 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from cellwatt import Alarm, CellInfo, ConfigError, Frames, Layout, Prediction, Result, Stage, StageSettings
+from cellwatt import (
+    Alarm,
+    AlarmBook,
+    CellInfo,
+    ConfigError,
+    Frames,
+    Layout,
+    Prediction,
+    Result,
+    Stage,
+    StageSettings,
+)
 from cellwatt.quantity import Fraction, Seconds, Watts
 from demand_stage.mean import MovingMean
 
@@ -22,7 +33,7 @@ class DemandSettings(StageSettings):
     power: str = "supply.power"
     """Channel, in W; with its source (mains.supply.power) where several sources give it."""
     release: Fraction = Field(0.05, ge=0, lt=1)
-    """How far below the limit the mean must fall, as a share of it, before the alarm is cleared."""
+    """Distance below the limit, as a share of it, to which the mean must fall before the alarm is cleared."""
 
 
 class DemandStage(Stage[DemandSettings]):
@@ -38,8 +49,7 @@ class DemandStage(Stage[DemandSettings]):
         if unit != "W":
             raise ConfigError(f"{settings.power} is in {unit}, and demand is a mean of W")
         self._mean = MovingMean(max(1, round(settings.window * layout.rate)))
-        self._since: int | None = None
-        """ns UTC of the first frame above the limit, while the alarm is raised."""
+        self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """The mean at each frame of the block, and the alarm where it changed."""
@@ -52,26 +62,29 @@ class DemandStage(Stage[DemandSettings]):
         return [demand, *self._alarms(frames, mean)]
 
     def _alarms(self, frames: Frames, mean: np.ndarray) -> list[Alarm]:
-        found = []
+        limit, release = self.settings.limit, self.settings.limit * (1 - self.settings.release)
+        found: list[Alarm] = []
         for time, value in zip(frames.time.tolist(), mean.tolist(), strict=True):
-            if self._since is None and value > self.settings.limit:
-                self._since = time
-                found.append(self._alarm(self._since, time, value, active=True))
-            elif self._since is not None and value < self.settings.limit * (1 - self.settings.release):
-                found.append(self._alarm(self._since, time, value, active=False))
-                self._since = None
+            if value > limit:
+                found += self._book.raise_(self._alarm(time, value), update=False)
+            elif value < release:
+                text = f"Resolved: {value:.0f} W on average, below the limit of {limit:.0f} W"
+                found += self._book.clear(f"{self.name}-demand", time, text, evidence=self._evidence(value))
         return found
 
-    def _alarm(self, since: int, time: int, value: float, *, active: bool) -> Alarm:
+    def _alarm(self, time: int, value: float) -> Alarm:
         s = self.settings
         return Alarm(
             id=f"{self.name}-demand",
             kind="demand_high",
             severity="warning",
-            active=active,
-            since=since,
+            active=True,
+            since=time,
             time=time,
             statement=f"{value:.0f} W on average over {s.window / 60:g} min; the limit is {s.limit:.0f} W",
             source=self.layout.channels[self._column].source,
-            evidence={"mean_w": value, "limit_w": s.limit, "window_s": s.window},
+            evidence=self._evidence(value),
         )
+
+    def _evidence(self, value: float) -> dict[str, float]:
+        return {"mean_w": value, "limit_w": self.settings.limit, "window_s": self.settings.window}

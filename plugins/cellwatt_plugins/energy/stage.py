@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Seconds
-from cellwatt.results import Alarm, Energy, Interval, Result, Task
+from cellwatt.results import Alarm, Energy, Interval, Result, Severity, Task
 from cellwatt.stage import CellInfo, Stage, StageSettings
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ TOLD_AT = 3
 """Repetitions of a task after which advice is given, once."""
 ODD = 3.0
 """Standard deviations by which a task's energy may be in no group …"""
-CONFIRM = 3
+CONFIRM = Patience(3)
 """… and so many tasks in a row before it is told."""
 
 
@@ -89,7 +90,7 @@ class EnergyStage(Stage[EnergySettings]):
         self._late = round(self._known.late * 1e9)
         self._waiting: list[Task] = []
         self._last: dict[str, Task] = {}
-        self._odd: dict[str, int] = {}
+        self._book = AlarmBook()
 
     def _find(self, layout: Layout) -> list[int]:
         """Columns of positions, velocities, torques and power. Raises ``ConfigError``.
@@ -220,47 +221,35 @@ class EnergyStage(Stage[EnergySettings]):
             group_uncertainty=energy.group_uncertainty(),
         )
 
-    def _balance(self, task: Task, energy: TaskEnergy) -> list[Result]:
+    def _balance(self, task: Task, energy: TaskEnergy) -> list[Alarm]:
         """Raise or clear ``energy_balance``: energy that is in no group."""
-        odd = abs(energy.unexplained) > ODD * energy.uncertainty
-        count = self._odd.get(task.name, 0)
-        self._odd[task.name] = count + 1 if odd else 0
-        if (odd and count + 1 != CONFIRM) or (not odd and count < CONFIRM):
-            return []
-        share = 100 * energy.unexplained / energy.total
-        said = f"{share:+.1f} % of its energy is in no group" if odd else "its energy is in the groups again"
         evidence = {"unexplained_J": energy.unexplained, "uncertainty_J": energy.uncertainty, "total_J": energy.total}
-        return [self._alarm("energy_balance", "warning", odd, task, f"{task.name}: {said}", evidence)]
+        share = 100 * energy.unexplained / energy.total
+        text = f"{task.name}: {share:+.1f} % of its energy is in no group"
+        alarm = self._alarm("energy_balance", "warning", task, text, evidence)
+        if abs(energy.unexplained) > ODD * energy.uncertainty:
+            return self._book.raise_(alarm, after=CONFIRM, update=False)
+        text = f"Resolved: the energy of {task.name} is in the groups again"
+        return self._book.clear(alarm.id, task.end, text, evidence=evidence)
 
-    def _advice(self, task: Task, before: Task, stretch: Stretch) -> list[Result]:
+    def _advice(self, task: Task, before: Task, stretch: Stretch) -> list[Alarm]:
         from cellwatt_plugins.energy.advice import Cycle, advise
 
         waiting = max(0.0, (task.start - before.end) * 1e-9)
         rest = self._stretch(before.end, task.start) if waiting else None
         found = advise(self._arm, self._known, Cycle(stretch, waiting, rest), self.settings.brake_time)
-        return [
+        alarms = [
             self._alarm(
                 f"energy_advice_{advice.kind}",
                 "info",
-                True,
                 task,
                 f"{task.name}: {advice.statement} (±{advice.uncertainty:.0f} J)",
                 {"saving_J": advice.saving, "uncertainty_J": advice.uncertainty, **advice.setting},
             )
             for advice in found
         ]
+        return [said for alarm in alarms for said in self._book.raise_(alarm)]
 
-    def _alarm(
-        self, kind: str, severity: str, active: bool, task: Task, text: str, evidence: dict[str, float]
-    ) -> Alarm:
-        return Alarm(
-            id=f"{self.name}/{kind}/{task.name}",
-            kind=kind,
-            severity="warning" if severity == "warning" else "info",
-            active=active,
-            since=task.start,
-            time=task.end,
-            statement=text,
-            source=self._source,
-            evidence=evidence,
-        )
+    def _alarm(self, kind: str, severity: Severity, task: Task, text: str, evidence: dict[str, float]) -> Alarm:
+        name, source = f"{self.name}/{kind}/{task.name}", self._source
+        return Alarm(name, kind, severity, True, task.start, task.end, text, source, evidence=evidence)

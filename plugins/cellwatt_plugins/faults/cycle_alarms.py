@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
+from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.results import Alarm
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
+    from cellwatt_plugins.faults.cycles.findings import CycleFinding
 
 SURE = 0.8
 """Confidence from which a fault is an error; below, it is a warning."""
-
-
-class _Span(NamedTuple):
-    """ns."""
-
-    start: int
-    end: int
 
 
 @dataclass
@@ -34,24 +28,21 @@ class CycleAlarms:
     source: str
     clear_after: int
     behind: float = 0.0
-    _up: dict[tuple[int, str], Alarm] = field(default_factory=dict)
-    _clean: dict[tuple[int, str], int] = field(default_factory=dict)
-    _early: set[tuple[int, str]] = field(default_factory=set)
-    _new: Alarm | None = None
+    _book: AlarmBook = field(default_factory=AlarmBook)
+    _early: set[str] = field(default_factory=set)
 
     def take(self, cycle: CycleFinding, number: int, epoch: int) -> list[Alarm]:
         """Alarms that change with the ``number``-th cycle; its times are s since ``epoch`` ns."""
-        span = _Span(epoch + _ns(cycle.start), epoch + _ns(cycle.end))
+        start, end = epoch + _ns(cycle.start), epoch + _ns(cycle.end)
+        new_task = f"{self.prefix}.{self.source}.new_task"
         if cycle.status == "new_task":
-            return self._say_new(span)
-        out: list[Alarm] = []
-        if self._new is not None:
-            text = "The arm runs as in the reference again"
-            out.append(replace(self._new, active=False, time=span.end, statement=text))
-            self._new = None
-        found = _by_key(cycle)
-        out += [self._raise(key, fault, cycle, span) for key, fault in found.items()]
-        out += self._clear(found, span, number)
+            text = "The arm does a task that is not in the reference; it is not judged"
+            alarm = Alarm(new_task, "new_task", "info", True, start, end, text, self.source)
+            return self._book.raise_(alarm, update=False)
+        out = self._book.clear(new_task, end, "Resolved: the arm runs as in the reference again")
+        found = self._alarms(cycle, epoch)
+        out += self._raise(found.values())
+        out += self._clear(found, end, number)
         self._early.clear()
         return out
 
@@ -60,82 +51,65 @@ class CycleAlarms:
 
         Where it may as well be a joint whose alarm is up, it is taken for that.
         """
-        span = _Span(epoch + _ns(cycle.start), epoch + _ns(cycle.end))
-        fresh = {key: fault for key, fault in _by_key(cycle).items() if not self._is_up(key[1], fault)}
-        self._early |= set(fresh)
-        return [self._raise(key, fault, cycle, span) for key, fault in fresh.items()]
+        fresh = [alarm for alarm in self._alarms(cycle, epoch).values() if not self._is_up(alarm)]
+        self._early |= {alarm.id for alarm in fresh}
+        return self._raise(fresh)
 
-    def _is_up(self, kind: str, fault: FaultFinding) -> bool:
-        return any((joint, kind) in self._up for joint in (fault.joint, *fault.alternatives))
+    def _is_up(self, alarm: Alarm) -> bool:
+        joints = (alarm.joint or 0, *alarm.alternatives)
+        return any(self._name(joint, alarm.kind) in self._book for joint in joints)
 
-    def _raise(self, key: tuple[int, str], fault: FaultFinding, cycle: CycleFinding, span: _Span) -> Alarm:
-        """Raise an alarm, or give it the newest figures."""
-        since = self._up[key].since if key in self._up else span.start
-        self._up[key] = self._alarm(key[1], fault, cycle, _Span(since, span.end))
-        self._clean[key] = 0
-        return self._up[key]
+    def _raise(self, alarms: Iterable[Alarm]) -> list[Alarm]:
+        return [said for alarm in alarms for said in self._book.raise_(alarm)]
 
-    def _clear(self, found: Mapping[tuple[int, str], FaultFinding], span: _Span, number: int) -> list[Alarm]:
-        out = []
-        for key in [key for key in self._up if key not in found]:
-            self._clean[key] += 1
-            who = f"Joint {key[0]}" if key[0] else "The arm"
-            if key in self._early:
-                text = f"{who} is cleared: the whole cycle is explained otherwise"
-            elif self._clean[key] >= self.clear_after:
-                text = f"{who}: {self._clean[key]} cycles without this fault, the last is number {number}"
+    def _clear(self, found: Collection[str], time: int, number: int) -> list[Alarm]:
+        """Clear alarms whose faults a cycle does not show, those of its own early words at once."""
+        out: list[Alarm] = []
+        for alarm in [standing.alarm for standing in self._book.raised if standing.alarm.id not in found]:
+            who = f"joint {alarm.joint}" if alarm.joint else "the arm"
+            if alarm.id in self._early:
+                text = f"Withdrawn: for {who} the whole cycle is explained otherwise"
+                out += self._book.clear(alarm.id, time, text)
             else:
-                continue
-            out.append(replace(self._up.pop(key), active=False, time=span.end, statement=text))
+                text = f"Resolved: {who} has done {{times}} cycles without this fault, the last is number {number}"
+                out += self._book.clear(alarm.id, time, text, after=Patience(self.clear_after))
         return out
 
-    def _say_new(self, span: _Span) -> list[Alarm]:
-        """A new task, said once until the arm is back in a known one."""
-        if self._new is not None:
-            return []
-        text = "The arm does a task that is not in the reference; it is not judged"
-        self._new = Alarm(
-            id=f"{self.prefix}.{self.source}.new_task",
-            kind="new_task",
-            severity="info",
-            active=True,
-            since=span.start,
-            time=span.end,
-            statement=text,
-            source=self.source,
-        )
-        return [self._new]
+    def _name(self, joint: int, kind: str) -> str:
+        """Id of the alarm about a joint, or about the arm where that is 0."""
+        return f"{self.prefix}.{self.source}.{f'joint_{joint}' if joint else 'some_joint'}.{kind}"
 
-    def _alarm(self, kind: str, fault: FaultFinding, cycle: CycleFinding, span: _Span) -> Alarm:
-        return Alarm(
-            id=f"{self.prefix}.{self.source}.{f'joint_{fault.joint}' if fault.joint else 'some_joint'}.{kind}",
-            kind=kind,
-            severity="error" if fault.confidence >= SURE else "warning",
-            active=True,
-            since=span.start,
-            time=span.end,
-            statement=fault.statement + self._delay,
-            source=self.source,
-            joint=fault.joint or None,
-            alternatives=fault.alternatives,
-            evidence={
-                "task": cycle.task,
-                "speed": cycle.speed,
-                "task_intervals": list(fault.intervals),
-                "power_residual_W": fault.size_watt,
-                "confidence": fault.confidence,
-            }
-            | ({} if fault.or_kind is None else {"or_kind": fault.or_kind})
-            | ({"power_behind_s": round(self.behind, 3)} if self.behind else {}),
-        )
+    def _alarms(self, cycle: CycleFinding, epoch: int) -> dict[str, Alarm]:
+        """The alarms for the faults of a cycle, by their ids."""
+        alarms = [
+            Alarm(
+                id=self._name(fault.joint, f"{fault.kind}_fault"),
+                kind=f"{fault.kind}_fault",
+                severity="error" if fault.confidence >= SURE else "warning",
+                active=True,
+                since=epoch + _ns(cycle.start),
+                time=epoch + _ns(cycle.end),
+                statement=fault.statement + self._delay,
+                source=self.source,
+                joint=fault.joint or None,
+                alternatives=fault.alternatives,
+                evidence={
+                    "task": cycle.task,
+                    "speed": cycle.speed,
+                    "task_intervals": list(fault.intervals),
+                    "power_residual_W": fault.size_watt,
+                    "confidence": fault.confidence,
+                }
+                | ({} if fault.or_kind is None else {"or_kind": fault.or_kind})
+                | ({"power_behind_s": round(self.behind, 3)} if self.behind else {}),
+            )
+            for fault in cycle.faults
+        ]
+        return {alarm.id: alarm for alarm in alarms}
 
     @property
     def _delay(self) -> str:
         return f" The power meter is behind: this is told {self.behind:.2f} s later." if self.behind else ""
-
-
-def _by_key(cycle: CycleFinding) -> dict[tuple[int, str], FaultFinding]:
-    return {(fault.joint, f"{fault.kind}_fault"): fault for fault in cycle.faults}
 
 
 def _ns(seconds: float) -> int:

@@ -15,9 +15,9 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Radians, Watts
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
-from cellwatt_plugins.faults.alarms import AlarmBook
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
+from cellwatt_plugins.faults.interval_alarms import IntervalAlarms
 from cellwatt_plugins.faults.judge import Judge, Rules
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.faults.trace import Trace
@@ -100,7 +100,7 @@ class FaultsStage(Stage[FaultsSettings]):
         t = settings.tolerance
         rules = Rules(Tolerance(t.position, t.power, t.floor), settings.confirm, settings.jitter * layout.step * 1e-9)
         self._judge = Judge(self._reference, rules)
-        self._alarms = AlarmBook(name, self._source, self._reference, settings.clear)
+        self._alarms = IntervalAlarms(name, self._source, self._reference, settings.clear)
         self._trace = Trace.empty(len(self._positions))
         self._open: Interval | None = None
         self._cycles = None if settings.robot is None else self._watched(path, cell.folder / settings.robot)

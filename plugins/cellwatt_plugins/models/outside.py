@@ -1,28 +1,20 @@
-"""Says when a model's inputs leave the range it was trained on."""
+"""Alarms about inputs of a model that leave the range it was trained on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.alarms import AlarmBook, Patience
 from cellwatt.frames import FrameChannel
 from cellwatt.results import Alarm
 
 KIND = "model_outside_range"
 STILL = 2e-3
 """rad, or whatever the unit: a narrower range is that of an input at rest, and its noise is no news."""
-
-
-@dataclass(slots=True)
-class _Excursion:
-    """An alarm that is up; ``furthest`` value since, and ``inside`` frames in a row back in the range."""
-
-    alarm: Alarm
-    furthest: float
-    inside: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,45 +51,50 @@ class RangeWatch:
         self._prefix = prefix
         self._model = model
         self._limits = limits
-        self._patience = patience
+        self._patience = Patience(patience)
         low, high = np.array([(x.low - x.slack, x.high + x.slack) for x in limits]).T
         self._floor, self._ceiling = low - margin * (high - low), high + margin * (high - low)
-        self._up: dict[int, _Excursion] = {}
+        self._book = AlarmBook()
+        self._furthest: dict[int, float] = {}
+        """Value that is furthest outside, by the columns whose alarm is up."""
 
     def update(self, time: NDArray[np.int64], values: NDArray[np.float64]) -> list[Alarm]:
         """Alarms that change with the next n frames, in order; values (n, inputs), NaN where missing."""
         beyond = (values < self._floor) | (values > self._ceiling)
-        if not self._up and not beyond.any():
+        if not self._furthest and not beyond.any():
             return []
-        columns = sorted({*self._up, *np.flatnonzero(beyond.any(axis=0)).tolist()})
+        columns = sorted({*self._furthest, *np.flatnonzero(beyond.any(axis=0)).tolist()})
         changes = [a for c in columns for a in self._column(c, time, values[:, c], beyond[:, c])]
         return sorted(changes, key=lambda alarm: alarm.time)
 
     def _column(
         self, column: int, time: NDArray[np.int64], values: NDArray[np.float64], beyond: NDArray[np.bool_]
     ) -> list[Alarm]:
-        changes = []
+        changes: list[Alarm] = []
         limits = self._limits[column]
+        name = self._name(limits)
         for at, value, out in zip(time.tolist(), values.tolist(), beyond.tolist(), strict=True):
-            excursion = self._up.get(column)
-            if excursion is None:
+            if name not in self._book:
                 if out:
-                    alarm = self._raised(limits, at, value)
-                    self._up[column] = _Excursion(alarm, value)
-                    changes.append(alarm)
+                    changes += self._book.raise_(self._alarm(limits, at, value))
+                    self._furthest[column] = value
             elif limits.holds(value):
-                excursion.inside += 1
-                if excursion.inside == self._patience:
-                    changes.append(self._cleared(limits, at, self._up.pop(column)))
+                if over := self._clear(limits, at, self._furthest[column]):
+                    del self._furthest[column]
+                changes += over
             elif value == value:  # a number
-                excursion.inside = 0
-                excursion.furthest = max(excursion.furthest, value, key=limits.beyond)
+                self._book.raise_(self._book[name].alarm, update=False)
+                self._furthest[column] = max(self._furthest[column], value, key=limits.beyond)
         return changes
 
-    def _raised(self, limits: Limits, time: int, value: float) -> Alarm:
+    def _name(self, limits: Limits) -> str:
+        """Id of an input's alarm."""
+        return f"{self._prefix}.{limits.channel.name}.{KIND}"
+
+    def _alarm(self, limits: Limits, time: int, value: float) -> Alarm:
         channel, unit = limits.channel, limits.channel.unit
         return Alarm(
-            id=f"{self._prefix}.{channel.name}.{KIND}",
+            id=self._name(limits),
             kind=KIND,
             severity="info",
             active=True,
@@ -115,8 +112,8 @@ class RangeWatch:
             },
         )
 
-    def _cleared(self, limits: Limits, time: int, excursion: _Excursion) -> Alarm:
-        channel = limits.channel
-        statement = f"{channel.name} is back in the range that model {self._model} was trained on."
-        evidence = {**excursion.alarm.evidence, f"furthest_{channel.unit}": excursion.furthest}
-        return replace(excursion.alarm, active=False, time=time, statement=statement, evidence=evidence)
+    def _clear(self, limits: Limits, time: int, furthest: float) -> list[Alarm]:
+        channel, name = limits.channel, self._name(limits)
+        text = f"Resolved: {channel.name} is back in the range that model {self._model} was trained on"
+        evidence = {**self._book[name].alarm.evidence, f"furthest_{channel.unit}": furthest}
+        return self._book.clear(name, time, text, after=self._patience, evidence=evidence)

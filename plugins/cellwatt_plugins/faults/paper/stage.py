@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Result
@@ -96,7 +96,7 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         networks = networks_of(cell.folder / settings.network, reference, path) if settings.network else Networks()
         self._isolation = {key: by_network_or_agreement(network) for key, network in networks.codes.items()}
         self._motions = None if networks.motions is None else self._watch(networks.motions)
-        self._up: dict[tuple[int, str], Alarm] = {}
+        self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Alarms that changed with this block."""
@@ -122,31 +122,35 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
             named = by_codes(cycle.verdicts, self._isolation_of(cycle.course))
         last = cycle.verdicts[-1]
         now = cycle.start + round(last.interval.end * 1e9)
-        fresh = [f for f in named if last.interval.number in f.intervals or (f.joint, f.kind) not in self._up]
-        out = [self._raised(fault, cycle, now) for fault in fresh]
+        fresh = [f for f in named if last.interval.number in f.intervals or self._name(f) not in self._book]
+        out = [alarm for fault in fresh for alarm in self._book.raise_(self._alarm(fault, cycle, now))]
         if cycle.over:
-            still = {(fault.joint, fault.kind) for fault in named}
-            out += [self._cleared(key, now) for key in list(self._up) if key not in still]
+            still = {self._name(fault) for fault in named}
+            text = "Resolved: joint {} did a whole cycle as in the reference, or shows another fault"
+            for alarm in [standing.alarm for standing in self._book.raised if standing.alarm.id not in still]:
+                out += self._book.clear(alarm.id, now, text.format(alarm.joint))
         return out
+
+    def _name(self, fault: NamedFault) -> str:
+        """Id of the alarm about a fault."""
+        return f"{self.name}.{self._source}.joint_{fault.joint}.{fault.kind}_fault"
 
     def _isolation_of(self, course: Course) -> Isolation:
         return self._isolation.get(course.key) or by_agreement(fault_table(course.intervals))
 
-    def _raised(self, fault: NamedFault, cycle: CycleSoFar, now: int) -> Alarm:
+    def _alarm(self, fault: NamedFault, cycle: CycleSoFar, now: int) -> Alarm:
         shown = [v for v in cycle.verdicts if v.interval.number in fault.intervals]
-        key = (fault.joint, fault.kind)
-        since = self._up[key].since if key in self._up else cycle.start + round(shown[0].interval.start * 1e9)
         evidence = _evidence(fault, cycle.course, shown)
         degrees = math.degrees(evidence["position_residual_rad"])
         where = f", in interval {', '.join(map(str, fault.intervals))} of {cycle.course.task}"
         others = f"; it may as well be joint {' or '.join(map(str, fault.alternatives))}" if fault.alternatives else ""
         what = _WHAT[fault.kind].format(joint=fault.joint, watts=fault.watts, degrees=degrees)
-        alarm = Alarm(
-            id=f"{self.name}.{self._source}.joint_{fault.joint}.{fault.kind}_fault",
+        return Alarm(
+            id=self._name(fault),
             kind=f"{fault.kind}_fault",
             severity="error",
             active=True,
-            since=since,
+            since=cycle.start + round(shown[0].interval.start * 1e9),
             time=now,
             statement=f"{what}{where}{others}.",
             source=self._source,
@@ -155,12 +159,6 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
             interval=self._seen.latest,
             evidence=evidence,
         )
-        self._up[key] = alarm
-        return alarm
-
-    def _cleared(self, key: tuple[int, str], now: int) -> Alarm:
-        text = f"Joint {key[0]} is cleared: a whole cycle was as in the reference, or shows another fault"
-        return replace(self._up.pop(key), active=False, time=now, statement=text)
 
 
 def _evidence(fault: NamedFault, course: Course, shown: Sequence[IntervalVerdict]) -> Mapping[str, Any]:

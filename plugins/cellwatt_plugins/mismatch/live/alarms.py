@@ -1,9 +1,9 @@
-"""What an explanation found, as alarms."""
+"""Findings of an explanation as alarms."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from cellwatt.results import Alarm, Severity
@@ -30,7 +30,7 @@ Place = tuple[str, int | None]
 
 @dataclass(frozen=True)
 class Told:
-    """What all alarms of an explanation say: ns of the first evidence and of the alarm, s of the recording."""
+    """Common to all alarms of an explanation: ns of the first evidence and of the alarm, s of the recording."""
 
     prefix: str
     source: str
@@ -38,7 +38,7 @@ class Told:
     time: int
     seconds: float
     gives_way: bool = True
-    """Whether the system let it run at low priority."""
+    """True if the system let it run at low priority."""
 
 
 def found(told: Told, outcome: Outcome, known: Collection[Place]) -> Alarm:
@@ -82,12 +82,6 @@ def failed(told: Told, reason: str, times: int) -> Alarm:
         source=told.source,
         evidence={"failures": times, "recording_s": told.seconds},
     )
-
-
-def over(alarm: Alarm, time: int) -> Alarm:
-    """An alarm's end: all channels are back in their bands."""
-    statement = "Recording and simulation agree again."
-    return replace(alarm, active=False, time=time, statement=statement)
 
 
 def left_out(prefix: str, source: str, names: Sequence[str], time: int) -> Alarm:

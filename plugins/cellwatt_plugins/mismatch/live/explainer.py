@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.errors import RecordingError
 from cellwatt.results import Alarm
-from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found, over
+from cellwatt_plugins.mismatch.live.alarms import Place, Told, failed, found
 from cellwatt_plugins.mismatch.live.explanation import RECORDING, SIMULATION, Explanation, Outcome, make_folder
 from cellwatt_plugins.mismatch.live.history import History
 from cellwatt_plugins.mismatch.live.intake import Intake
@@ -45,14 +46,13 @@ class Explainer:
     _told: Told | None = None
     _started: int | None = None
     _failures: int = 0
-    _up: dict[str, Alarm] = field(default_factory=dict)
+    _book: AlarmBook = field(default_factory=AlarmBook)
 
     def step(self, now: int, watch: ChannelWatch, history: History) -> list[Alarm]:
         """Alarms that change at ``now`` ns: begin what is due, tell what is done, clear what is over."""
         out = []
         if not watch.outside and self._running is None:
-            out = [over(alarm, now) for alarm in self._up.values()]
-            self._up.clear()
+            out = self._clear(now, "Resolved: recording and simulation agree again")
         if self._running is not None and (outcome := self._running.poll()) is not None:
             self._running = None
             out += self._tell(now, outcome)
@@ -99,15 +99,15 @@ class Explainer:
         told = self._at(now)
         self._failures = 0
         alarm = found(told, outcome, self.known)
-        gone = [over(a, now) for key, a in self._up.items() if key != alarm.id]
-        self._up = {alarm.id: alarm}
-        return [*gone, alarm]
+        over = self._clear(now, "Resolved: the difference could be explained", but=alarm.id)
+        return [*over, *self._book.raise_(alarm)]
+
+    def _clear(self, now: int, text: str, but: str = "") -> list[Alarm]:
+        return [alarm for name in self._book if name != but for alarm in self._book.clear(name, now, text)]
 
     def _failed(self, now: int, reason: str) -> list[Alarm]:
         self._failures += 1
-        alarm = failed(self._at(now), reason, self._failures)
-        self._up[alarm.id] = alarm
-        return [alarm]
+        return self._book.raise_(failed(self._at(now), reason, self._failures))
 
     def _at(self, now: int) -> Told:
         assert self._told is not None

@@ -1,14 +1,14 @@
-"""Which channels are outside their bands and since when: alarms that are raised once and cleared once."""
+"""Channels outside their bands and since when: the alarms ``simulation_differs``."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.results import Alarm, Interval
 from cellwatt_plugins.mismatch.live.band import Reading
-from cellwatt_plugins.mismatch.live.intake import Judged
 
 KIND = "simulation_differs"
 STALE = 100
@@ -27,11 +27,10 @@ class _Motion:
 
 @dataclass
 class _Course:
-    """One channel: readings so far, the motions that it is outside in, and its alarm while it is up."""
+    """One channel: readings so far and the motions that it is outside in."""
 
     readings: int = 0
     motions: dict[int, _Motion] = field(default_factory=dict)
-    alarm: Alarm | None = None
 
     @property
     def outside(self) -> int:
@@ -56,34 +55,44 @@ class ChannelWatch:
     prefix: str
     source: str
     confirm: int
-    _courses: dict[Judged, _Course] = field(default_factory=dict)
+    _courses: dict[str, _Course] = field(default_factory=dict)
+    """By the ids of their alarms."""
+    _book: AlarmBook = field(default_factory=AlarmBook)
 
     def take(self, motion: int, interval: Interval, readings: Sequence[Reading]) -> list[Alarm]:
         """Alarms that change with what was read of one more interval, which is of this motion."""
-        return [alarm for r in readings if (alarm := self._take(motion, interval, r)) is not None]
+        return [alarm for reading in readings for alarm in self._take(motion, interval, reading)]
 
     @property
     def outside(self) -> int:
         """Readings outside of the channel that has most, of those whose alarm is up; 0 where none is."""
-        return max((course.outside for course in self._courses.values() if course.alarm is not None), default=0)
+        return max((course.outside for course in self._up), default=0)
 
     @property
     def since(self) -> int:
         """ns of the first evidence of all alarms that are up."""
-        return min(course.since for course in self._courses.values() if course.alarm is not None)
+        return min(course.since for course in self._up)
 
-    def _take(self, motion: int, interval: Interval, reading: Reading) -> Alarm | None:
-        course = self._courses.setdefault(reading.channel, _Course())
-        self._count(course, motion, interval, reading.outside)
-        if course.alarm is None and course.outside >= self.confirm:
-            course.alarm = self._raised(interval, reading, course)
-            return course.alarm
-        if course.alarm is not None and not course.motions:
-            alarm, course.alarm = course.alarm, None
-            return _cleared(alarm, interval, reading)
-        return None
+    @property
+    def _up(self) -> list[_Course]:
+        return [course for name, course in self._courses.items() if name in self._book]
 
-    def _count(self, course: _Course, motion: int, interval: Interval, outside: bool) -> None:
+    def _take(self, motion: int, interval: Interval, reading: Reading) -> list[Alarm]:
+        c = reading.channel
+        name = f"{self.prefix}.{c.name}.{KIND}"
+        course = self._courses.setdefault(name, _Course())
+        self._count(course, motion, interval, reading.outside, patience=self.confirm if name in self._book else 1)
+        if name not in self._book and course.outside >= self.confirm:
+            return self._book.raise_(self._alarm(name, interval, reading, course))
+        if course.motions:
+            return []
+        text = f"Resolved: {c.what[0].lower()}{c.what[1:]} is back in its band: {reading.residual:.3g} of "
+        text += f"{reading.limit:.3g} {c.unit}"
+        evidence = {"channel": c.name, **_figures(reading)}
+        return self._book.clear(name, interval.end, text, interval=interval.number, evidence=evidence)
+
+    def _count(self, course: _Course, motion: int, interval: Interval, outside: bool, *, patience: int) -> None:
+        """Count a reading; ``patience`` readings inside in a row end what a motion was outside."""
         course.readings += 1
         if outside:
             found = course.motions.setdefault(motion, _Motion(interval.start))
@@ -91,15 +100,15 @@ class ChannelWatch:
         elif motion in course.motions:
             found = course.motions[motion]
             found.inside, found.seen = found.inside + 1, course.readings
-            if course.alarm is None or found.inside >= self.confirm:
+            if found.inside >= patience:
                 del course.motions[motion]
         course.motions = {n: m for n, m in course.motions.items() if course.readings - m.seen < STALE}
 
-    def _raised(self, interval: Interval, reading: Reading, course: _Course) -> Alarm:
+    def _alarm(self, name: str, interval: Interval, reading: Reading, course: _Course) -> Alarm:
         c = reading.channel
         how = "on average" if c.joint is None else "(root mean square)"
         return Alarm(
-            id=f"{self.prefix}.{c.name}.{KIND}",
+            id=name,
             kind=KIND,
             severity="warning",
             active=True,
@@ -112,15 +121,6 @@ class ChannelWatch:
             interval=interval.number,
             evidence={"channel": c.name, "intervals": course.outside, **_figures(reading)},
         )
-
-
-def _cleared(alarm: Alarm, interval: Interval, reading: Reading) -> Alarm:
-    c = reading.channel
-    statement = f"{c.what} is back in its band: {reading.residual:.3g} of {reading.limit:.3g} {c.unit}."
-    evidence = {"channel": c.name, **_figures(reading)}
-    return replace(
-        alarm, active=False, time=interval.end, statement=statement, interval=interval.number, evidence=evidence
-    )
 
 
 def _figures(reading: Reading) -> dict[str, Any]:

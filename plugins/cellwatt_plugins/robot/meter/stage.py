@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from cellwatt.alarms import AlarmBook
 from cellwatt.channel import Quality
 from cellwatt.errors import ConfigError
 from cellwatt.frames import FrameChannel, Frames, Layout
@@ -24,13 +25,13 @@ from cellwatt_plugins.robot.meter.model import Meter, Readings
 Float = NDArray[np.float64]
 
 POWER: Final = "supply.power"
-"""What drivers call the power of a supply."""
+"""Name that drivers give the power of a supply."""
 MEMORY: Final = 120.0
 """s of frames that a meter is found in."""
 SHORTEST: Final = 2.0
 """s of motion without a hole that are looked at."""
 EFFORTS: Final = ("torque", "current")
-"""What joints give beside positions, the better first: either tells more of the power than motion alone."""
+"""Quantities of joints beside positions, the better first: either tells more of the power than motion alone."""
 DOUBT: Final = 3.0
 """Standard deviations by which a window differs from the declared one …"""
 SHARE: Final = 0.2
@@ -47,7 +48,7 @@ class MeterSettings(StageSettings):
     arm: str | None = None
     """Source with the joints that the meter supplies; left out: the one whose motion explains most."""
     every: Seconds = Field(default=60.0, gt=0)
-    """How often the meter is looked at."""
+    """Time between looks at the meter."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +90,11 @@ class MeterStage(Stage[MeterSettings]):
         self._arms = _arms(layout, settings.arm)
         self._seen = _Seen()
         self._looked: int | None = None
-        self._told: dict[int, tuple[Meter, Alarm]] = {}
+        self._told: dict[int, Meter] = {}
+        self._book = AlarmBook()
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
-        """What has become known of the meters, or has changed."""
+        """Alarms about what has become known of the meters, or has changed."""
         if not len(frames):
             return ()
         self._seen.add(frames, self._meters)
@@ -105,7 +107,7 @@ class MeterStage(Stage[MeterSettings]):
         return self._look()
 
     def close(self) -> Sequence[Result]:
-        """What all frames since the last look tell."""
+        """Alarms about what all frames since the last look tell."""
         return self._look() if self._seen.blocks else ()
 
     def _look(self) -> list[Result]:
@@ -119,11 +121,9 @@ class MeterStage(Stage[MeterSettings]):
                 continue
             meter, arm = min(fits, key=lambda fit: fit[0].unexplained)
             before = self._told.get(column)
-            if before is None or _differs(before[0], meter):
-                since = int(time[0]) if before is None else before[1].since
-                alarm = _alarm(self.name, channel, meter, arm, since, int(time[-1]))
-                self._told[column] = meter, alarm
-                found.append(alarm)
+            if before is None or _differs(before, meter):
+                self._told[column] = meter
+                found += self._book.raise_(_alarm(self.name, channel, meter, arm, int(time[0]), int(time[-1])))
         return found
 
     def _found(
@@ -213,7 +213,7 @@ def _course(time: NDArray[np.int64], positions: Float, efforts: Float) -> Course
 
 
 def _differs(before: Meter, now: Meter) -> bool:
-    """Whether a meter is no longer the one that was told."""
+    """True if a meter is no longer the one that was told."""
     pairs = (
         (before.window, now.window, np.hypot(before.window_spread, now.window_spread)),
         (before.late, now.late, np.hypot(before.late_spread, now.late_spread)),
@@ -222,7 +222,7 @@ def _differs(before: Meter, now: Meter) -> bool:
 
 
 def _alarm(stage: str, channel: FrameChannel, meter: Meter, arm: _Arm, since: int, time: int) -> Alarm:
-    """What is told of a meter."""
+    """The alarm that describes a meter."""
     declared = channel.window
     off = declared and abs(meter.window - declared) > max(DOUBT * meter.window_spread, SHARE * declared)
     told = f"{channel.name} shows {meter.told}, a value every {1e3 * meter.interval:.0f} ms (from the motion of "

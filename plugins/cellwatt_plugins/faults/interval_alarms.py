@@ -1,13 +1,15 @@
-"""Raises and clears alarms from findings, so that each says one thing once and goes when it is over."""
+"""Alarms from intervals: raised by findings of deviations, cleared by clean intervals of the same joint."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from cellwatt.alarms import AT_ONCE, AlarmBook, Patience
 from cellwatt.results import Alarm
 from cellwatt_plugins.faults.criteria import Verdict
 from cellwatt_plugins.faults.isolate import Suspect, suspects
@@ -27,27 +29,17 @@ _WHAT = {
 }
 
 
-@dataclass(slots=True)
-class _Raised:
-    """An alarm up since interval ``first``; ``clean`` intervals in which its joint moved without a deviation."""
-
-    alarm: Alarm
-    first: int
-    clean: int = 0
-
-
 @dataclass
-class AlarmBook:
+class IntervalAlarms:
     """The alarms of one arm; ``prefix`` starts their ids, ``clear_after`` clean intervals clear one."""
 
     prefix: str
     source: str
     reference: Reference
     clear_after: int = 3
+    _book: AlarmBook = field(default_factory=AlarmBook)
     _codes: dict[tuple[int, int], Finding] = field(default_factory=dict)
-    _up: dict[tuple[int, str], _Raised] = field(default_factory=dict)
     _said: set[str] = field(default_factory=set)
-    _notice: Alarm | None = None
     _unknown: int = 0
 
     def take(self, finding: Finding, *, final: bool) -> list[Alarm]:
@@ -79,29 +71,24 @@ class AlarmBook:
         """Withdraw the alarms of an interval while it ran, if its end shows that it was another motion or speed."""
         if finding.course not in ("other_motion", "other_speed"):
             return []
-        number = finding.interval.number
-        self._codes = {key: f for key, f in self._codes.items() if f.interval.number != number}
-        return [
-            self._clear(joint, kind, finding, f"Joint {joint} is cleared: the motion was not that of the reference")
-            for (joint, kind), raised in list(self._up.items())
-            if raised.first == number
-        ]
+        interval = finding.interval
+        self._codes = {key: f for key, f in self._codes.items() if f.interval.number != interval.number}
+        mine = [alarm for alarm in self._up() if alarm.since >= interval.start]
+        return self._clear(mine, finding, "Withdrawn: joint {joint} made a motion that is not that of the reference")
 
     def _encoder(self, joint: int, verdict: Verdict, finding: Finding) -> list[Alarm]:
-        """An encoder that deviates; once power has differed too, the stronger verdict stays."""
-        both = self._up.get((joint, "joint_and_encoder_fault"))
-        if verdict == "encoder_fault" and both is not None:
-            both.clean = 0
-            return []
+        """Raise the alarm of an encoder that deviates; once power has differed too, the stronger verdict stays."""
+        both = self._name("joint_and_encoder_fault", joint)
+        if verdict == "encoder_fault" and both in self._book:
+            return self._book.raise_(self._book[both].alarm, update=False)
         out: list[Alarm] = []
-        if verdict == "joint_and_encoder_fault" and (joint, "encoder_fault") in self._up:
-            out.append(
-                self._clear(joint, "encoder_fault", finding, f"Joint {joint}: power differs too, see its new alarm")
-            )
+        if verdict == "joint_and_encoder_fault":
+            mine = [alarm for alarm in self._up("encoder_fault") if alarm.joint == joint]
+            out = self._clear(mine, finding, "Withdrawn: power of joint {joint} differs too, see its new alarm")
         return [*out, *self._raise(joint, verdict, finding, ())]
 
     def _joints(self, finding: Finding) -> list[Alarm]:
-        """Joint faults that the codes of this task's intervals speak for, raised; those explained away, cleared."""
+        """Raise joint faults that the codes of this task's intervals speak for; clear those explained away."""
         if not finding.code:
             return []
         out: list[Alarm] = []
@@ -111,16 +98,14 @@ class AlarmBook:
             names.add(joint)
             if joint in self._moving(finding):
                 out += self._raise(joint, "joint_fault", finding, alternatives, suspect.score)
-        for joint, kind in list(self._up):
-            if kind == "joint_fault" and joint not in names:
-                text = f"Joint {joint} is cleared: joint {min(names)} explains its deviations better"
-                out.append(self._clear(joint, kind, finding, text))
-        return out
+        others = [alarm for alarm in self._up("joint_fault") if alarm.joint not in names]
+        text = f"Withdrawn: joint {min(names, default=0)} explains the deviations of joint {{joint}} better"
+        return [*out, *self._clear(others, finding, text)]
 
     def _named(self, suspect: Suspect) -> tuple[int, tuple[int, ...]]:
         """The joint to name and its alternatives: among equals, the one whose alarm is up stays."""
         equals = (suspect.joint, *suspect.alternatives)
-        joint = next((j for j in equals if (j, "joint_fault") in self._up), suspect.joint)
+        joint = next((j for j in equals if self._name("joint_fault", j) in self._book), suspect.joint)
         return joint, tuple(sorted(j for j in equals if j != joint))
 
     def _blamed(self, finding: Finding) -> list[Suspect]:
@@ -150,63 +135,61 @@ class AlarmBook:
     ) -> list[Alarm]:
         """Raise an alarm, or update it once an interval has given new figures."""
         alarm = self._alarm(joint, kind, finding, alternatives, score)
-        raised = self._up.get((joint, kind))
-        if raised is None:
-            self._up[joint, kind] = _Raised(alarm, finding.interval.number)
-            return [alarm]
-        raised.clean = 0
-        if raised.alarm.interval == alarm.interval and raised.alarm.alternatives == alternatives:
-            return []
-        raised.alarm = replace(alarm, since=raised.alarm.since)
-        return [raised.alarm]
+        before = self._book[alarm.id].alarm if alarm.id in self._book else None
+        known = before is not None and (before.interval, before.alternatives) == (alarm.interval, alternatives)
+        return self._book.raise_(alarm, update=not known)
 
     def _count_clean(self, finding: Finding) -> list[Alarm]:
+        """Count an interval in which joints moved without a deviation; enough of them clear an alarm."""
         out: list[Alarm] = []
-        for (joint, kind), raised in list(self._up.items()):
-            clean = finding.code == 0 if kind == "joint_fault" else joint in finding.clean
-            if joint not in self._moving(finding) or not clean:
-                continue
-            raised.clean += 1
-            patience = self.clear_after * (PATIENCE if kind == "joint_fault" and self._still(joint) else 1)
-            if raised.clean >= patience:
-                text = f"Joint {joint} has moved {raised.clean} times as in healthy cycles: no fault any more"
-                out.append(self._clear(joint, kind, finding, text))
+        text = "Resolved: joint {joint} has moved {times} times as in healthy cycles"
+        for alarm in self._up():
+            by_power = alarm.kind == "joint_fault"
+            assert alarm.joint is not None
+            clean = finding.code == 0 if by_power else alarm.joint in finding.clean
+            if alarm.joint in self._moving(finding) and clean:
+                patience = self.clear_after * (PATIENCE if by_power and self._still(alarm.joint) else 1)
+                out += self._clear([alarm], finding, text, Patience(patience))
         return out
 
     def _still(self, joint: int) -> bool:
         """True if some interval in which a joint moves deviated when it last ran."""
         return any(f.code and joint in self._moving(f) for f in self._codes.values())
 
-    def _clear(self, joint: int, kind: str, finding: Finding, statement: str) -> Alarm:
-        up = self._up.pop((joint, kind)).alarm
-        if kind == "joint_fault" and finding.code == 0:
-            self._codes = {k: f for k, f in self._codes.items() if not (f.code and joint in self._moving(f))}
-        return replace(up, active=False, time=finding.time, statement=statement, interval=finding.interval.number)
+    def _clear(self, alarms: Sequence[Alarm], finding: Finding, text: str, after: Patience = AT_ONCE) -> list[Alarm]:
+        out: list[Alarm] = []
+        number = finding.interval.number
+        for alarm in alarms:
+            said = text.replace("{joint}", str(alarm.joint))
+            over = self._book.clear(alarm.id, finding.time, said, after=after, interval=number)
+            if over and alarm.kind == "joint_fault" and finding.code == 0:
+                self._codes = {k: f for k, f in self._codes.items() if not (f.code and alarm.joint in self._moving(f))}
+            out += over
+        return out
+
+    def _up(self, *kinds: str) -> list[Alarm]:
+        """Alarms about joints that are up, of some kinds or all."""
+        up = [standing.alarm for standing in self._book.raised]
+        return [alarm for alarm in up if alarm.joint is not None and (not kinds or alarm.kind in kinds)]
+
+    def _name(self, kind: str, joint: int | None = None) -> str:
+        """Id of an alarm."""
+        about = "" if joint is None else f"joint_{joint}."
+        return f"{self.prefix}.{self.source}.{about}{kind}"
 
     def _say(self, kind: str, finding: Finding, statement: str) -> list[Alarm]:
-        """Something worth knowing, once."""
+        """Say something worth knowing, once."""
         if kind in self._said:
             return []
         self._said.add(kind)
-        self._notice = Alarm(
-            id=f"{self.prefix}.{self.source}.{kind}",
-            kind=kind,
-            severity="info",
-            active=True,
-            since=finding.since,
-            time=finding.time,
-            statement=statement,
-            source=self.source,
-            interval=finding.interval.number,
-        )
-        return [self._notice]
+        number, since, time = finding.interval.number, finding.since, finding.time
+        name, source = self._name(kind), self.source
+        return self._book.raise_(Alarm(name, kind, "info", True, since, time, statement, source, interval=number))
 
     def _known_again(self, finding: Finding) -> list[Alarm]:
-        """The arm is back in the reference: take the notice down."""
-        notice, self._notice = self._notice, None
-        if notice is None:
-            return []
-        return [replace(notice, active=False, time=finding.time, statement="The arm runs as in the reference again")]
+        """Take notices down: the arm is back in the reference."""
+        text = "Resolved: the arm runs as in the reference again"
+        return [a for kind in sorted(self._said) for a in self._book.clear(self._name(kind), finding.time, text)]
 
     def _alarm(
         self, joint: int, kind: str, finding: Finding, alternatives: tuple[int, ...], score: float | None
@@ -223,7 +206,7 @@ class AlarmBook:
         if score is not None:
             evidence["score"] = round(score, 2)
         return Alarm(
-            id=f"{self.prefix}.{self.source}.joint_{joint}.{kind}",
+            id=self._name(kind, joint),
             kind=kind,
             severity="error",
             active=True,
