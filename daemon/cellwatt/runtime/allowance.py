@@ -1,4 +1,4 @@
-"""How much one source may bring: samples beyond its declared rate and events that repeat are counted, not passed on."""
+"""Limits of one source: samples beyond its declared rate and events that repeat are counted, not passed on."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Allowance:
         self._filled = now()
 
     def take(self, n: int) -> int:
-        """How many of the next ``n`` samples may come."""
+        """Number of the next ``n`` samples that may come."""
         self._left -= n
         return n if self._left >= 0 else self._refill(n)
 
@@ -59,7 +59,7 @@ class Repeats:
         """End of the running minute, ns, events told in it, and events held back, by kind."""
 
     def tell(self, kind: str, now: int) -> bool:
-        """Whether an event is to be told now; a kind whose minute is over is looked at in ``over`` first."""
+        """True if an event is to be told now; a kind whose minute is over is looked at in ``over`` first."""
         minute = self._minutes.get(kind)
         if minute is None:
             minute = self._minutes[kind] = [now + MINUTE, 0, 0]

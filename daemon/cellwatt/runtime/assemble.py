@@ -1,4 +1,4 @@
-"""What a cell will consist of, known from its settings without connecting to anything."""
+"""Parts that a cell will consist of, known from its settings without connecting to anything."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def prepare(config: CellConfig) -> Prepared:
 
 
 def declared(config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]:
-    """What the sources of a cell will deliver, and the columns of its frames.
+    """Streams that the sources of a cell will deliver, and the columns of its frames.
 
     Raises ``ConfigError`` with every source whose settings do not fit.
     """
@@ -71,7 +71,7 @@ def declared(config: CellConfig) -> tuple[dict[str, tuple[Stream, ...]], Layout]
 
 
 def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
-    """What a source will deliver. Raises ``ConfigError`` where its settings do not fit together."""
+    """Streams that a source will deliver. Raises ``ConfigError`` where its settings do not fit together."""
     with _placed(source.place, f"sources.{source.name}"):
         streams = find_driver(source.driver)(source.name, source.settings, _Unconnected()).streams
         counts = Counter(name for stream in streams for name in stream.names)
@@ -82,7 +82,7 @@ def streams_of(source: SourceConfig) -> tuple[Stream, ...]:
 
 
 def typical_streams(part: Part) -> tuple[Stream, ...]:
-    """What an installed driver delivers with default settings; empty where these alone do not make a source."""
+    """Streams of an installed driver with default settings; empty where these alone do not make a source."""
     if part.kind != "driver" or part.settings is None:
         return ()
     try:

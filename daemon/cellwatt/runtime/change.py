@@ -1,4 +1,4 @@
-"""What differs between two settings of a cell."""
+"""Differences between two settings of a cell."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Change:
 
     @classmethod
     def between(cls, old: CellConfig, new: CellConfig) -> Change:
-        """What is to be done for the new settings.
+        """Parts to begin, end or change for the new settings.
 
         Raises ``CellwattError`` for changes that need a restart: site, cell, record.
         """

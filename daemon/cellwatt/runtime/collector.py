@@ -22,7 +22,7 @@ from cellwatt.ticker import Ticker
 log = logging.getLogger(__name__)
 
 Entry = Batch | Tick | Event
-"""What a collector gives."""
+"""Items that a collector gives."""
 
 
 def load_libraries(config: CellConfig) -> None:

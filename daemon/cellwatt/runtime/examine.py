@@ -37,7 +37,7 @@ HARMLESS = frozenset(
 
 @dataclass
 class ChannelCheck:
-    """What one channel gave: finite share of samples, range, unit."""
+    """Values that one channel gave: finite share of samples, range, unit."""
 
     name: str
     unit: str
@@ -48,7 +48,7 @@ class ChannelCheck:
 
 @dataclass
 class Examination:
-    """What ``doctor`` found about one source. ``verdict`` is ``ok``, ``warning`` or ``failed``."""
+    """Findings of ``doctor`` about one source. ``verdict`` is ``ok``, ``warning`` or ``failed``."""
 
     name: str
     driver: str
@@ -116,7 +116,7 @@ async def _settle(source: Source, reading: asyncio.Task[None]) -> set[asyncio.Ta
 
 
 def _bound(stream: str, source: Source, batches: list[Batch]) -> float | None:
-    """How far a stamp of this stream may be off, ms: now where the device has a clock, else in 99 of 100 samples."""
+    """Error of a stamp of this stream, ms, at most: now where the device has a clock, else in 99 of 100 samples."""
     mine = [b.bound for b in batches if b.stream.name == stream]
     if not mine:
         return None
@@ -175,7 +175,7 @@ def _warn(result: Examination, text: str) -> None:
 
 
 def _tell_events(result: Examination, events: list[Event]) -> None:
-    """What the source said while it was read is a finding: it is the reason for what is missing above."""
+    """Add what the source said while it was read: it is the reason for what is missing above."""
     told: dict[str, list[Event]] = {}
     for event in events:
         if event.kind not in ("connected", "reconnected"):

@@ -1,4 +1,4 @@
-"""What the values of slow power meters stand for, as far as the motion that ``cellwatt doctor`` saw tells."""
+"""Meaning of the values of slow power meters, as far as the motion that ``cellwatt doctor`` saw tells it."""
 
 from __future__ import annotations
 

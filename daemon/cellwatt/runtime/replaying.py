@@ -72,7 +72,7 @@ class Comparison:
 
     @property
     def identical(self) -> bool:
-        """Whether every frame is in both and equal."""
+        """True if every frame is in both and equal."""
         return not (self.different or self.only_recorded or self.only_replayed)
 
 

@@ -36,7 +36,7 @@ def next_pause(pause: float, error: BaseException, jitter: float) -> float:
 
 
 def asked_to_end(error: BaseException) -> bool:
-    """Whether an error is the end that was asked of this task, not one that a library cancelled by itself."""
+    """True if an error is the end that was asked of this task, not one that a library cancelled by itself."""
     task = asyncio.current_task()
     return isinstance(error, asyncio.CancelledError) and task is not None and task.cancelling() > 0
 

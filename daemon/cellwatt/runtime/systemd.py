@@ -1,4 +1,4 @@
-"""What systemd wants to hear from a ``Type=notify`` service, as sd_notify(3) describes it, without its library.
+"""Messages to systemd from a ``Type=notify`` service, as sd_notify(3) describes them, without its library.
 
 Everything here does nothing where systemd did not start the process (no ``NOTIFY_SOCKET``).
 """

@@ -18,7 +18,7 @@ DRAIN = 5.0
 
 @contextlib.contextmanager
 def plain_errors() -> Iterator[None]:
-    """Where all that tasks of a group raised is meant for a person, raise the first of it by itself."""
+    """Raise by itself the first error of a group of tasks where all of them are meant for a person."""
     try:
         yield
     except ExceptionGroup as failures:

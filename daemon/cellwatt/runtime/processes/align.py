@@ -39,7 +39,7 @@ class _Aligning:
         self._streams, _ = declared(self._config)
         self._framer = Framer(self._streams, self._config.frames, *self._out.frames())
         self._fitting: dict[int, bool] = {}
-        """Whether a stream, by its identity, is one of those in force."""
+        """True for the identity of a stream that is in force."""
         self._read: deque[tuple[float, int]] = deque()
         self._skipped = 0
         self._said = 0.0
@@ -71,7 +71,7 @@ class _Aligning:
                 pass
 
     def _fits(self, batch: Batch) -> bool:
-        """Whether a batch is of the settings in force; a process that follows another may meet older ones."""
+        """True if a batch is of the settings in force; a process that follows another may meet older ones."""
         fits = self._fitting.get(id(batch.stream))
         if fits is None:
             fits = self._fitting[id(batch.stream)] = batch.stream in self._streams.get(batch.source, ())

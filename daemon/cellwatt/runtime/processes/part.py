@@ -45,7 +45,7 @@ class Part:
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
+        """True while the process runs."""
         return self.pid > 0
 
     def start(self, others: Iterable[Part]) -> None:

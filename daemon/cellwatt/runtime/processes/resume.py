@@ -1,4 +1,4 @@
-"""Where the record of a process that was killed ends, so that its successor writes nothing twice."""
+"""End of the record of a process that was killed, so that its successor writes nothing twice."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Resume:
 
     @classmethod
     async def of(cls, recorder: Recorder | None, *, restarts: int) -> Resume:
-        """What this session's record holds; empty where the process is the first of its session."""
+        """Read what this session's record holds; empty where the process is the first of its session."""
         if recorder is None or not restarts:
             return cls()
         await recorder.recovered()
@@ -69,14 +69,14 @@ class Resume:
                 self.messages.append(item)
 
     def lacks(self, message: Message) -> bool:
-        """Whether a result or event is not in the record yet."""
+        """True if a result or event is not in the record yet."""
         if message in self.messages:
             self.messages.remove(message)
             return False
         return True
 
     def fresh(self, item: Block) -> Block | None:
-        """What of a block is not in the record yet."""
+        """Rows of a block that are not in the record yet; None where all are."""
         first = self.following.get(_key(item), 0)
         if item.sequence >= first:
             return item

@@ -1,4 +1,4 @@
-"""What processes that must keep up may claim of the host, so that others do not hold them up."""
+"""Rights that processes claim of the host so that others do not hold them up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the processes of a daemon share."""
+"""Rings, assignments and messages that the processes of a daemon share."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _ring(rate: float, readers: int) -> Ring:
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """What one process is to do: ``stages`` for a chain in ``slot``; ``held``: begin with what this generation brings.
+    """Task of one process: ``stages`` for a chain in ``slot``; ``held``: begin with what this generation brings.
 
     ``generation`` numbers the settings since the start, ``restarts`` how often the process was begun again.
     """
@@ -127,7 +127,7 @@ class Stop:
 
 
 def figures(part: str, assignment: Assignment, **more: Any) -> dict[str, Any]:
-    """What a process says of itself about once a second."""
+    """Figures that a process gives of itself about once a second."""
     return {
         "part": part,
         "pid": os.getpid(),

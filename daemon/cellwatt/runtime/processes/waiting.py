@@ -1,4 +1,4 @@
-"""How a process waits for a ring or for its supervisor."""
+"""Waiting of a process for a ring or for its supervisor."""
 
 from __future__ import annotations
 
