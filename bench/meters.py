@@ -39,7 +39,7 @@ from cellwatt_plugins.mismatch.input.baseline import baseline  # noqa: E402
 from cellwatt_plugins.models.power.moves import read_moves  # noqa: E402
 from cellwatt_plugins.models.power.scores import Score  # noqa: E402
 from cellwatt_plugins.models.power.training import estimate, model_of  # noqa: E402
-from cellwatt_plugins.robot import RigidBody, load_robot  # noqa: E402
+from cellwatt_plugins.robot import Arm  # noqa: E402
 
 Float = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def faults(seed: int, window: float, cycles: int) -> Count:
         healthy, judged = (
             Recording(time, q, metered(time, power, window)) for time, q, power in (case.healthy, case.judged)
         )
-        known = learn_known(healthy, load_robot(case.robot))
+        known = learn_known(healthy, Arm.load(case.robot))
     return count(case.truths, judge_recording(judged, known), None)
 
 
@@ -139,7 +139,7 @@ def effects(window: float) -> tuple[tuple[str, ...], int]:
         for effect, added in SUPPLY.items():
             runs = [plant.record(f"run_0{n}", n, plant.Missing(drawn=added), seconds=60.0) for n in (1, 2)]
             runs = [replace(run, power=metered(run.time, run.power, window)) for run in runs if run.power is not None]
-            found = {finding.effect for finding in explain(runs, baseline(runs, *arm)).findings.findings}
+            found = {finding.effect for finding in explain(runs, baseline(runs, arm)).findings.findings}
             named += [effect] if effect in found else []
             wrong += len(found - {effect})
     return tuple(named), wrong
@@ -149,13 +149,12 @@ def energy(window: float) -> Score:
     """Errors of a model on moves that it has not seen."""
     with tempfile.TemporaryDirectory() as folder:
         robot, table, unseen = write_case(Path(folder), "six axes", 11, moves=40, unseen=20)
-        description = load_robot(robot)
-        body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-        known, judged = read_moves([table], body.joints), read_moves([unseen], body.joints)
+        arm = Arm.load(robot)
+        known, judged = read_moves([table], arm.joints), read_moves([unseen], arm.joints)
     power = known.power.copy()
     for number, (a, b) in enumerate(known.bounds()):
         power[a:b] = metered(known.time[a:b], power[a:b], window, number * 0.37 % 1)
-    predicted, current = estimate(model_of(replace(known, power=power), description, body), judged, description, body)
+    predicted, current = estimate(model_of(replace(known, power=power), arm), judged, arm)
     return Score.of(judged, predicted, current)
 
 

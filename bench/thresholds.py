@@ -43,17 +43,16 @@ def judge(job: Job) -> dict[str, Any]:
     from cellwatt_plugins.mismatch.fit.solution import DEFAULT
     from cellwatt_plugins.mismatch.input.admission import examine
     from cellwatt_plugins.mismatch.input.reading import read_runs
-    from cellwatt_plugins.robot import RigidBody, load_robot
+    from cellwatt_plugins.robot import Arm
 
     thresholds = DEFAULT
     if job.threshold:
         thresholds = replace(DEFAULT, **{job.threshold: job.factor * getattr(DEFAULT, job.threshold)})
-    robot = load_robot(job.case / "robot.yaml")
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    arm = Arm.load(job.case)
     recordings = tuple(sorted(job.case.glob("run_*.recording.parquet")))
     simulations = tuple(r.with_name(r.name.replace(".recording.", ".simulation.")) for r in recordings)
-    runs = read_runs(recordings, simulations, robot)
-    base, notes = examine(runs, robot, body)
+    runs = read_runs(recordings, simulations, arm.description)
+    base, notes = examine(runs, arm)
     found = explain(runs, base, thresholds, notes).findings.as_json()
     judged = score(json.loads(job.key.read_text()), found["findings"], [], [])
     return {

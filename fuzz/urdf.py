@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.robot.rigid_body import RigidBody
+from cellwatt_plugins.robot.body import Body
 from fuzz.target import Target, folder
 
 
@@ -18,7 +18,7 @@ def run(data: bytes) -> None:
     path.write_bytes(data)
     for joints in (("a",), ("a", "b")):
         with suppress(ConfigError):
-            body = RigidBody(path, joints)
+            body = Body(path, joints)
             zero = np.zeros((1, body.joints))
             assert body.inverse_dynamics(zero, zero, zero).shape == zero.shape
 

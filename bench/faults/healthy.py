@@ -11,7 +11,7 @@ from typing import Any
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from faults.cases import make_case
 
 ACCEPTED = (0.1, 1e-2, 1e-3, 1e-4)
@@ -27,7 +27,7 @@ def healthy_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
     for seed in range(first_seed, first_seed + cases):
         with tempfile.TemporaryDirectory() as folder:
             case = make_case(seed, Path(folder), cycles, calm=True)
-            known = learn_known(Recording(*case.healthy), load_robot(case.robot))
+            known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
         intervals += sum(truth.moves for truth in case.truths)
         for accepted, count in false_intervals(Recording(*case.judged), known).items():
             alarms[accepted] += count

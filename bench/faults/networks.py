@@ -23,7 +23,7 @@ from cellwatt_plugins.faults.ann.judging import NetworkJudge
 from cellwatt_plugins.faults.ann.network import PatternNetwork
 from cellwatt_plugins.faults.ann.training import train as train_motion
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_recording
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.network_file import Opened
@@ -32,7 +32,7 @@ from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, fault_table
 from cellwatt_plugins.faults.paper.judging import Isolation, by_agreement
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from faults.cases import Truth, make_case
 from faults.paper import AS_IN_THE_PAPER, Isolate, judge_recording_by_paper, of_the_motion
 from faults.runner import _shares, watch
@@ -74,7 +74,7 @@ def network_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
 def _one_cell(seed: int, cycles: int, totals: Totals) -> None:
     with tempfile.TemporaryDirectory() as folder:
         case = make_case(seed, Path(folder), cycles)
-        known = learn_known(Recording(*case.healthy), load_robot(case.robot))
+        known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
     healthy, judged = Recording(*case.healthy), Recording(*case.judged)
     physics = [told.finding for told in watch(known, judged) if told.over]
     totals.add("faults_with_robot", case.truths, physics)
@@ -103,7 +103,7 @@ def _one_cell(seed: int, cycles: int, totals: Totals) -> None:
 class _Tables:
     """Tables of springs on the arm as it was fitted."""
 
-    arm: Arm
+    arm: FittedArm
     learnt: dict[int, Codes] = field(default_factory=dict)
 
     def of(self, expected: Sequence[ExpectedInterval]) -> Codes:

@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
 from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from faults.cases import Case, make_case
 from faults.paper import judge_recording_by_paper
 from faults.scoring import Count, count
@@ -79,7 +79,7 @@ def edited_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
     for seed in range(first_seed, first_seed + cases):
         with tempfile.TemporaryDirectory() as folder:
             case = make_case(seed, Path(folder), cycles, edited=True)
-            known = learn_known(Recording(*case.healthy), load_robot(case.robot))
+            known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
         told = watch(known, Recording(*case.judged))
         found = [t.finding for t in told if t.over]
         total += count(case.truths, found, [t.finding for t in told if not t.over])
@@ -95,7 +95,7 @@ def edited_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
 def judge(case: Case, figures: Figures) -> None:
     """Both methods on one case, added to the figures."""
     healthy, judged = Recording(*case.healthy), Recording(*case.judged)
-    known = learn_known(healthy, load_robot(case.robot))
+    known = learn_known(healthy, Arm.load(case.robot))
     start = time.process_time()
     told = watch(known, judged)
     figures.spent += time.process_time() - start

@@ -25,7 +25,7 @@ from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.power.exported import write
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.training import model_of
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Body, load_robot
 
 SECONDS = 40.0
 LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
@@ -89,7 +89,7 @@ def train_demo(recording: Path, robot: Path, out: Path) -> Metadata:
     Takes seconds: errors on held-out moves are not worked out. Raises as ``cellwatt train power`` does.
     """
     description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    body = Body(description.urdf, tuple(joint.name for joint in description.joints))
     moves = read_moves([recording], body.joints)
     return write(out, model_of(moves, description, body), moves, body, description.robot)
 

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cellwatt_plugins.models.static.identify import Arm
+from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.paper import EPOCHS, TEST, split, trained
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.models.static.scores import Scores
 from cellwatt_plugins.models.static.training import SEED
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from models import held_arms
 from models.static import COUNT, Spread
 
@@ -81,19 +81,19 @@ def collected(seed: int) -> Held:
     """532 poses of one arm, as a user has them."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        description = load_robot(held_arms.write_robot(folder))
+        described = Arm.load(held_arms.write_robot(folder))
         held_arms.write_samples(held_arms.collection(held_arms.some_arm(seed), seed, COUNT), folder / "samples.parquet")
-        poses = read_poses([folder / "samples.parquet"], description)
-        arm = Arm.of(description, poses.q)
+        poses = read_poses([folder / "samples.parquet"], described.description)
+        arm = HeldArm.of(described, poses.q)
         gravity = arm.basis(poses).vertical @ arm.effects(poses).cad
     return Held(poses.q, gravity, poses.total)
 
 
 def of_recording(folder: Path) -> Held:
     """Held poses that others emulated: samples.parquet and robot.yaml."""
-    description = load_robot(folder / "robot.yaml")
-    poses = read_poses([folder / "samples.parquet"], description)
-    arm = Arm.of(description, poses.q)
+    described = Arm.load(folder / "robot.yaml")
+    poses = read_poses([folder / "samples.parquet"], described.description)
+    arm = HeldArm.of(described, poses.q)
     return Held(poses.q, arm.basis(poses).vertical @ arm.effects(poses).cad, poses.total)
 
 

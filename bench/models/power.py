@@ -30,7 +30,7 @@ from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import AHEAD, Trained, estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune
-from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot import Arm
 from models import ur3e
 
 SEEDS = (1, 2, 3)
@@ -90,8 +90,7 @@ class Speed:
 class Case:
     """An arm with the moves to train on and those to judge by."""
 
-    robot: RobotDescription
-    body: RigidBody
+    arm: Arm
     known: Moves
     unseen: Moves
 
@@ -99,16 +98,15 @@ class Case:
     def of(cls, folder: Path, kind: str, seed: int) -> Case:
         """One emulated arm, written to ``folder`` as a user would have it."""
         robot, known, unseen = write_case(folder, kind, seed)
-        description = load_robot(robot)
-        body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-        return cls(description, body, read_moves([known], body.joints), read_moves([unseen], body.joints))
+        arm = Arm.load(robot)
+        return cls(arm, read_moves([known], arm.joints), read_moves([unseen], arm.joints))
 
     def best(self, known: Moves) -> Fitted:
         with threadpool_limits(1):
-            return model_of(known, self.robot, self.body)
+            return model_of(known, self.arm)
 
     def judge(self, fitted: Fitted) -> Score:
-        return Score.of(self.unseen, *estimate(fitted, self.unseen, self.robot, self.body))
+        return Score.of(self.unseen, *estimate(fitted, self.unseen, self.arm))
 
 
 def emulated(work: Path, seeds: Sequence[int] = SEEDS) -> tuple[Errors, ...]:
@@ -145,11 +143,10 @@ def learning_curve(work: Path, kind: str = "six axes", seeds: Sequence[int] = SE
 
 def trained_ur3e(data: Path, work: Path) -> tuple[Trained, Moves]:
     """The UR3e's training and its moves."""
-    robot = load_robot(ur3e.write_robot(work))
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    arm = Arm.load(ur3e.write_robot(work))
     moves = read_moves(ur3e.write_moves(data, work), 6)
     with threadpool_limits(1):
-        return train(moves, robot, body), moves
+        return train(moves, arm), moves
 
 
 def errors_ur3e(trained: Trained, moves: Moves) -> tuple[Errors, ...]:
@@ -165,7 +162,7 @@ def speed(work: Path) -> Speed:
     """The model file of an emulated arm, run frame by frame."""
     case = Case.of(work / "six axes-1", "six axes", 1)
     fitted = case.best(case.known)
-    write(work / "model.onnx", fitted, case.known, case.body, "arm")
+    write(work / "model.onnx", fitted, case.known, case.arm)
     network = open_network(work / "model.onnx")
     window = network.metadata.window
     table = np.concatenate([case.unseen.q, case.unseen.qd], axis=1)
@@ -208,10 +205,10 @@ def learning_picture(sizes: Sequence[Size]) -> dict[str, Any]:
 
 
 def _papers(case: Case) -> dict[str, Score]:
-    tuning = tune(case.known, case.robot, case.body, AHEAD)
-    seen = Seen.of(case.known, case.robot, case.body, tuning)
-    here = Seen.of(case.unseen, case.robot, case.body, tuning)
-    found = {"NLS": Nls.fit(case.known, seen, case.robot), "SCG": Scg.fit(case.known, seen, 0)}
+    tuning = tune(case.known, case.arm, AHEAD)
+    seen = Seen.of(case.known, case.arm, tuning)
+    here = Seen.of(case.unseen, case.arm, tuning)
+    found = {"NLS": Nls.fit(case.known, seen, case.arm.description), "SCG": Scg.fit(case.known, seen, 0)}
     return {name: Score.of(case.unseen, *method.predict(here)) for name, method in found.items()}
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cellwatt_plugins.models.network import open_network
-from cellwatt_plugins.models.static.identify import Arm, identify
+from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import Poses, read_poses
 from cellwatt_plugins.models.static.scores import Scores
 from cellwatt_plugins.models.static.training import PUBLISHED, SEED, Trained, train, write
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from models import held_arms
 
 COUNT = 532
@@ -99,10 +99,10 @@ class Case:
 def case(seed: int, folder: Path) -> Case:
     """Collects, trains, writes the files and asks them for poses never collected."""
     really = held_arms.some_arm(seed)
-    description = load_robot(held_arms.write_robot(folder))
+    described = Arm.load(held_arms.write_robot(folder))
     held_arms.write_samples(held_arms.collection(really, seed, COUNT), folder / "samples.parquet")
-    poses = read_poses([folder / "samples.parquet"], description)
-    arm = Arm.of(description, poses.q)
+    poses = read_poses([folder / "samples.parquet"], described.description)
+    arm = HeldArm.of(described, poses.q)
     start = time.process_time()
     with threadpool_limits(1):
         trained = train(poses, arm, lambda: None)
@@ -121,13 +121,13 @@ def case(seed: int, folder: Path) -> Case:
 def few_poses(seed: int, folder: Path) -> dict[int, Scores]:
     """The best model's physics from the first poses only."""
     really = held_arms.some_arm(seed)
-    description = load_robot(held_arms.write_robot(folder))
+    described = Arm.load(held_arms.write_robot(folder))
     q, came, torque = held_arms.unseen(really, seed)
     nothing, unknown = np.zeros_like(q), np.full(len(q), np.nan)
     new = Poses(q, nothing, nothing, np.ones(len(q), np.int64), q - came, unknown)
     held_arms.write_samples(held_arms.collection(really, seed, COUNT), folder / "samples.parquet")
-    poses = read_poses([folder / "samples.parquet"], description)
-    arm = Arm.of(description, poses.q)
+    poses = read_poses([folder / "samples.parquet"], described.description)
+    arm = HeldArm.of(described, poses.q)
     out = {}
     for size in SIZES:
         some = poses.rows(np.arange(size))

@@ -16,7 +16,7 @@ from real.recording import Recording
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 
 TRAINED = (
     "ur-20_02_12-50sec_12harm",
@@ -48,25 +48,20 @@ class Currents:
 
 def currents(data: Path, work: Path) -> tuple[Currents, ...]:
     """Held-out trajectories, and the loaded one: by models of the bare arm, and by one that has seen half of it."""
-    robot = load_robot(write_robot(data, work))
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    arm = Arm.load(write_robot(data, work))
 
     def moves(names: Sequence[str], payload: float = 0.0) -> Moves:
         return read_moves([_write(ur10e.read(data, name).moving(), work, payload) for name in names], 6)
 
     bare = moves(TRAINED)
-    model = model_of(bare, robot, body)
-    out = [
-        _currents(name, "the bare arm", moves([name]), estimate(model, moves([name]), robot, body)) for name in UNSEEN
-    ]
+    model = model_of(bare, arm)
+    out = [_currents(name, "the bare arm", moves([name]), estimate(model, moves([name]), arm)) for name in UNSEEN]
     ignored, told = moves([ur10e.LOAD]), moves([ur10e.LOAD], ur10e.PAYLOAD)
-    out.append(_currents(ur10e.LOAD, "the bare arm, load not told", told, estimate(model, ignored, robot, body)))
-    out.append(_currents(ur10e.LOAD, "the bare arm, 2.805 kg told", told, estimate(model, told, robot, body)))
+    out.append(_currents(ur10e.LOAD, "the bare arm, load not told", told, estimate(model, ignored, arm)))
+    out.append(_currents(ur10e.LOAD, "the bare arm, 2.805 kg told", told, estimate(model, told, arm)))
     first, second = _halves(told)
-    loaded = model_of(joined(bare, first), robot, body)
-    out.append(
-        _currents(f"{ur10e.LOAD}, second half", "the first half too", second, estimate(loaded, second, robot, body))
-    )
+    loaded = model_of(joined(bare, first), arm)
+    out.append(_currents(f"{ur10e.LOAD}, second half", "the first half too", second, estimate(loaded, second, arm)))
     return tuple(out)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 from real.identify import Prepared, diagonal, spread
 from real.recording import Float, Recording
 
@@ -22,7 +22,7 @@ PAYLOAD_SPREAD = np.array([1.0, 1.0, 1.0, *(6 * [0.3])])
 
 
 def calibrated_gains(
-    without: Sequence[Recording], loaded: Sequence[Recording], mass: float, body: RigidBody, gain: Float
+    without: Sequence[Recording], loaded: Sequence[Recording], mass: float, body: Body, gain: Float
 ) -> Float:
     """Gains (n,) Nm/A with which the ``loaded`` recordings carry ``mass`` kg more than those ``without``.
 

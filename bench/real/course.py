@@ -9,8 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from cellwatt_plugins.robot import RigidBody, load_robot
-from cellwatt_plugins.robot.law import column, nominal_torque
+from cellwatt_plugins.robot import Arm
 from real.identify import MOTION_BAND, RATE, low_pass
 from real.product import simulate
 from real.recording import Float, Recording
@@ -34,8 +33,7 @@ class Course:
 
 def course(recording: Recording, robot: Path, explained: Path) -> Course:
     """``robot.yaml`` and the model in the folder ``explained``, both on the recorded motion."""
-    description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    arm = Arm.load(robot)
     time = np.arange(recording.time[0], recording.time[-1], 1 / RATE)
 
     def even(values: Float) -> Float:
@@ -43,8 +41,8 @@ def course(recording: Recording, robot: Path, explained: Path) -> Course:
 
     q, qd = low_pass(even(recording.position), MOTION_BAND), low_pass(even(recording.velocity), MOTION_BAND)
     qdd = np.gradient(qd, 1 / RATE, axis=0)
-    simulated = nominal_torque(description, body, q, qd, qdd)
-    measured = even(recording.effort(column(description, "torque_constant")))
+    simulated = arm.torque(q, qd, qdd)
+    measured = even(recording.effort(arm.column("torque_constant")))
     return Course(time, q, qd, measured, simulated, _model(explained, time, q, qd, qdd))
 
 

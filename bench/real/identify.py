@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.motion import direction
 from real.describe import Drives, Link
 from real.recording import Float, Recording
@@ -45,7 +45,7 @@ class Identified:
     links: tuple[Link, ...]
     drives: Drives
     parameters: Float
-    """(10 n,) as ``RigidBody.parameters``."""
+    """(10 n,) as ``Body.parameters``."""
     residual: Float
 
 
@@ -59,7 +59,7 @@ class Prepared:
     """(N, n) Nm with gains as first given."""
 
     @staticmethod
-    def of(recording: Recording, body: RigidBody, gain: Float) -> Prepared:
+    def of(recording: Recording, body: Body, gain: Float) -> Prepared:
         """Resting ends are left out."""
         grid = np.arange(recording.time[0], recording.time[-1], 1 / RATE)
 
@@ -75,7 +75,7 @@ class Prepared:
         return Prepared(low_pass(columns, BAND)[kept], low_pass(even(recording.effort(gain)), BAND)[kept])
 
 
-def identify(recordings: Sequence[Recording], body: RigidBody, gain: Float, gear: float) -> Identified:
+def identify(recordings: Sequence[Recording], body: Body, gain: Float, gear: float) -> Identified:
     """Least squares over all recordings, joints weighed by their residuals, links held to the URDF where unseen."""
     runs = [Prepared.of(recording, body, gain) for recording in recordings]
     columns = np.concatenate([run.columns for run in runs])
@@ -88,7 +88,7 @@ def identify(recordings: Sequence[Recording], body: RigidBody, gain: Float, gear
     return Identified(links_of(parameters), Drives(coulomb, viscous, rotor, gain, gear), parameters, residual)
 
 
-def carried_mass(without: Sequence[Recording], loaded: Sequence[Recording], body: RigidBody, gain: Float) -> float:
+def carried_mass(without: Sequence[Recording], loaded: Sequence[Recording], body: Body, gain: Float) -> float:
     """Mass kg that a plain least-squares fit with these gains gives ``loaded`` recordings beyond those ``without``."""
     runs = [Prepared.of(recording, body, gain) for recording in (*without, *loaded)]
     carried = np.concatenate([np.full(len(run.effort), i >= len(without)) for i, run in enumerate(runs)])
@@ -115,7 +115,7 @@ def solve(columns: Float, effort: Float, believed: Float, believed_spread: Float
     return solved, 1 / weight
 
 
-def spread(body: RigidBody) -> Float:
+def spread(body: Body) -> Float:
     """Standard deviations (14 n,) of the prior: link parameters near the URDF's, drives as good as free."""
     mass = body.parameters()[::10]
     arm = float(mass.mean())

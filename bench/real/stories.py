@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 from real import kr300, kuka, panda, ur10e
 from real.calibrate import calibrated_gains
 from real.describe import Drives, nothing, with_links, write_robot
@@ -126,7 +126,7 @@ def balancer(data: Path, work: Path) -> Figures:
     recordings = [kr300.read(data, run) for run in kr300.RUNS]
     angle = np.concatenate([recording.position[:, kr300.BALANCED] for recording in recordings])
     stiffness, constant = np.polyfit(angle, kr300.balancer(angle), 1)
-    body = RigidBody(_kr300(work / "balancer", "friction_told", kr300.drives()).parent / "robot.urdf", kr300.JOINTS)
+    body = Body(_kr300(work / "balancer", "friction_told", kr300.drives()).parent / "robot.urdf", kr300.JOINTS)
     out: Figures = {
         "published": {"stiffness": round(stiffness, 1), "at_rest": round(-constant / stiffness, 4)},
         "published_coulomb": _rounded(kr300.COULOMB),
@@ -159,7 +159,7 @@ def _kr300(folder: Path, name: str, told: Drives) -> Path:
     return write_robot(folder / name, "kr300", kr300.JOINTS, kr300.urdf(), told, kr300.RATE)
 
 
-def _plain_friction(recording: Recording, body: RigidBody) -> Figures:
+def _plain_friction(recording: Recording, body: Body) -> Figures:
     """Coulomb Nm and viscous Nm s/rad of each joint by plain least squares, links, rotors and balancer as published."""
     joints, at = body.joints, kr300.BALANCED
     lifted = np.outer(kr300.balancer(recording.position[:, at]), np.eye(joints)[at])
@@ -171,8 +171,8 @@ def _plain_friction(recording: Recording, body: RigidBody) -> Figures:
     return {"coulomb": _rounded(solved[:, 0]), "viscous": _rounded(solved[:, 1])}
 
 
-def _ur10e_body(data: Path) -> RigidBody:
-    return RigidBody(data / ur10e.FOLDER / "ur10e.urdf", ur10e.JOINTS)
+def _ur10e_body(data: Path) -> Body:
+    return Body(data / ur10e.FOLDER / "ur10e.urdf", ur10e.JOINTS)
 
 
 def _ur10e_robot(data: Path, folder: Path, known: Identified, drives: Drives) -> Path:

@@ -31,13 +31,13 @@ from cellwatt_plugins.mismatch.model import load_model
 from cellwatt_plugins.mismatch.simulators.files import Files
 from cellwatt_plugins.models.network import check_intact
 from cellwatt_plugins.models.static.live import read_plan
+from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.description import load_robot
-from cellwatt_plugins.robot.rigid_body import RigidBody
 
 Read = Callable[[Path], object]
 READERS: dict[str, tuple[str, Read]] = {
     "robot.yaml": ("robot.yaml", load_robot),
-    "URDF": ("arm.urdf", lambda path: RigidBody(path, ("joint_1",))),
+    "URDF": ("arm.urdf", lambda path: Body(path, ("joint_1",))),
     "MJCF": ("arm.xml", Files),
     "ONNX": ("power.onnx", check_intact),
     "fault network": ("faults.onnx", FaultNetwork),

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.campaign import disaggregate
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states
@@ -30,7 +29,7 @@ def measured(robot, folder, seed=1):
     from tests.plugins.energy.procedure.recording import Taped
 
     plant = Arm(ROBOTS[robot])
-    arm = load_arm(plant.describe(folder))
+    arm = Arm.load(plant.describe(folder))
     taped = Taped(folder, plant, seed=seed)
     made, speeds = plant.made, tuple(plant.made.total)
     if made.separate:

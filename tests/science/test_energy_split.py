@@ -12,12 +12,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.clock import Offset
 from cellwatt_plugins.energy.consumers import electrical_losses, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.drive import motion_features
 from cellwatt_plugins.energy.identify import Belief, Observed, begin, identify, residual
 from cellwatt_plugins.energy.recordings import Motion, Reading, Recorded
+from cellwatt_plugins.robot import Arm
 from tests.plugins.energy.running import run_on, worst_error
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -133,7 +133,7 @@ def recorded_ur3e(folder, monkeypatch):
         q, qd, current = (np.stack([table[f"{s}_{i}"] for i in range(1, 7)], axis=1) for s in ("q", "qd", "current"))
         motion = Motion(path.name, time, q, qd, current * np.array(ur3e.CONSTANT))
         runs.append(Recorded(path.stem, 0.0, 0.0, motion, Reading(path.name, time, table["power"].to_numpy())))
-    return load_arm(folder), runs
+    return Arm.load(folder), runs
 
 
 def test_energy_balance_of_a_real_ur3e(tmp_path, monkeypatch):

@@ -20,7 +20,6 @@ from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.presliding_hysteresis import dahl_state
-from cellwatt_plugins.robot.law import nominal_torque
 from cellwatt_plugins.robot.regression import Prior
 from tests.plugins.mismatch import plant
 
@@ -48,10 +47,10 @@ def test_the_law_is_the_one_that_is_stated(arm):
     torque = plant.links(plant.NOMINAL, q, qd, qdd)
     torque = torque + plant.NOMINAL.rotor * qdd + plant.NOMINAL.coulomb * np.tanh(qd / 0.004)
     torque = torque + plant.NOMINAL.viscous * qd
-    assert np.allclose(nominal_torque(*arm, q, qd, qdd), torque, atol=1e-10)
+    assert np.allclose(arm.torque(q, qd, qdd), torque, atol=1e-10)
     current = torque / plant.NOMINAL.constant
     power = plant.NOMINAL.standby + np.sum(torque * qd + plant.NOMINAL.resistance * current**2, axis=1)
-    assert np.allclose(nominal_power(arm[0], torque, qd), power)
+    assert np.allclose(nominal_power(arm.description, torque, qd), power)
 
 
 def test_dahls_friction_follows_his_differential_equation():
@@ -69,7 +68,7 @@ def test_dahls_friction_follows_his_differential_equation():
 
 def test_windings_grow_by_copper_s_coefficient(arm):
     """0.393 % more resistance a kelvin above 20 °C."""
-    states = plant.states(*arm, seconds=3.0)
+    states = plant.states(arm, seconds=3.0)
     warm = replace(states, temperature=np.full_like(states.q, 70.0))
     more = BY_NAME["winding_temperature"].columns(warm, None, (0.0,))[:, 0]
     assert np.allclose(more, 50 * 0.00393 * np.sum(plant.heat(plant.NOMINAL, states.torque), axis=1))
@@ -90,11 +89,11 @@ def test_the_evidence_charges_a_coefficient_as_occams_factor_says():
 
 def test_the_rigid_body_is_linear_in_its_parameters(arm):
     """Y(q, qd, qdd) · π = torques: Khalil, Dombre, Modeling, Identification and Control of Robots, ch. 12."""
-    states = plant.states(*arm, seconds=3.0)
+    states = plant.states(arm, seconds=3.0)
     heavier = plant.loaded(plant.NOMINAL, 1.0, 0.25)
     extra = np.zeros(30)
     extra[20:] = [1.0, 0.25, 0, 0, 0, 0, 0.0625, 0, 0, 0.0625]
-    torque = states.regressor @ (arm[1].parameters() + extra)
+    torque = states.regressor @ (arm.body.parameters() + extra)
     assert np.allclose(torque, plant.links(heavier, states.q, states.qd, states.qdd), atol=1e-9)
 
 
@@ -144,7 +143,7 @@ def estimated(run, states, speed):
 @pytest.mark.parametrize("rho", [0.0, 0.6])
 def test_stated_intervals_hold_the_truth_about_as_often_as_they_say(arm, rho):
     """95 % intervals over recordings drawn anew, with white and with correlated noise."""
-    motions = [plant.states(*arm, seed=seed, seconds=12.0) for seed in range(MOTIONS)]
+    motions = [plant.states(arm, seed=seed, seconds=12.0) for seed in range(MOTIONS)]
     off = {"excess": [], "velocity": []}
     for seed in range(COVERED):
         states = motions[seed % MOTIONS]

@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-import cellwatt_plugins
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm, load_robot
+from cellwatt_plugins.robot.description import PACKAGED as FOLDER
 
-PACKAGED = sorted(Path(cellwatt_plugins.__file__).parent.rglob("robot.yaml"))
+PACKAGED = sorted(FOLDER.rglob("robot.yaml"))
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,11 @@ def test_every_packaged_robot_has_published_figures() -> None:
 
 @pytest.mark.parametrize("file", PACKAGED, ids=lambda file: file.parent.name)
 def test_the_flange_is_where_the_published_parameters_put_it(file: Path) -> None:
-    robot = load_robot(file)
-    arm = PUBLISHED[robot.robot]
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    described = Arm.load(file)
+    arm = PUBLISHED[described.name]
     low, high = np.array(arm.limits).T
     poses = np.vstack([np.zeros(6), low + (high - low) * np.random.default_rng(1).random((200, 6))])
-    frames = body.poses(poses)[0][:, -1]
+    frames = described.forward(poses)[:, -1]
     zero = flange(arm, poses[0])[0].T @ frames[0, :3, :3]
     for q, frame in zip(poses, frames, strict=True):
         turn, place = flange(arm, q)

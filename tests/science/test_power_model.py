@@ -16,7 +16,7 @@ from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
 from cellwatt_plugins.models.power.tuning import tune
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.power.emulated_arm import ARMS, course, six_axes, supply, torques, write_case
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,9 +26,8 @@ NOISE = {"six axes": 0.7, "seven axes": 0.7, "burdened": 1.2, "rippled": 0.7}
 
 
 def read(robot, *tables):
-    description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    return description, body, *(read_moves([table], body.joints) for table in tables)
+    arm = Arm.load(robot)
+    return arm, *(read_moves([table], arm.joints) for table in tables)
 
 
 def test_the_emulated_arm_is_one(tmp_path):
@@ -50,10 +49,10 @@ def test_the_emulated_arm_is_one(tmp_path):
 @pytest.mark.slow  # both are trained and scored in tests/plugins/models/power/test_train_command.py
 @pytest.mark.timeout(300)
 def test_the_papers_two_methods_reach_its_figures(tmp_path):
-    robot, body, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
-    tuning = tune(known, robot, body, ahead=False)
-    seen, here = Seen.of(known, robot, body, tuning), Seen.of(unseen, robot, body, tuning)
-    nls = Nls.fit(known, seen, robot)
+    arm, known, unseen = read(*write_case(tmp_path, "six axes", 11, moves=40, unseen=16))
+    tuning = tune(known, arm, ahead=False)
+    seen, here = Seen.of(known, arm, tuning), Seen.of(unseen, arm, tuning)
+    nls = Nls.fit(known, seen, arm.description)
     assert Score.of(unseen, *nls.predict(here)).energy_mean <= 1.54
     assert Score.of(unseen, *Scg.fit(known, seen, 0).predict(here)).energy_mean <= 0.89
     assert nls.power[0] == pytest.approx(80, rel=0.02)  # P_c
@@ -66,8 +65,8 @@ def test_the_papers_two_methods_reach_its_figures(tmp_path):
 def test_the_best_model_on_faster_and_slower_moves(tmp_path, monkeypatch, kind):
     """With windows that reach as far ahead as back. A hose that no term is for costs the most."""
     monkeypatch.setattr(training, "AHEAD", True)
-    robot, body, known, unseen = read(*write_case(tmp_path, kind, 21))
-    score = Score.of(unseen, *estimate(model_of(known, robot, body), unseen, robot, body))
+    arm, known, unseen = read(*write_case(tmp_path, kind, 21))
+    score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
     assert score.energy_mean <= 0.4
     assert score.energy_worst <= 1.5
     assert score.power <= 1.3 * NOISE[kind]
@@ -79,16 +78,16 @@ def test_the_best_model_on_faster_and_slower_moves(tmp_path, monkeypatch, kind):
 def test_windows_that_only_look_back(tmp_path, monkeypatch):
     """Velocity is known late then, which shows in the currents where friction turns over."""
     monkeypatch.setattr(training, "AHEAD", False)
-    robot, body, known, unseen = read(*write_case(tmp_path, "six axes", 21))
-    score = Score.of(unseen, *estimate(model_of(known, robot, body), unseen, robot, body))
+    arm, known, unseen = read(*write_case(tmp_path, "six axes", 21))
+    score = Score.of(unseen, *estimate(model_of(known, arm), unseen, arm))
     assert score.energy_mean <= 0.4
     assert score.power <= 1.6 * NOISE["six axes"]
     assert max(score.current) <= 0.12
 
 
 def test_what_an_arm_has_is_found(tmp_path):
-    robot, body, known = read(*write_case(tmp_path, "six axes", 31, moves=8, unseen=1)[:2])
-    fitted = model_of(known, robot, body)
+    arm, known = read(*write_case(tmp_path, "six axes", 31, moves=8, unseen=1)[:2])
+    fitted = model_of(known, arm)
     arm = six_axes(np.random.default_rng(31))
     model = fitted.model
     assert model.supply is not None
@@ -108,9 +107,8 @@ def test_five_short_moves_of_a_real_ur3e(tmp_path, monkeypatch):
     sys.modules.pop("models", None)
     from models import ur3e
 
-    description = load_robot(ur3e.write_robot(tmp_path))
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    trained = train(read_moves(ur3e.write_moves(DATA, tmp_path), 6), description, body)
+    arm = Arm.load(ur3e.write_robot(tmp_path))
+    trained = train(read_moves(ur3e.write_moves(DATA, tmp_path), 6), arm)
     best = trained.scores["best"]
     assert best.power <= 3.0
     assert best.energy_mean <= 2.5

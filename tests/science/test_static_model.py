@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.models.static import paper
-from cellwatt_plugins.models.static.identify import Arm, identify
-from cellwatt_plugins.models.static.planning import MH12
+from cellwatt_plugins.models.static.identify import HeldArm, identify
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.models.static.scores import Scores
 from cellwatt_plugins.models.static.training import PUBLISHED
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
 SHARED = Path(__file__).resolve().parents[2] / ".." / "shared" / "static_poses"
@@ -34,15 +33,14 @@ def collected(tmp_path_factory):
         load_friction=0.03,
     )
     robot, unseen = arms.write_case(folder, really, 5, cad=arms.Arm())
-    description = load_robot(robot)
-    poses = read_poses([folder / "samples.parquet"], description)
-    return description, poses, unseen
+    described = Arm.load(robot)
+    poses = read_poses([folder / "samples.parquet"], described.description)
+    return described, poses, unseen
 
 
 def test_gravity_is_equation_2():
     """τ_i = Σ m_j g ∂p_j/∂q_i, p_j the height of a link's centre of mass, by differences."""
-    robot = load_robot(MH12)
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    body = Arm.load("mh12").body
     arm = replace(arms.Arm(), mass=np.array([*arms.MASS[:5], 0.0]), centre=_paper_centres())
     q = arms.within(arms.LIMITS, arms.halton(20))
 
@@ -53,7 +51,7 @@ def test_gravity_is_equation_2():
 
     steps = 1e-6 * np.eye(6)
     by_difference = np.stack([(energy(q + step) - energy(q - step)) / 2e-6 for step in steps], axis=1)
-    np.testing.assert_allclose(body.gravity_torque(q), by_difference, atol=1e-5)
+    np.testing.assert_allclose(body.gravity(q), by_difference, atol=1e-5)
 
 
 def _paper_centres():
@@ -73,8 +71,8 @@ def test_published_accuracy_is_100_less_mape():
 @pytest.fixture(scope="module")
 def by_method(collected):
     """RMSE, R² and MAPE on the fifth left out; neurons as the paper found them, 216 and 475."""
-    description, poses, _ = collected
-    gravity = Arm.of(description, poses.q).body.gravity_torque(poses.q)
+    described, poses, _ = collected
+    gravity = described.gravity(poses.q)
     simulated = np.abs(gravity).sum(axis=1)
     both = np.hstack([poses.q, gravity])
     rows, test = paper.split(len(poses), 0)
@@ -134,8 +132,8 @@ def test_mape_as_printed_is_no_percentage(by_method):
     assert all(100 - 100 * scores.mean_absolute < 0 for scores in by_method.values())
 
 
-def r2(description, poses, new, total):
-    arm = Arm.of(description, poses.q)
+def r2(described, poses, new, total):
+    arm = HeldArm.of(described, poses.q)
     model = identify(arm.basis(poses), poses.torque, arm.effects(poses))
     said = model.total(arm.basis(replace(poses, **new)))
     return float(1 - np.mean((said - total) ** 2) / np.var(total))
@@ -143,16 +141,16 @@ def r2(description, poses, new, total):
 
 @pytest.mark.parametrize(("count", "least"), [(40, 0.995), (532, 0.998)])
 def test_the_best_model_on_poses_never_collected(collected, count, least):
-    description, poses, (q, came, torque) = collected
+    described, poses, (q, came, torque) = collected
     new = {"q": q, "approach": q - came, "payload": np.full(len(q), np.nan)}
     total = np.abs(torque).sum(axis=1)
-    assert r2(description, poses.rows(np.arange(count)), new, total) > least
+    assert r2(described, poses.rows(np.arange(count)), new, total) > least
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the recordings are not beside this checkout")
 def test_on_the_shared_recording_poses_left_out_are_predicted():
-    description = load_robot(SHARED / "robot.yaml")
-    poses = read_poses([SHARED / "samples.parquet"], description)
+    described = Arm.load(SHARED / "robot.yaml")
+    poses = read_poses([SHARED / "samples.parquet"], described.description)
     rows, test = paper.split(len(poses), 0)
     new = {"q": poses.q[test], "approach": poses.approach[test], "payload": poses.payload[test]}
-    assert r2(description, poses.rows(rows), new, poses.total[test]) > 0.998
+    assert r2(described, poses.rows(rows), new, poses.total[test]) > 0.998

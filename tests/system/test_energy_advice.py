@@ -16,9 +16,9 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.results import Alarm, Energy
 from cellwatt_plugins.energy import advice
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.balance import Stretch
 from cellwatt_plugins.energy.known import load_known
+from cellwatt_plugins.robot import Arm
 from tests.system.running import Audience, free_port, running
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.timeout(900)]
@@ -66,7 +66,7 @@ def test_what_a_change_would_save_is_what_it_saves(measured, speed: float, secon
     from tests.plugins.energy.procedure.production import Cycle, play
 
     plant, folder = measured
-    arm = load_arm(folder)
+    arm = Arm.load(folder)
     known = load_known(folder / "energy.json", arm)
     base = Cycle(speed, seconds)
     rows, watts = play(plant, base)

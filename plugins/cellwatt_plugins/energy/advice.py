@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.balance import Stretch, resting_power
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.way import way_energy, way_seconds
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -181,19 +181,17 @@ def pose_advice(arm: Arm, known: Known, cycle: Cycle) -> Advice | None:
 
 def _holding(arm: Arm, known: Known, pose: Float) -> Float:
     """Torque (n,) Nm as the robot would give it, that holds the arm's own weight at ``pose`` (n,) rad."""
-    return np.asarray(arm.body.gravity_torque(pose[None, :])[0] / known.drive.torque)
+    return np.asarray(arm.gravity(pose[None, :])[0] / known.drive.torque)
 
 
 def least_gravity(arm: Arm, near: Float) -> Float:
     """θ_GZ (n,) rad: the pose within the joints' limits at which ‖G(θ)‖ is least (eq. 15), from ``near`` and others."""
-    model = arm.body.model
-    lower = np.maximum(model.lowerPositionLimit, -np.pi)
-    upper = np.minimum(model.upperPositionLimit, np.pi)
+    lower, upper = np.clip(arm.limits, -np.pi, np.pi).T
     draw = np.random.default_rng(0)
     starts = [np.clip(near, lower, upper), *draw.uniform(lower, upper, (STARTS, arm.joints))]
 
     def square(q: Float) -> float:
-        return float(np.sum(arm.body.gravity_torque(q[None, :]) ** 2))
+        return float(np.sum(arm.gravity(q[None, :]) ** 2))
 
     found = [
         minimize(square, start, method="L-BFGS-B", bounds=list(zip(lower, upper, strict=True))) for start in starts

@@ -9,11 +9,13 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place
-from cellwatt_plugins.energy.arm import Arm, load_arm
 from cellwatt_plugins.energy.campaign import Outcome
 from cellwatt_plugins.energy.campaign import disaggregate as run_campaign
+from cellwatt_plugins.energy.drive import MOTOR
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.description import robot_file
 
 
 def disaggregate(
@@ -30,13 +32,13 @@ def disaggregate(
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     Source: ECDP, see the energy page.
     """
-    arm = load_arm(Path(robot))
+    arm = Arm.load(robot, MOTOR)
     alone = None if controller is None else Path(controller)
     rest = _at_rest(arm, alone, Path(connected), Path(released))
     recorded = read_runs(Path(runs), arm.joints)
     with threadpool_limits(1):
         outcome = run_campaign(arm, rest, recorded)
-    given = (Path(robot), alone, Path(connected), Path(released), Path(runs))
+    given = (robot_file(robot), alone, Path(connected), Path(released), Path(runs))
     return replace(outcome, inputs=tuple(path for path in given if path is not None))
 
 
@@ -45,7 +47,7 @@ def _at_rest(arm: Arm, controller: Path | None, connected: Path, released: Path)
     plugged = steady_power(read_reading(connected))
     if controller is not None and controller.exists():
         alone = steady_power(read_reading(controller))
-    elif arm.supplied.controller_separate:
+    elif arm.description.controller_separate:
         raise RecordingError(
             f"{controller or '--controller'}: no such file: measure the controller with the arm unplugged, or write "
             "controller_separate: false in robot.yaml where that cannot be done"

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.consumers import brake_energy, motion_efficiency
 from cellwatt_plugins.energy.drive import bus_power, chopper_power, features, supply_power
 from cellwatt_plugins.energy.follow import Level, at_campaign
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.spread import GROUPS, UNEXPLAINED, Causes, deviations, group_covariance
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -116,24 +115,14 @@ def task_energy(
 
 def stored_energy(arm: Arm, stretch: Stretch) -> float:
     """ΔE_K + ΔE_P of the arm from the first to the last frame, J."""
-    model, data = arm.body.model, arm.body.model.createData()
-
-    def at(index: int) -> float:
-        q, qd = stretch.position[index], stretch.velocity[index]
-        return float(pin.computePotentialEnergy(model, data, q) + pin.computeKineticEnergy(model, data, q, qd))
-
-    return at(-1) - at(0)
+    first, last = arm.body.energy(stretch.position[[0, -1]], stretch.velocity[[0, -1]])
+    return float(last - first)
 
 
 def _payload_lifted(arm: Arm, stretch: Stretch) -> float:
     """One standard deviation, J, of what a payload between none and the maximum adds to the stored energy."""
-    model, data = arm.body.model, arm.body.model.createData()
-
-    def height(index: int) -> float:
-        pin.forwardKinematics(model, data, stretch.position[index])
-        return float(data.oMi[model.njoints - 1].translation[2])
-
-    return GRAVITY * arm.supplied.payload * abs(height(-1) - height(0)) / 3**0.5
+    first, last = arm.forward(stretch.position[[0, -1]])[:, -1, 2, 3]
+    return float(GRAVITY * arm.description.payload * abs(last - first) / 3**0.5)
 
 
 def resting_power(arm: Arm, known: Known, torque: Float) -> float:

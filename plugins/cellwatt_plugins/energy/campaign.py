@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.files import Place
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
@@ -21,6 +20,7 @@ from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
 from cellwatt_plugins.energy.runs import run_energy
 from cellwatt_plugins.energy.split import edges, total_energy
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -96,10 +96,10 @@ def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, R
     ones = np.ones(arm.joints)
     rigid = fit_rigid(arm, runs, ones, FROM_CURRENT * ones)
     torque, spread = ones, FROM_SENSOR * ones
-    if arm.supplied.torque_from == "current":
+    if arm.description.torque_from == "current":
         torque = rigid.torque
         spread = np.minimum(np.hypot(rigid.uncertainty, FROM_RIGID), FROM_CURRENT)
-    if arm.supplied.brakes:
+    if arm.description.brakes:
         level, unsure = rest.released.power - HOLD[0], float(np.hypot(HOLD[1], rest.released.uncertainty))
     else:
         level, unsure = rest.connected.power, float(np.hypot(UNPLUGGED, rest.connected.uncertainty))
@@ -111,10 +111,10 @@ def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
     controller, connected, released = rest.controller, rest.connected, rest.released
     electronics = max(connected.power - controller.power, 0.0)
     in_runs, unsure = identified.drive.fixed, fixed_uncertainty(identified)
-    hold = max(released.power - in_runs, 0.0) if arm.supplied.brakes else released.power - connected.power
-    brakes = brake_power(released.power, controller.power, electronics, hold) if arm.supplied.brakes else 0.0
+    hold = max(released.power - in_runs, 0.0) if arm.description.brakes else released.power - connected.power
+    brakes = brake_power(released.power, controller.power, electronics, hold) if arm.description.brakes else 0.0
     notes = rest.notes()
-    if not arm.supplied.controller_separate:
+    if not arm.description.controller_separate:
         notes.append("controller and arm cannot be unplugged from each other: only the sum of both is measured")
     if brakes < 0:
         notes.append(f"brakes: {brakes:.2f} W measured, which cannot be: reported as 0")
@@ -124,7 +124,7 @@ def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:
         brakes=max(brakes, 0.0),
         controller_uncertainty=controller.uncertainty,
         robot_electronics_uncertainty=float(np.hypot(controller.uncertainty, connected.uncertainty)),
-        brakes_uncertainty=float(np.hypot(unsure, connected.uncertainty)) if arm.supplied.brakes else 0.0,
+        brakes_uncertainty=float(np.hypot(unsure, connected.uncertainty)) if arm.description.brakes else 0.0,
         hold=hold,
         notes=tuple(notes),
     )

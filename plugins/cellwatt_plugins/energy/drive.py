@@ -12,14 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
 
 Float = NDArray[np.float64]
 
 KINDS = len(TERMS)
 """Features of a joint."""
+MOTOR = ("torque_constant", "winding_resistance")
+"""Keys of each joint without which nothing can be said of electrical losses."""
 STILL = 5e-3
 """rad/s: a slower joint stands, and its noise is not hysteresis."""
 

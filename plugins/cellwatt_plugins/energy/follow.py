@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.drive import bus_power, features
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 

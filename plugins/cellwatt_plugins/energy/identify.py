@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.clock import Offset, align, inside, refine, windows
 from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, motion_features, supply_power
 from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.accumulate import Accumulated
 from cellwatt_plugins.robot.regression import Fit, Prior, Products
 

@@ -13,8 +13,8 @@ from scipy.linalg import block_diag
 
 from cellwatt.errors import ModelError
 from cellwatt.files import read_text
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.drive import KINDS, Drive
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 

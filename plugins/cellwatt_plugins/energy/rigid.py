@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.recordings import Recorded
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Prior, solve
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.clock import windows
 from cellwatt_plugins.energy.consumers import (
     brake_energy,
@@ -21,6 +20,7 @@ from cellwatt_plugins.energy.identify import Identified, Observed, residual
 from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.split import edges, mechanical, total_energy
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.accumulate import Accumulated
 
 Float = NDArray[np.float64]

@@ -70,15 +70,16 @@ class EnergyStage(Stage[EnergySettings]):
     def __init__(self, name: str, settings: EnergySettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
         try:
-            from cellwatt_plugins.energy.arm import load_arm
+            from cellwatt_plugins.energy.drive import MOTOR
             from cellwatt_plugins.energy.follow import at_campaign
             from cellwatt_plugins.energy.known import load_known
+            from cellwatt_plugins.robot import Arm
         except ModuleNotFoundError as error:
             raise ConfigError(
                 f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[energy]'"
             ) from error
 
-        self._arm = load_arm(cell.folder / settings.robot)
+        self._arm = Arm.load(cell.folder / settings.robot, MOTOR)
         self._known = load_known(cell.folder / settings.balance, self._arm)
         if cell.robot and cell.robot != self._known.robot:
             raise ModelError(f"{settings.balance}: is of robot {self._known.robot}, the cell's robot is {cell.robot}")

@@ -7,9 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]

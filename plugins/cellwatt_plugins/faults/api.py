@@ -154,19 +154,19 @@ def _judged_by_network(recording: Recording, reference: Reference, file: Path, n
 def _learned_with_cycles(blocks: Sequence[Frames], robot: Path, arm: str | None, power: str) -> Learned:
     """Learn whole cycles and the arm that their power shows, and intervals where they recur often enough."""
     from cellwatt_plugins.faults.cycles.known import learn_known, stored
-    from cellwatt_plugins.robot import load_robot
+    from cellwatt_plugins.robot import Arm
 
-    description = load_robot(robot)
-    model, cycles = stored(learn_known(recording_of(blocks, arm, power), description), description)
+    described = Arm.load(robot)
+    model, cycles = stored(learn_known(recording_of(blocks, arm, power), described), described)
     tasks: list[Task] = []
     note = None
     try:
-        learned, tasks = learn_from(blocks, description.robot, arm, power)
+        learned, tasks = learn_from(blocks, described.name, arm, power)
     except ModelError as error:
         note = f"whole cycles only, no intervals: {error}"
         layout = blocks[0].layout
         source = layout.channels[layout.joints("position", arm)[0]].source
-        learned = Reference(1, description.robot, source, power, len(description.joints), ())
+        learned = Reference(1, described.name, source, power, described.joints, ())
     return Learned(replace(learned, power_model=model, cycles=cycles), tuple(tasks), note)
 
 

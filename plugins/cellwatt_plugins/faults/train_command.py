@@ -183,18 +183,17 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
 def _known(reference: Reference, robot: Path) -> Known:
     """The arm and the whole cycles of a reference; the arm as described where its power was never fitted."""
     from cellwatt_plugins.faults.cycles.arm import nominal
-    from cellwatt_plugins.faults.cycles.identify import Arm
-    from cellwatt_plugins.faults.cycles.known import Known, body_of, restored
-    from cellwatt_plugins.robot import load_robot
+    from cellwatt_plugins.faults.cycles.identify import FittedArm
+    from cellwatt_plugins.faults.cycles.known import Known, restored
+    from cellwatt_plugins.robot import Arm
 
-    description = load_robot(robot)
-    if len(description.joints) != reference.joints:
-        raise ModelError(f"robot {robot} has {len(description.joints)} joints, the reference {reference.joints}")
+    arm = Arm.load(robot)
+    if arm.joints != reference.joints:
+        raise ModelError(f"robot {robot} has {arm.joints} joints, the reference {reference.joints}")
     if reference.power_model is not None:
-        return restored(reference.power_model, reference.cycles, description)
-    body = body_of(description)
-    parameters = nominal(description, body)
-    return Known(Arm(body, parameters, np.zeros((len(parameters.packed()),) * 2)), ())
+        return restored(reference.power_model, reference.cycles, arm)
+    parameters = nominal(arm)
+    return Known(FittedArm(arm.body, parameters, np.zeros((len(parameters.packed()),) * 2)), ())
 
 
 def _by_joint(faulty: Sequence[str], joints: int) -> Mapping[int, list[Path]]:

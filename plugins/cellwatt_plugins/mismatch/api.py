@@ -14,7 +14,8 @@ from cellwatt_plugins.mismatch.explain import explain as explain_runs
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.description import robot_file
 
 
 def explain(
@@ -36,14 +37,13 @@ def explain(
 
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
-    description = load_robot(Path(robot))
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
+    arm = Arm.load(robot)
     recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
     with threadpool_limits(1):
-        runs = read_runs(recorded, simulated, description, metered)
-        base, notes = examine(runs, description, body)
+        runs = read_runs(recorded, simulated, arm.description, metered)
+        base, notes = examine(runs, arm)
         found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=progress)
-    return replace(found, inputs=(*recorded, *simulated, *metered, Path(robot), Path(description.urdf)))
+    return replace(found, inputs=(*recorded, *simulated, *metered, robot_file(robot), arm.description.urdf))
 
 
 def simulate(model: Place, motion: Place, simulation: Place | None = None) -> Prediction:

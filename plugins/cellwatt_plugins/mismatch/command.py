@@ -17,7 +17,7 @@ from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 from cellwatt_plugins.mismatch.verdict.findings import Findings
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
 FILE = click.Path(exists=True, path_type=Path)
@@ -82,10 +82,7 @@ def explain(
     Without simulations, robot.yaml is simulated on the recorded motion. Writes findings.json, model.yaml and
     report.html.
     """
-    user = None
-    if simulator is not None:
-        description = load_robot(robot)
-        user = to_mend(simulator, RigidBody(description.urdf, tuple(joint.name for joint in description.joints)))
+    user = None if simulator is None else to_mend(simulator, Arm.load(robot).body)
     with Console(stderr=True).status("reading") as status:
         given = simulations or ((simulator,) if simulator else ())
         found = api.explain(

@@ -90,7 +90,7 @@ def explain(
     """
     until = time.process_time() + seconds
     states = [base.states(run, i) for i, run in enumerate(runs)]
-    body = base.body
+    body = base.arm.body
     progress("fitting the nominal parameters")
     nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
     progress("looking for effects in the torques")

@@ -16,7 +16,7 @@ from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
@@ -80,21 +80,21 @@ class Model:
     links: Float | None = None
     """(10 n,) inertial parameters where the simulation has others than the URDF."""
 
-    def body(self) -> RigidBody:
-        """The rigid body that the simulation moves. Raises ``ConfigError``."""
-        body = RigidBody(self.robot.urdf, tuple(j.name for j in self.robot.joints))
-        return body if self.links is None else body.with_parameters(self.links)
+    def arm(self) -> Arm:
+        """The arm as the simulation has it. Raises ``ConfigError``."""
+        arm = Arm.of(self.robot)
+        return arm if self.links is None else arm.with_parameters(self.links)
 
     @property
     def baseline(self) -> Baseline:
         """The law of the simulation that it adds to. Raises ``ConfigError``."""
-        return Baseline(self.robot, self.body())
+        return Baseline(self.arm())
 
 
 def predict(model: Model, motion: Motion) -> Prediction:
     """Torque and power of a motion that is known exactly; hidden states start cold and at rest."""
     moved = exact(motion.position, motion.velocity, motion.acceleration)
-    states = States("motion", -1, motion.time, moved, model.robot, model.body(), motion.temperature)
+    states = States("motion", -1, motion.time, moved, model.arm(), motion.temperature)
     return predict_states(model, states)
 
 

@@ -1,6 +1,7 @@
-"""What all science of robots shares: the description in ``robot.yaml`` and rigid-body dynamics through Pinocchio."""
+"""What all science of robots shares: an arm with its description (``robot.yaml``) and its rigid body (URDF)."""
 
+from cellwatt_plugins.robot.arm import Arm
+from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.description import Joint, RobotDescription, load_robot
-from cellwatt_plugins.robot.rigid_body import RigidBody
 
-__all__ = ["Joint", "RigidBody", "RobotDescription", "load_robot"]
+__all__ = ["Arm", "Body", "Joint", "RobotDescription", "load_robot"]

@@ -1,16 +1,32 @@
-"""``robot.yaml``: what is known of a robot beside its URDF."""
+"""``robot.yaml``: what is known of a robot beside its URDF. Every key that any plugin reads is declared here."""
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import Place
 from cellwatt.yaml_file import read_yaml
 
+PACKAGED: Final = Path(__file__).with_name("packaged")
+"""Folder of the robots that come with cellwatt, one folder each."""
+
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Point = tuple[float, float, float]
 
 
 class Tolerances(BaseModel):
@@ -54,8 +70,19 @@ class Joint(BaseModel):
     """rad/s."""
 
 
+class Capsule(BaseModel):
+    """Rod of a ``radius`` m with round ends, from ``start`` to ``end`` m in the frame of a link; link 0 is the base."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    link: Annotated[int, Field(ge=0)]
+    start: Annotated[Point, Field(alias="from")]
+    end: Annotated[Point, Field(alias="to")]
+    radius: PositiveFloat
+
+
 class RobotDescription(BaseModel):
-    """A robot as its user knows it."""
+    """A robot as its user knows it; a URDF is beside it."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -72,18 +99,60 @@ class RobotDescription(BaseModel):
     regeneration: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Share of braking power that comes back to the supply."""
     tolerances: Tolerances = Tolerances()
+    payload: NonNegative = 0.0
+    """kg of the maximum payload."""
+    brakes: bool = True
+    """False where the arm has no holding brakes."""
+    controller_separate: bool = True
+    """False where the arm cannot be unplugged from its controller, so that only their sum is measured."""
+    torque_from: Literal["current", "sensor"] = "sensor"
+    """Torque estimated from motor current may be off by a factor a joint."""
+    floor: float = 0.0
+    """Height of the floor in the base's frame, m."""
+    capsules: tuple[Capsule, ...] = ()
+    """Outline of the arm, which must touch neither itself nor the floor; rods of 8 cm along the links where absent."""
 
-    @model_validator(mode="after")
-    def _names_differ(self) -> RobotDescription:
-        names = [joint.name for joint in self.joints]
-        if len(set(names)) < len(names):
+    @field_validator("joints")
+    @classmethod
+    def _names_differ(cls, joints: tuple[Joint, ...]) -> tuple[Joint, ...]:
+        if len({joint.name for joint in joints}) < len(joints):
             raise ValueError("two joints have the same name")
-        return self
+        return joints
+
+    @field_validator("capsules")
+    @classmethod
+    def _links_exist(cls, capsules: tuple[Capsule, ...], info: ValidationInfo) -> tuple[Capsule, ...]:
+        last = len(info.data.get("joints", ()))
+        if last and any(capsule.link > last for capsule in capsules):
+            raise ValueError(f"a link above {last}, the last")
+        return capsules
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """One number of every joint, e.g. ``coulomb_friction``: (n,), in the unit of that key."""
+        return np.array([getattr(joint, name) for joint in self.joints], np.float64)
 
 
-def load_robot(path: Path) -> RobotDescription:
-    """Read ``robot.yaml`` (or the folder that holds it). Raises ``ConfigError`` naming the file and the key."""
-    file = path / "robot.yaml" if path.is_dir() else path
+def robot_file(robot: Place) -> Path:
+    """The ``robot.yaml`` that ``robot`` names: the file, the folder that holds it, or a packaged robot's name.
+
+    Raises ``ConfigError`` where a name is neither; it says the nearest one.
+    """
+    path = Path(robot)
+    if path.is_dir():
+        return path / "robot.yaml"
+    if path.exists() or not isinstance(robot, str) or len(path.parts) > 1 or path.suffix:
+        return path
+    names = sorted(folder.name for folder in PACKAGED.iterdir() if folder.is_dir())
+    if robot in names:
+        return PACKAGED / robot / "robot.yaml"
+    near = get_close_matches(robot.lower(), names, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]}?" if near else f"these are packaged: {', '.join(names)}"
+    raise ConfigError(f"robot {robot!r}: no such file or folder, and no packaged robot of that name; {hint}")
+
+
+def load_robot(robot: Place) -> RobotDescription:
+    """Read the description of a robot: see ``robot_file``. Raises ``ConfigError`` naming the file and the key."""
+    file = robot_file(robot)
     try:
         content = read_yaml(file)
     except (OSError, ValueError) as error:
@@ -91,9 +160,9 @@ def load_robot(path: Path) -> RobotDescription:
     if not isinstance(content, dict):
         raise ConfigError(f"{file}: expected the keys robot, urdf and joints")
     try:
-        robot = RobotDescription.model_validate(content)
+        description = RobotDescription.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"{file}: {place}: {first['msg']} (found {repr(first['input'])[:60]})") from error
-    return robot.model_copy(update={"urdf": (file.parent / robot.urdf)})
+    return description.model_copy(update={"urdf": (file.parent / description.urdf)})

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.law import column
 
 Float = NDArray[np.float64]
 
@@ -61,7 +60,7 @@ def drawn(bus: Any, up: Any, down: Any) -> Any:
 
 def copper_gain(robot: RobotDescription) -> Float:
     """Return the heat of each winding at a torque of 1 Nm, (n,) W/Nm²: R / K²; 0 where either is unknown."""
-    constant, resistance = column(robot, "torque_constant"), column(robot, "winding_resistance")
+    constant, resistance = robot.column("torque_constant"), robot.column("winding_resistance")
     return np.divide(resistance, constant**2, out=np.zeros_like(constant), where=constant > 0)
 
 

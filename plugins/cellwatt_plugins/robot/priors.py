@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 

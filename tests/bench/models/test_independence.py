@@ -34,5 +34,5 @@ def test_an_emulated_arm_has_physics_of_its_own(file):
 
 
 def test_the_check_sees_what_is_shared():
-    assert "cellwatt_plugins" in imported("def f():\n    from cellwatt_plugins.robot import RigidBody\n")
+    assert "cellwatt_plugins" in imported("def f():\n    from cellwatt_plugins.robot import Body\n")
     assert "." in imported("from . import arms")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from models import ur3e
 
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Body, load_robot
 
 DATA = Path(__file__).resolve().parents[3] / ".." / "shared" / "data"
 recorded = pytest.mark.skipif(not (DATA / ur3e.FOLDER).is_dir(), reason="the recordings of the UR3e are not here")
@@ -35,7 +35,7 @@ def columns(name, wanted):
 @pytest.fixture(scope="module")
 def body(tmp_path_factory):
     robot = load_robot(ur3e.write_robot(tmp_path_factory.mktemp("robot")))
-    return RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    return Body(robot.urdf, tuple(joint.name for joint in robot.joints))
 
 
 def test_gravity_is_the_slope_of_the_height_of_the_centres(body):
@@ -49,7 +49,7 @@ def test_gravity_is_the_slope_of_the_height_of_the_centres(body):
     for q in np.random.default_rng(0).uniform(-2, 2, (5, 6)):
         steps = 1e-6 * np.eye(6)
         slope = [(energy(q + step) - energy(q - step)) / 2e-6 for step in steps]
-        np.testing.assert_allclose(body.gravity_torque(q[None])[0], slope, atol=2e-3)
+        np.testing.assert_allclose(body.gravity(q[None])[0], slope, atol=2e-3)
 
 
 @recorded
@@ -68,5 +68,5 @@ def test_torques_at_rest_are_those_that_the_controller_reckons_with(body):
         q, qd, moment = (columns(name, f"target_{what}") for what in ("q", "qd", "moment"))
         rest = np.abs(qd).max(axis=1) < 1e-4
         seen += int(rest.sum())
-        np.testing.assert_allclose(body.gravity_torque(q[rest]), moment[rest], atol=0.05)
+        np.testing.assert_allclose(body.gravity(q[rest]), moment[rest], atol=0.05)
     assert seen > 20

@@ -7,7 +7,7 @@ from real.describe import Link, chain
 from real.identify import carried_mass, identify, links_of
 from real.recording import Recording
 
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 
 JOINTS = ("one", "two", "three")
 LINKS = tuple(Link(mass, (0.2, 0.01, 0.02), (0.1, 0.0, 0.0, 0.2, 0.0, 0.2)) for mass in (6.0, 4.0, 2.0))
@@ -21,10 +21,10 @@ LOAD, PLACE = 2.5, np.array([0.35, 0.05, 0.1])
 def body(tmp_path_factory):
     path = tmp_path_factory.mktemp("arm") / "arm.urdf"
     path.write_text(chain("arm", JOINTS, FRAMES, LINKS))
-    return RigidBody(path, JOINTS)
+    return Body(path, JOINTS)
 
 
-def recorded(body: RigidBody, load: float, seed: int) -> Recording:
+def recorded(body: Body, load: float, seed: int) -> Recording:
     """15 s of sines at 100 Hz, current from the arm's own law and the load's first moment and inertia."""
     rng = np.random.default_rng(seed)
     time = np.arange(1500) / 100

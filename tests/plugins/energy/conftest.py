@@ -30,12 +30,12 @@ def outcome(measured):
 @pytest.fixture(scope="session")
 def arm_and_known(measured, outcome, tmp_path_factory):
     """The arm, and what the live stage reads of that."""
-    from cellwatt_plugins.energy.arm import load_arm
     from cellwatt_plugins.energy.known import load_known
+    from cellwatt_plugins.robot import Arm
 
     path = tmp_path_factory.mktemp("known") / "energy.json"
     path.write_text(json.dumps(outcome.findings.as_json()))
-    arm = load_arm(measured[1])
+    arm = Arm.load(measured[1])
     return arm, load_known(path, arm)
 
 

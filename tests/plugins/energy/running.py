@@ -1,9 +1,9 @@
 """Disaggregation of a folder that the plant wrote."""
 
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.campaign import disaggregate
 from cellwatt_plugins.energy.fixed import AtRest, steady_power
 from cellwatt_plugins.energy.recordings import read_reading, read_runs
+from cellwatt_plugins.robot import Arm
 
 STATES = ("controller", "connected", "released")
 GROUPS = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration", "positive_mechanical")
@@ -12,7 +12,7 @@ MEASURED = (*GROUPS, "total")
 
 
 def run_on(folder):
-    arm = load_arm(folder / "robot.yaml")
+    arm = Arm.load(folder / "robot.yaml")
     rest = AtRest(*(steady_power(read_reading(folder / f"{state}.parquet")) for state in STATES))
     return disaggregate(arm, rest, read_runs(folder / "runs", arm.joints))
 

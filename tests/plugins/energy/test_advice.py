@@ -91,7 +91,7 @@ def test_what_is_held_is_taken_from_the_rest_not_from_the_end_of_the_motion(meas
 def test_a_way_to_where_the_arm_is_takes_what_holding_takes(arm_and_known):
     arm, drive = arm_and_known[0], arm_and_known[1].drive
     pose = np.full(arm.joints, 0.4)
-    hold = resting_power(*arm_and_known, arm.body.gravity_torque(pose[None])[0] / drive.torque)
+    hold = resting_power(*arm_and_known, arm.gravity(pose[None])[0] / drive.torque)
     assert way_energy(*arm_and_known, pose, pose, 2.0) == pytest.approx(2.0 * hold, rel=1e-6)
 
 
@@ -109,9 +109,9 @@ def test_a_way_there_and_back_loses_friction_and_what_the_motors_lose(arm_and_kn
 def test_the_pose_of_least_gravity_asks_for_less_than_any_other(arm_and_known):
     arm, _ = arm_and_known
     pose = least_gravity(arm, np.zeros(arm.joints))
-    least = np.linalg.norm(arm.body.gravity_torque(pose[None, :]))
+    least = np.linalg.norm(arm.gravity(pose[None, :]))
     others = np.random.default_rng(5).uniform(-np.pi, np.pi, (300, arm.joints))
-    assert least <= np.linalg.norm(arm.body.gravity_torque(others), axis=1).min()
+    assert least <= np.linalg.norm(arm.gravity(others), axis=1).min()
 
 
 def test_an_open_path_stores_what_it_lifts(measured, arm_and_known):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.drive import Drive, bus_power, chopper_power, features, supply_power
+from cellwatt_plugins.robot import Arm
 
 
 def drive(returned):
@@ -28,7 +28,7 @@ def test_energy_is_kept():
 
 
 def test_a_joint_that_stands_loses_nothing_by_hysteresis_whatever_its_encoder_says(measured):
-    arm = load_arm(measured[1])
+    arm = Arm.load(measured[1])
     noise, moving = np.full((1, arm.joints), 2e-3), np.full((1, arm.joints), -0.3)
     assert not features(arm, 0 * noise, noise)[:, -arm.joints :].any()
     assert features(arm, 0 * moving, moving)[0, -arm.joints :] == pytest.approx(0.3)

@@ -5,7 +5,7 @@ import pytest
 from energy.arms import Case, make_arm
 from energy.chain import torques
 
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 
 
 def test_work_is_what_lifting_took():
@@ -25,7 +25,7 @@ def test_work_is_what_lifting_took():
 
 def test_its_urdf_is_the_arm_that_it_moves(measured):
     case, folder, _ = measured
-    body = RigidBody(folder / "robot.urdf", tuple(f"joint_{i + 1}" for i in range(case.joints)))
+    body = Body(folder / "robot.urdf", tuple(f"joint_{i + 1}" for i in range(case.joints)))
     rng = np.random.default_rng(1)
     q, qd, qdd = rng.normal(0, 1, (3, 20, case.joints))
     assert torques(make_arm(case).known, q, qd, qdd) == pytest.approx(body.inverse_dynamics(q, qd, qdd), abs=1e-6)

@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 from energy.arms import make_arm
 
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.recordings import read_runs
 from cellwatt_plugins.energy.rigid import fit_rigid
+from cellwatt_plugins.robot import Arm
 
 
 def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it(measured):
     """Without the analyzer: links, rotors and friction are off by some per cent or unknown."""
     case, folder, _ = measured
-    arm = load_arm(folder)
+    arm = Arm.load(folder)
     fit = fit_rigid(arm, read_runs(folder / "runs", arm.joints), np.ones(6), np.full(6, 0.15))
     true = make_arm(case)
     assert fit.torque[1:3] == pytest.approx(1 / true.gains[1:3], rel=0.04)
@@ -19,7 +19,7 @@ def test_a_known_payload_gives_the_gain_of_the_joints_that_carry_it(measured):
 
 def test_friction_of_the_big_joints(measured):
     case, folder, _ = measured
-    arm = load_arm(folder)
+    arm = Arm.load(folder)
     fit = fit_rigid(arm, read_runs(folder / "runs", arm.joints), np.ones(6), np.full(6, 0.15))
     true = make_arm(case)
     at = 0.5  # rad/s: viscous, Coulomb and windage are told apart less well than their sum

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.drive import bus_power
 from cellwatt_plugins.energy.runs import run_energy
+from cellwatt_plugins.robot import Arm
 
 
 @pytest.fixture
 def told(measured, outcome):
-    arm = load_arm(measured[1])
+    arm = Arm.load(measured[1])
     runs = outcome.findings.runs
     fastest = max(range(len(runs)), key=lambda i: runs[i].regeneration)
 

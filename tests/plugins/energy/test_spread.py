@@ -9,12 +9,12 @@ from energy.live import RATE
 from energy.plant import production
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.balance import Stretch, task_energy
 from cellwatt_plugins.energy.drive import features
 from cellwatt_plugins.energy.follow import at_campaign, followed
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.spread import GROUPS, group_slopes
+from cellwatt_plugins.robot import Arm
 
 DRAWS = 4000
 
@@ -127,7 +127,7 @@ def test_a_jump_of_the_electronics_is_within_what_is_said_of_them(arm_and_known)
 
 def test_an_energy_json_from_before_is_refused_with_what_to_do(measured, outcome, tmp_path):
     found = outcome.findings.as_json()
-    arm, path = load_arm(measured[1]), tmp_path / "energy.json"
+    arm, path = Arm.load(measured[1]), tmp_path / "energy.json"
     path.write_text(json.dumps(found | {"covariance": [row[:-1] for row in found["covariance"][:-1]]}))
     with pytest.raises(ModelError, match="covariance of 31 parameters, expected 32"):
         load_known(path, arm)

@@ -19,9 +19,9 @@ from cellwatt.record import Recording
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Alarm, Energy, Task
 from cellwatt.stage import CellInfo
-from cellwatt_plugins.energy.arm import load_arm
 from cellwatt_plugins.energy.known import load_known
 from cellwatt_plugins.energy.stage import EnergySettings, EnergyStage
+from cellwatt_plugins.robot import Arm
 from tests.daemon.record.making import write_chunks
 
 GROUPS = {
@@ -146,7 +146,7 @@ def test_a_task_whose_power_is_missing_is_not_split(folder, produced):
 def test_without_torques_currents_times_the_constant_are_taken(results, folder, produced):
     """As in a campaign of an arm that gives currents only."""
     seen, power, _ = produced
-    constant = load_arm(folder).column("torque_constant")
+    constant = Arm.load(folder).column("torque_constant")
     by_torque = frames_of(seen, power)
     channels = tuple(replace(c, name=c.name.replace("torque", "current")) for c in by_torque.layout.channels)
     channels = tuple(replace(c, unit="A") if c.name.endswith("current") else c for c in channels)
@@ -185,7 +185,7 @@ def test_power_that_comes_late_is_laid_over_the_motion_that_drew_it(results, lat
 
 
 def test_offsets_that_differ_from_run_to_run_are_of_the_files_not_of_the_meter(folder, late_meter):
-    arm = load_arm(folder)
+    arm = Arm.load(folder)
     assert load_known(late_meter / "out" / "energy.json", arm).late == pytest.approx(0.1)
     assert load_known(folder / "out" / "energy.json", arm).late == 0.0
 

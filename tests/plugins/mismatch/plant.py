@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
-from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot import Arm as DescribedArm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
 
@@ -276,21 +276,18 @@ def write_robot(folder: Path, **changes: object) -> Path:
     return folder / "robot.yaml"
 
 
-def load(path: Path) -> tuple[RobotDescription, RigidBody]:
+def load(path: Path) -> DescribedArm:
     """The description and its dynamics, as the code under test reads them."""
-    robot = load_robot(path)
-    return robot, RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    return DescribedArm.load(path)
 
 
-def states(
-    robot: RobotDescription, body: RigidBody, seed: int = 1, seconds: float = 8.0, index: int = 0, still: bool = False
-) -> States:
+def states(arm: DescribedArm, seed: int = 1, seconds: float = 8.0, index: int = 0, still: bool = False) -> States:
     """The arm along an exactly known motion; ``still``: at rest throughout."""
     time = np.arange(round(seconds * RATE)) / RATE
     q, qd, qdd = moves(seed, seconds)(time)
     if still:
         q, qd, qdd = np.tile(q[0], (len(q), 1)), np.zeros_like(qd), np.zeros_like(qdd)
-    return States(f"run_{index + 1:02d}", index, time, exact(q, qd, qdd), robot, body)
+    return States(f"run_{index + 1:02d}", index, time, exact(q, qd, qdd), arm)
 
 
 def column(values: np.ndarray, joint: int) -> np.ndarray:

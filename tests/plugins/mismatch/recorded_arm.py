@@ -11,7 +11,7 @@ import pinocchio as pin
 import yaml
 
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
-from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Plan
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
@@ -65,10 +65,9 @@ def write_robot(folder: Path, **changes: object) -> Path:
     return folder / "robot.yaml"
 
 
-def load(path: Path) -> tuple[RobotDescription, RigidBody]:
+def load(path: Path) -> Arm:
     """The description and the dynamics."""
-    robot = load_robot(path)
-    return robot, RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    return Arm.load(path)
 
 
 @dataclass(frozen=True)

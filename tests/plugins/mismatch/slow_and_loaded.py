@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from cellwatt_plugins.mismatch.input.run import Motion, Run, Simulated
-from cellwatt_plugins.robot import RigidBody, RobotDescription, load_robot
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Plan
 from tests.plugins.robot import planar_arm
 
@@ -18,7 +18,7 @@ RATE = 100.0
 NAMES = ("shoulder", "elbow")
 
 
-def arm(folder: Path) -> tuple[RobotDescription, RigidBody]:
+def arm(folder: Path) -> Arm:
     """What the simulation knows of the planar arm; the shoulder's limits are tighter than the URDF's."""
     (folder / "arm.urdf").write_text(planar_arm.urdf())
     joints = [
@@ -29,8 +29,7 @@ def arm(folder: Path) -> tuple[RobotDescription, RigidBody]:
     (folder / "robot.yaml").write_text(
         yaml.safe_dump({"robot": "planar", "urdf": "arm.urdf", "sample_rate": RATE, "joints": joints})
     )
-    robot = load_robot(folder / "robot.yaml")
-    return robot, RigidBody(robot.urdf, NAMES)
+    return Arm.load(folder / "robot.yaml")
 
 
 def program(times: int = 1) -> Motion:

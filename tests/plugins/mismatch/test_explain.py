@@ -72,7 +72,7 @@ def explained(arm):
     def of(missing, seed=1):
         runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
         with threadpool_limits(1):
-            return explain(runs, baseline(runs, *arm))
+            return explain(runs, baseline(runs, arm))
 
     return of
 
@@ -182,7 +182,7 @@ def slow(run):
 def test_nothing_is_named_for_a_slow_meter(arm):
     runs = [slow(plant.record("run_01", 1)), slow(plant.record("run_02", 2))]
     with threadpool_limits(1):
-        found = explain(runs, baseline(runs, *arm)).findings
+        found = explain(runs, baseline(runs, arm)).findings
     assert found.verdict == "no_mismatch"
     (note,) = [note for note in found.notes if "slow meter" in note]
     assert "means over 20" in note
@@ -192,7 +192,7 @@ def test_what_the_supply_lacks_is_found_through_a_slow_meter(arm):
     missing = SINGLE["supply"].missing
     runs = [slow(plant.record("run_01", 1, missing)), slow(plant.record("run_02", 2, missing))]
     with threadpool_limits(1):
-        found = explain(runs, baseline(runs, *arm)).findings
+        found = explain(runs, baseline(runs, arm)).findings
     (one,) = found.findings
     assert one.effect == "converter_efficiency"
     assert one.parameters["efficiency"].value == pytest.approx(0.86, abs=0.02)
@@ -201,7 +201,7 @@ def test_what_the_supply_lacks_is_found_through_a_slow_meter(arm):
 def test_runs_without_power_leave_the_supply_out_and_say_so(arm):
     runs = [plant.record("run_01", 1, power=False)]
     with threadpool_limits(1):
-        found = explain(runs, baseline(runs, *arm))
+        found = explain(runs, baseline(runs, arm))
     assert found.supply is None
     assert found.findings.verdict == "no_mismatch"
     assert [fit.channel for fit in found.findings.fit] == ["tau_1", "tau_2", "tau_3"]
@@ -212,7 +212,7 @@ def test_power_in_some_runs_is_used(arm):
     missing = SINGLE["supply"].missing
     runs = [plant.record("run_01", 1, missing, power=False), plant.record("run_02", 2, missing)]
     with threadpool_limits(1):
-        found = explain(runs, baseline(runs, *arm)).findings
+        found = explain(runs, baseline(runs, arm)).findings
     assert ("converter_efficiency", None) in {(f.effect, f.joint) for f in found.findings}
 
 
@@ -220,7 +220,7 @@ def test_recordings_without_a_plan_are_explained_from_the_encoders(arm):
     missing = SINGLE["offset"].missing
     runs = [plant.record("run_01", 1, missing, plan=False), plant.record("run_02", 2, missing, plan=False)]
     with threadpool_limits(1):
-        found = explain(runs, baseline(runs, *arm)).findings
+        found = explain(runs, baseline(runs, arm)).findings
     assert ("torque_offset", 3) in {(f.effect, f.joint) for f in found.findings}
 
 

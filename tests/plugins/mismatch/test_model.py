@@ -16,7 +16,7 @@ MASS, REACH = 1.7, 0.3
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
-    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))[0]
+    return plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))).description
 
 
 @pytest.fixture(scope="module")

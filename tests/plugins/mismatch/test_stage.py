@@ -22,7 +22,7 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.live.settings import BandSettings, MismatchSettings
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, predict_states, save_model
 from cellwatt_plugins.mismatch.stage import MismatchStage
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES
@@ -283,12 +283,11 @@ def test_live_is_what_offline_says_of_the_whole_recording(robot, healthy):
     predictions = [r for r in run(made(robot), healthy) if isinstance(r, Prediction)]
     rows = np.concatenate([p.sequence + np.arange(len(p.time)) for p in predictions])
     live = np.column_stack([np.concatenate([p.outputs[n] for p in predictions]) for n in predictions[0].outputs])
-    described = load_robot(robot)
-    body = RigidBody(described.urdf, tuple(j.name for j in described.joints))
+    described = Arm.load(robot)
     time, values = np.arange(len(healthy)) / 50, healthy.values
     whole = Run("whole", time, values[:, :6], values[:, 6:12], values[:, 12:18])
-    states = States("whole", -1, time, moved(whole, QUICK_OCTAVES), described, body)
-    said = predict_states(Model(described, Retuned.nothing(6)), states)
+    states = States("whole", -1, time, moved(whole, QUICK_OCTAVES), described)
+    said = predict_states(Model(described.description, Retuned.nothing(6)), states)
     error = np.abs(live[:, :6] - said.torque[rows])
     fast = np.abs(states.qd[rows]) > 0.05
     assert error[fast].max() < 1e-4

@@ -9,10 +9,10 @@ import pytest
 
 from cellwatt_plugins.models.progress import progress_bar
 from cellwatt_plugins.models.static import paper
-from cellwatt_plugins.models.static.identify import Arm
+from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.models.static.training import steps, train
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
 
@@ -42,11 +42,11 @@ def test_nothing_is_written_where_nobody_looks(monkeypatch, capsys, quiet):
 @pytest.mark.timeout(300)
 def test_a_training_on_held_poses_ends_when_the_bar_is_full(tmp_path, monkeypatch):
     monkeypatch.setattr(paper, "TRIALS", 1)
-    description = load_robot(arms.write_robot(tmp_path, arms.Arm()))
+    description = Arm.load(arms.write_robot(tmp_path, arms.Arm()))
     q = arms.within(arms.LIMITS, arms.halton(26))
     nothing = np.zeros_like(q)
     ways = np.vstack([q[:1], np.diff(q, axis=0)])
     poses = Poses(q, arms.Arm().load(q), nothing, np.ones(len(q), np.int64), ways, np.full(len(q), np.nan))
     done = []
-    train(poses, Arm.of(description, q), lambda: done.append(1))
+    train(poses, HeldArm.of(description, q), lambda: done.append(1))
     assert len(done) == steps(len(q))

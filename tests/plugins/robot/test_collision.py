@@ -1,14 +1,15 @@
 """Poses in which an arm touches itself or the floor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cellwatt.errors import ConfigError
-from cellwatt_plugins.models.static.planning import MH12
-from cellwatt_plugins.robot import RigidBody, load_robot
-from cellwatt_plugins.robot.collision import CLEARANCE, Capsule, Checker, Outline, distance, read_outline
+from cellwatt_plugins.robot import Arm, Joint, RobotDescription
+from cellwatt_plugins.robot.collision import CLEARANCE, Checker, distance, rods
+from cellwatt_plugins.robot.description import Capsule
 from tests.plugins.models.static import arms
 from tests.plugins.robot.planar_arm import L1, urdf
 
@@ -17,8 +18,7 @@ WIDE = np.array([[-3.0, 3.0], [-3.0, 3.0]])
 
 @pytest.fixture(scope="module")
 def mh12():
-    robot = load_robot(MH12)
-    return RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    return Arm.load("mh12")
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +26,17 @@ def planar(tmp_path_factory):
     """Two links along x at zero; a positive angle lowers them."""
     file = tmp_path_factory.mktemp("planar") / "arm.urdf"
     file.write_text(urdf())
-    return RigidBody(file, ("shoulder", "elbow"))
+    joints = (Joint(name="shoulder"), Joint(name="elbow"))
+    return Arm.of(RobotDescription(robot="planar", urdf=file, joints=joints))
+
+
+def outlined(arm, *capsules, floor=0.0):
+    """The arm with other rods and floor."""
+    return replace(arm, description=arm.description.model_copy(update={"capsules": capsules, "floor": floor}))
 
 
 def test_poses_through_the_floor_or_into_the_arm_are_not_safe(mh12):
-    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    checker = Checker(mh12, arms.LIMITS)
     straight, down, folded = np.zeros(6), np.array([0, 1.9, -0.9, 0, 0, 0]), np.array([0, 0, -2.55, 0, 0, 0])
     np.testing.assert_array_equal(checker.safe(np.stack([straight, down, folded])), [True, False, False])
     assert checker.safe_move(straight, 0.2 * down)
@@ -39,7 +45,7 @@ def test_poses_through_the_floor_or_into_the_arm_are_not_safe(mh12):
 
 def test_a_way_through_the_floor_between_two_safe_poses_is_not_safe(mh12):
     """The forearm swings from in front to behind and points down in between."""
-    checker = Checker(mh12, Outline(floor=0.6, capsules=read_outline(MH12, mh12).capsules[-2:]), arms.LIMITS)
+    checker = Checker(outlined(mh12, *mh12.description.capsules[-2:], floor=0.6), arms.LIMITS)
     ahead, behind = np.zeros(6), np.array([0, 0, -3.0, 0, 0, 0])
     assert checker.safe(np.stack([ahead, behind])).all()
     assert not checker.safe_move(ahead, behind)
@@ -60,18 +66,14 @@ def test_distances_between_rods(seed):
 
 def test_a_robot_without_an_outline_has_rods(tmp_path):
     file = arms.write_robot(tmp_path, arms.Arm())
-    robot = load_robot(file)
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
-    assert [capsule.link for capsule in read_outline(file, body).capsules] == [0, 1, 2, 3, 4, 5]
-    file.write_text(file.read_text() + "capsules: [{link: 9, from: [0, 0, 0], to: [0, 0, 1], radius: 0.1}]\n")
-    with pytest.raises(ConfigError, match="a link above 6"):
-        read_outline(file, body)
+    assert [capsule.link for capsule in rods(Arm.load(file))] == [0, 1, 2, 3, 4, 5]
+    assert Checker(Arm.load(file), arms.LIMITS).safe(np.zeros((1, 6))).tolist() == [True]
 
 
 def test_gaps_are_distances_between_the_rods_and_to_the_floor(planar):
     post = Capsule(link=0, start=(1.0, -0.3, 0.2), end=(1.0, 0.3, 0.2), radius=0.05)
     lower = Capsule(link=2, start=(0, 0, 0), end=(0.6, 0, 0), radius=0.04)
-    checker = Checker(planar, Outline(floor=-1.0, capsules=(post, lower)), WIDE)
+    checker = Checker(outlined(planar, post, lower, floor=-1.0), WIDE)
     raised = np.array([0.0, -np.arctan2(0.2, 1.0 - L1)])
     gaps = checker.gaps(np.array([[0.0, 0.0], [0.0, np.pi / 2], raised]))
     expected = [[0.2, 1.0], [np.hypot(1.0 - L1, 0.2), 0.4], [0.0, 1.0]]
@@ -82,24 +84,14 @@ def test_gaps_are_distances_between_the_rods_and_to_the_floor(planar):
 def test_poses_closer_than_the_clearance_are_not_safe(planar):
     lower = Capsule(link=2, start=(0, 0, 0), end=(0.5, 0, 0), radius=0.05)
     for floor, safe in ((-0.05 - CLEARANCE - 1e-6, True), (-0.05 - CLEARANCE + 1e-6, False)):
-        checker = Checker(planar, Outline(floor=floor, capsules=(lower,)), WIDE)
+        checker = Checker(outlined(planar, lower, floor=floor), WIDE)
         assert checker.safe(np.zeros((1, 2))).tolist() == [safe]
 
 
 def test_pairs_that_touch_in_the_middle_of_all_ranges_are_left_out(planar):
     post = Capsule(link=0, start=(1.0, 0, -0.3), end=(1.0, 0, 0.3), radius=0.05)
     lower = Capsule(link=2, start=(0, 0, 0), end=(0.5, 0, 0), radius=0.04)
-    outline = Outline(floor=-5.0, capsules=(post, lower))
-    assert Checker(planar, outline, WIDE).gaps(np.zeros((1, 2))).shape == (1, 1)
+    arm = outlined(planar, post, lower, floor=-5.0)
+    assert Checker(arm, WIDE).gaps(np.zeros((1, 2))).shape == (1, 1)
     aside = np.array([[1.0, 2.0], [0.0, 1.0]])
-    assert Checker(planar, outline, aside).gaps(np.zeros((1, 2))).shape == (1, 2)
-
-
-def test_wrong_capsules_are_told(planar, tmp_path):
-    file = tmp_path / "robot.yaml"
-    file.write_text("capsules:\n- {link: 4, from: [0, 0, 0], to: [0, 0, 1], radius: 0.1}\n")
-    with pytest.raises(ConfigError, match="a link above 2, the last"):
-        read_outline(tmp_path, planar)
-    file.write_text("capsules:\n- {link: 1, from: [0, 0, 0], to: [0, 0, 1], radius: -1}\n")
-    with pytest.raises(ConfigError, match=r"capsules\.0\.radius"):
-        read_outline(file, planar)
+    assert Checker(arm, aside).gaps(np.zeros((1, 2))).shape == (1, 2)

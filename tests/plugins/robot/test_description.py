@@ -52,6 +52,10 @@ def test_keys_for_others_are_let_be(tmp_path):
     assert load_robot(write(tmp_path, {**WHOLE, "joints": joints, "serial": 7})).joints[0].name == "a"
 
 
+def rod(**changes):
+    return {"link": 1, "from": [0, 0, 0], "to": [0, 0, 1], "radius": 0.1, **changes}
+
+
 def joint(**changes):
     return {**WHOLE, "joints": [{**JOINTS[0], **changes}]}
 
@@ -68,6 +72,10 @@ def joint(**changes):
         ({**WHOLE, "sample_rate": 0}, "sample_rate: Input should be greater than 0 (found 0)"),
         ({**WHOLE, "standby_power": -1.0}, "standby_power: Input should be greater than or equal to 0 (found -1.0)"),
         ({**WHOLE, "tolerances": {"fricton": 0.1}}, "tolerances.fricton: Extra inputs are not permitted"),
+        ({**WHOLE, "payload": -1}, "payload: Input should be greater than or equal to 0 (found -1)"),
+        ({**WHOLE, "torque_from": "motor"}, "torque_from: Input should be 'current' or 'sensor'"),
+        ({**WHOLE, "capsules": [rod(link=4)]}, "capsules: Value error, a link above 2, the last"),
+        ({**WHOLE, "capsules": [rod(radius=-1)]}, "capsules.0.radius: Input should be greater than 0 (found -1)"),
         (joint(name=None), "joints.0.name: Input should be a valid string"),
         (joint(coulomb_friction="much"), "joints.0.coulomb_friction: Input should be a valid number"),
         (joint(coulomb_friction=float("nan")), "joints.0.coulomb_friction: Input should be"),

@@ -16,8 +16,8 @@ from cellwatt_plugins.energy.procedure.cube import REPETITIONS, SPEEDS, load_cub
 from cellwatt_plugins.energy.procedure.programs import minutes, programs
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.energy.arm import Arm
     from cellwatt_plugins.energy.procedure.rest_pose import RestPose
+    from cellwatt_plugins.robot import Arm
 
 FILE = click.Path(exists=True, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -63,9 +63,10 @@ def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
     """Find the pose at which gravity asks the least of the motors: there the brakes' power is measured."""
     import numpy as np
 
-    from cellwatt_plugins.energy.arm import load_arm
+    from cellwatt_plugins.energy.drive import MOTOR
+    from cellwatt_plugins.robot import Arm
 
-    found, place = _rest_pose(load_arm(robot), robot, starts)
+    found, place = _rest_pose(Arm.load(robot, MOTOR), starts)
     if as_json:
         click.echo(
             json.dumps(
@@ -150,17 +151,18 @@ def measure(
     supply: str | None,
 ) -> None:
     """Go through a campaign on the running cell CELL (its settings file) and write what `disaggregate` reads."""
-    from cellwatt_plugins.energy.arm import load_arm
+    from cellwatt_plugins.energy.drive import MOTOR
     from cellwatt_plugins.energy.procedure.guide import Places, Plan, guide
     from cellwatt_plugins.energy.procedure.live import cell_of
     from cellwatt_plugins.energy.procedure.log import STATES
     from cellwatt_plugins.energy.procedure.recorded import Recorded
+    from cellwatt_plugins.robot import Arm
 
-    arm = load_arm(robot)
-    if not arm.supplied.payload > 0:
+    arm = Arm.load(robot, MOTOR)
+    if not arm.description.payload > 0:
         raise ConfigError(f"{robot}: payload: write the maximum payload's mass, kg")
     running = cell_of(cell)
-    pose, _ = _rest_pose(arm, robot, 32)
+    pose, _ = _rest_pose(arm, 32)
     plan = Plan(arm, pose, speeds, repetitions, least or repetitions, seconds, patience)
     opened = partial(Recorded, running.record, arm, source, supply)
     guide(plan, Places(lambda: running.feed(supply, source), opened, out), _Click(), again)
@@ -194,12 +196,13 @@ def cut(
     as_json: bool,
 ) -> None:
     """Cut the files of a campaign from RECORDING (a file or folder) once more, e.g. with fewer repetitions."""
-    from cellwatt_plugins.energy.arm import load_arm
+    from cellwatt_plugins.energy.drive import MOTOR
     from cellwatt_plugins.energy.procedure.cut import cut_programme, cut_states, report
     from cellwatt_plugins.energy.procedure.log import read_log
     from cellwatt_plugins.energy.procedure.recorded import Recorded
+    from cellwatt_plugins.robot import Arm
 
-    arm, log = load_arm(robot), read_log(log_file)
+    arm, log = Arm.load(robot, MOTOR), read_log(log_file)
     recorded = Recorded(recording, arm, source, supply)
     states = cut_states(recorded, log, out)
     runs = [
@@ -213,19 +216,19 @@ def cut(
         click.echo("\n".join([f"at rest: {', '.join(states) or 'nothing'}", *(run.in_words() for run in runs)]))
 
 
-def _rest_pose(arm: Arm, robot: Path, starts: int) -> tuple[RestPose, tuple[float, ...]]:
+def _rest_pose(arm: Arm, starts: int) -> tuple[RestPose, tuple[float, ...]]:
+    import numpy as np
     from threadpoolctl import threadpool_limits
 
-    from cellwatt_plugins.energy.procedure.rest_pose import limits_of, place_of
     from cellwatt_plugins.energy.procedure.rest_pose import rest_pose as least_gravity
-    from cellwatt_plugins.robot.collision import Checker, read_outline
+    from cellwatt_plugins.robot.collision import Checker
 
-    body = arm.body
-    limits = limits_of(arm.description, body)
-    checker = Checker(body, read_outline(robot, body), limits)
+    # A whole turn either way says it all; further out poses only come again.
+    limits = np.clip(arm.finite_limits(), -np.pi, np.pi)
     with threadpool_limits(1):
-        found = least_gravity(body, limits, checker, starts)
-    return found, tuple(float(x) for x in place_of(body, found.q))
+        found = least_gravity(arm, limits, Checker(arm, limits), starts)
+    place = arm.forward(found.q[None])[0, -1, :3, 3]
+    return found, tuple(place.tolist())
 
 
 @dataclass

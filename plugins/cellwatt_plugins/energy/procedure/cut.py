@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.tables import write_table
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.procedure.log import STATES, Log, Programme
 from cellwatt_plugins.energy.procedure.loops import Loop, find_loops
 from cellwatt_plugins.energy.procedure.recorded import Recorded, Rows
 from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from typing import Final, Protocol
 import numpy as np
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.procedure.cut import CutRun, cut_programme, cut_states
 from cellwatt_plugins.energy.procedure.live import Feed
 from cellwatt_plugins.energy.procedure.log import STATES, AtRest, Log, Programme, StateName, read_log, write_log
 from cellwatt_plugins.energy.procedure.reading import PATIENCE, WINDOW, take_reading
 from cellwatt_plugins.energy.procedure.recorded import Recorded
 from cellwatt_plugins.energy.procedure.rest_pose import RestPose
+from cellwatt_plugins.robot import Arm
 
 LOG: Final = "campaign.json"
 
@@ -73,7 +73,7 @@ def guide(plan: Plan, places: Places, terminal: Terminal, again: Sequence[str] =
             log = log.with_state(name, _state(plan, places, terminal, name))
             write_log(log, places.out / LOG)
     cut_states(places.recorded(), log, places.out)
-    for payload in (0.0, plan.arm.supplied.payload):
+    for payload in (0.0, plan.arm.description.payload):
         done = any(programme.payload == payload for programme in log.programmes)
         if not done or f"{payload:g}kg" in again:
             log = log.with_programme(_programme(plan, places, terminal, payload))
@@ -93,7 +93,7 @@ def _begun(plan: Plan, path: Path) -> Log:
 
 def _states(arm: Arm) -> list[StateName]:
     """Step 1 of the paper; where arm and controller are one, they are measured as one."""
-    skipped = set() if arm.supplied.controller_separate else {"controller"}
+    skipped = set() if arm.description.controller_separate else {"controller"}
     return [name for name in STATES if name not in skipped]
 
 
@@ -103,7 +103,7 @@ def _instruction(plan: Plan, name: StateName) -> str:
     if name == "connected":
         return "Arm plugged in, controller on, brakes on: the arm must not be switched on."
     degrees = ", ".join(f"{angle:.1f}" for angle in np.degrees(plan.pose.q))
-    released = "brakes released" if plan.arm.supplied.brakes else "arm switched on"
+    released = "brakes released" if plan.arm.description.brakes else "arm switched on"
     return (
         f"Move the arm to the pose of least gravity, joints at {degrees} deg, look that its way is free; {released}, "
         f"no program running. Gravity leaves {plan.pose.residual:.2f} Nm there."

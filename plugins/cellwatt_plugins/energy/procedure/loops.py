@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rests import rests
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording
-from cellwatt_plugins.energy.arm import Arm
 from cellwatt_plugins.energy.procedure.log import Span
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 Nanoseconds = NDArray[np.int64]

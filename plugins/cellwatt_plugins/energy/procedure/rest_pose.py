@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import CLEARANCE, Checker
 
 Float = NDArray[np.float64]
@@ -48,26 +47,7 @@ class RestPose:
         return float(np.linalg.norm(self.torque))
 
 
-def limits_of(robot: RobotDescription, body: RigidBody) -> Float:
-    """(n, 2) rad: the description's limits, else the URDF's. Raises ``ConfigError`` where a joint has neither."""
-    low, high = body.model.lowerPositionLimit, body.model.upperPositionLimit
-    limits = np.array(
-        [
-            (
-                low[i] if joint.lower_limit is None else joint.lower_limit,
-                high[i] if joint.upper_limit is None else joint.upper_limit,
-            )
-            for i, joint in enumerate(robot.joints)
-        ]
-    )
-    for joint, (lower, upper) in zip(robot.joints, limits, strict=True):
-        if not (np.isfinite([lower, upper]).all() and lower < upper):
-            raise ConfigError(f"{robot.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in rad")
-    # A whole turn either way says it all; further out poses only come again.
-    return np.asarray(np.clip(limits, -np.pi, np.pi))
-
-
-def rest_pose(body: RigidBody, limits: Float, checker: Checker, starts: int = STARTS) -> RestPose:
+def rest_pose(arm: Arm, limits: Float, checker: Checker, starts: int = STARTS) -> RestPose:
     """θ_GZ = arg min ‖G(θ)‖ within ``limits`` (n, 2) rad, clear of the arm itself and the floor (eq. 15).
 
     The least of the minima from ``starts`` places. Raises ``ConfigError`` where none of them is clear.
@@ -77,48 +57,40 @@ def rest_pose(body: RigidBody, limits: Float, checker: Checker, starts: int = ST
     shares = qmc.Sobol(len(limits), scramble=False).random(starts)
     places = [np.clip(np.zeros(len(limits)), lower, upper), *(lower + shares[1:] * (upper - lower))]
 
-    found = [_descend(body, place, (lower, upper), checker) for place in places]
+    found = [_descend(arm, place, (lower, upper), checker) for place in places]
     free = [q for q in found if checker.safe(q[None])[0]]
     if not free:
         raise ConfigError(
             "no pose of least gravity is clear of the arm itself and the floor: correct capsules and floor, "
             "or the joints' limits, in robot.yaml"
         )
-    norms = np.array([float(np.linalg.norm(body.gravity_torque(q[None, :]))) for q in free])
+    norms = np.linalg.norm(arm.gravity(np.array(free)), axis=1)
     best = norms <= norms.min() * (1 + SAME) + SAME
     # Of poses as good, the one whose joints are nearest to the middle of their ranges.
     middle = limits.mean(axis=1)
     chosen = min((q for q, good in zip(free, best, strict=True) if good), key=lambda q: float(np.abs(q - middle).max()))
     return RestPose(
         q=chosen,
-        torque=body.gravity_torque(chosen[None, :])[0],
+        torque=arm.gravity(chosen[None])[0],
         starts=starts,
         reached=int(best.sum()),
         clearance=float(checker.gaps(chosen[None]).min(initial=np.inf)),
     )
 
 
-def _descend(body: RigidBody, start: Float, bounds: tuple[Float, Float], checker: Checker) -> Float:
+def _descend(arm: Arm, start: Float, bounds: tuple[Float, Float], checker: Checker) -> Float:
     """The minimum of ‖G‖ that is reached from a place; where it is not clear, the nearest that is."""
 
     def gravity(q: Float) -> Float:
-        return np.asarray(pin.computeGeneralizedGravity(body.model, data, q)).copy()
+        return np.asarray(arm.gravity(q[None])[0])
 
     def slope(q: Float) -> Float:
-        return np.asarray(pin.computeGeneralizedGravityDerivatives(body.model, data, q)).copy()
+        return np.asarray(arm.body.gravity_slope(q[None])[0])
 
     def with_push(q: Float) -> Float:
         return np.concatenate([gravity(q), PUSH * np.maximum(1.05 * CLEARANCE - checker.gaps(q[None])[0], 0.0)])
 
-    data = body.model.createData()
     there = np.asarray(least_squares(gravity, start, slope, bounds, max_nfev=STEPS).x)
     if checker.safe(there[None])[0]:
         return there
     return np.asarray(least_squares(with_push, there, bounds=bounds, max_nfev=PUSHED).x)
-
-
-def place_of(body: RigidBody, q: Float) -> Float:
-    """Position (3,) m of the last joint's frame in the base's frame: to look whether the cell has room there."""
-    data = body.model.createData()
-    pin.forwardKinematics(body.model, data, q)
-    return np.array(data.oMi[body.joints].translation)

@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.ann.bins import PARTS, Bins, together
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, torque
 from cellwatt_plugins.faults.cycles.effects import part_effects, warm_up
 from cellwatt_plugins.faults.cycles.explain import WARM
-from cellwatt_plugins.faults.cycles.identify import LEAST, Arm
+from cellwatt_plugins.faults.cycles.identify import LEAST, FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.samples import LEVEL, SHARE, SHIFT, inside_moves
@@ -89,7 +89,7 @@ class _Drawn:
 class Injector:
     """Draws cycles of one task on one arm; the same ``seed`` draws the same."""
 
-    def __init__(self, arm: Arm, pattern: Pattern, seed: int) -> None:
+    def __init__(self, arm: FittedArm, pattern: Pattern, seed: int) -> None:
         self._arm, self.bins = arm, Bins(pattern)
         self._random = np.random.default_rng(seed)
         self._motion = Motion(pattern.position, *pattern.rates)

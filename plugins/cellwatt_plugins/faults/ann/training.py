@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.faults.ann.bins import Bins
 from cellwatt_plugins.faults.ann.inject import Injected, Injector
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 
 Float = NDArray[np.float64]
@@ -54,7 +54,7 @@ class Trained:
         return np.asarray(1 / (1 + np.exp(-np.clip(x @ weights + bias, -40, 40) / self.temperature)))
 
 
-def train(arm: Arm, pattern: Pattern, seed: int = 0) -> Trained:
+def train(arm: FittedArm, pattern: Pattern, seed: int = 0) -> Trained:
     """A network for one task at one speed. Raises ``ConfigError`` where scikit-learn is missing."""
     learn, held = Injector(arm, pattern, seed), Injector(arm, pattern, seed + 1)
     calm = learn.draw(CALM, healthy=1.0)

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import copper_gain, drawn
-from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.motion import direction
 
 Float = NDArray[np.float64]
@@ -56,15 +55,15 @@ class Parameters:
         return cls(link, rotor, coulomb, viscous, copper, float(tail[0]), float(tail[1]), float(tail[2]))
 
 
-def nominal(robot: RobotDescription, body: RigidBody) -> Parameters:
+def nominal(arm: Arm) -> Parameters:
     """Return the parameters of the description."""
     return Parameters(
-        link=body.parameters(),
-        rotor=column(robot, "rotor_inertia"),
-        coulomb=column(robot, "coulomb_friction"),
-        viscous=column(robot, "viscous_friction"),
-        copper=copper_gain(robot),
-        standby=robot.standby_power,
+        link=arm.body.parameters(),
+        rotor=arm.column("rotor_inertia"),
+        coulomb=arm.column("coulomb_friction"),
+        viscous=arm.column("viscous_friction"),
+        copper=copper_gain(arm.description),
+        standby=arm.description.standby_power,
         drive=1.0,
         regenerate=1.0,
     )

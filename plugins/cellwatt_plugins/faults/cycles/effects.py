@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.arm import Parameters, friction
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load
 from cellwatt_plugins.robot.motion import direction
 
@@ -57,7 +57,7 @@ class Effect:
         return self.harmless or bool(sizes[0] > 0)
 
 
-def joint_effects(arm: Arm, load: Load, joint: int) -> Iterator[Effect]:
+def joint_effects(arm: FittedArm, load: Load, joint: int) -> Iterator[Effect]:
     """Faults of a joint that follows its path."""
     p, qd, lever = arm.parameters, load.motion.qd[:, joint], load.lever[:, joint]
     coulomb, viscous = p.coulomb[joint], p.viscous[joint]
@@ -73,7 +73,7 @@ def joint_effects(arm: Arm, load: Load, joint: int) -> Iterator[Effect]:
         yield Effect("unheld", joint, -copper)
 
 
-def part_effects(arm: Arm, load: Load, inside: Float) -> Iterator[Effect]:
+def part_effects(arm: FittedArm, load: Load, inside: Float) -> Iterator[Effect]:
     """A heavier or lighter part held from one move to another; ``inside`` (N, M + 1) 1 after each move's start."""
     last = load.regressor[:, :, -10:]
     centre = arm.parameters.link[-9:-6]

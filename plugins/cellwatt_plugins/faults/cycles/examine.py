@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.effects import PART, warm_up
 from cellwatt_plugins.faults.cycles.explain import WARM, Answer, explain, odds_of, temper_of
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import Pattern
@@ -140,7 +140,7 @@ def _standing(
     return weights[joint] / every, close, 1.0 - weights[-1] / every
 
 
-def _warm(arm: Arm, samples: Samples, best: Answer, left: Float) -> float:
+def _warm(arm: FittedArm, samples: Samples, best: Answer, left: Float) -> float:
     """Share by which friction of all joints was higher, 0 where that is not certain."""
     column = WARM * warm_up(arm.parameters, best.reading.load)
     harmless = np.column_stack([samples.harmless, best.reading.doubt])

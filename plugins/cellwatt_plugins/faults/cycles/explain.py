@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.readings import Reading
 from cellwatt_plugins.faults.cycles.samples import Samples
 from cellwatt_plugins.faults.cycles.weigh import Weighed, bend, fit, weigh
@@ -76,7 +76,9 @@ def odds_of(rate: float) -> float:
     return FAULT_ODDS + math.log(USUAL_RATE / rate)
 
 
-def explain(arm: Arm, samples: Samples, reading: Reading, inside: Float, fault_odds: float = FAULT_ODDS) -> Answer:
+def explain(
+    arm: FittedArm, samples: Samples, reading: Reading, inside: Float, fault_odds: float = FAULT_ODDS
+) -> Answer:
     """Explain what is left in one reading; ``inside`` (N, M + 1) says after which moves' starts each sample lies."""
     effects = [
         e for j in range(arm.body.joints) if j not in reading.silent for e in joint_effects(arm, reading.load, j)
@@ -108,7 +110,7 @@ class _Search:
     """Sets of effects, as indices, compared by evidence and prior odds; ``room`` for so many faults."""
 
     def __init__(
-        self, arm: Arm, reading: Reading, white: Whitener, effects: Sequence[Effect], room: int, fault_odds: float
+        self, arm: FittedArm, reading: Reading, white: Whitener, effects: Sequence[Effect], room: int, fault_odds: float
     ) -> None:
         self.effects, self.room, self._white, self._fault_odds = effects, room, white, fault_odds
         self._parameters, self._load = arm.parameters, reading.load

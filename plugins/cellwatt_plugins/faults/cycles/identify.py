@@ -13,11 +13,11 @@ from scipy.linalg import block_diag
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, nominal
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm, Body
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.meter import Windows
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Fit, Prior, Products, gauss_newton
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -38,10 +38,10 @@ REACH = 0.1
 
 
 @dataclass(frozen=True)
-class Arm:
+class FittedArm:
     """A robot's rigid body with parameters as its healthy power has them, and their covariance (k, k)."""
 
-    body: RigidBody
+    body: Body
     parameters: Parameters
     covariance: Float
 
@@ -51,30 +51,28 @@ class Arm:
         return np.asarray(np.linalg.cholesky(self.covariance))
 
 
-def identify(robot: RobotDescription, body: RigidBody, patterns: Sequence[Pattern]) -> Arm:
+def identify(arm: Arm, patterns: Sequence[Pattern]) -> FittedArm:
     """Fit an arm to the power of its healthy cycles, within the tolerances of its description (``robot.yaml``)."""
-    prior = _prior(robot, body)
+    prior = _prior(arm)
 
     def possible(values: Float) -> Float:
         # No inertia, friction or resistance turns negative; link moments may.
         return np.where((values < 0) & (prior.mean > 0), LEAST * prior.mean, values)
 
-    values, _ = gauss_newton(_Equations(body, patterns), prior, prior.mean, ROUNDS, within=possible)
-    return with_covariance(robot, body, Parameters.unpacked(values, body.joints), patterns)
+    values, _ = gauss_newton(_Equations(arm.body, patterns), prior, prior.mean, ROUNDS, within=possible)
+    return with_covariance(arm, Parameters.unpacked(values, arm.joints), patterns)
 
 
-def with_covariance(
-    robot: RobotDescription, body: RigidBody, parameters: Parameters, patterns: Sequence[Pattern]
-) -> Arm:
+def with_covariance(arm: Arm, parameters: Parameters, patterns: Sequence[Pattern]) -> FittedArm:
     """Return an arm of known parameters, with how well these patterns determine them."""
-    equations = _Equations(body, patterns)(parameters.packed())
-    return Arm(body, parameters, Fit(equations, _prior(robot, body)).covariance)
+    equations = _Equations(arm.body, patterns)(parameters.packed())
+    return FittedArm(arm.body, parameters, Fit(equations, _prior(arm)).covariance)
 
 
 class _Equations:
     """The patterns' power as equations that are linear about given parameters (k,)."""
 
-    def __init__(self, body: RigidBody, patterns: Sequence[Pattern]) -> None:
+    def __init__(self, body: Body, patterns: Sequence[Pattern]) -> None:
         self.body, self.patterns = body, patterns
         self.motions = [Motion(p.position, *p.rates) for p in patterns]
         self.variance = np.concatenate([_variance(p) for p in patterns])
@@ -107,9 +105,9 @@ def _variance(pattern: Pattern) -> Float:
     return np.asarray(noise + MISFIT**2 + (SHARE * above) ** 2)
 
 
-def _prior(robot: RobotDescription, body: RigidBody) -> Prior:
+def _prior(arm: Arm) -> Prior:
     """Return the prior of the packed parameters (k,): as described, within the tolerances."""
-    start, t = nominal(robot, body), robot.tolerances
+    start, t = nominal(arm), arm.description.tolerances
     links = links_prior(start.link, t.link).covariance
     links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD, REACH).covariance
     own = [

@@ -8,13 +8,13 @@ import numpy as np
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.arm import Parameters
-from cellwatt_plugins.faults.cycles.identify import Arm, identify, with_covariance
+from cellwatt_plugins.faults.cycles.identify import FittedArm, identify, with_covariance
 from cellwatt_plugins.faults.cycles.learn import learn_patterns
 from cellwatt_plugins.faults.cycles.metering import with_meter
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredJoint, StoredMeter, StoredModel
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
 
@@ -25,52 +25,46 @@ class Known:
     ``false_alarms`` is the share of healthy intervals in which one is accepted.
     """
 
-    arm: Arm
+    arm: FittedArm
     patterns: tuple[Pattern, ...]
     false_alarms: float = 1e-4
     meter: Meter | None = None
     """The slow meter that power is from."""
 
 
-def body_of(robot: RobotDescription) -> RigidBody:
-    """The rigid body of a description."""
-    return RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
-
-
-def learn_known(recording: Recording, robot: RobotDescription) -> Known:
+def learn_known(recording: Recording, arm: Arm) -> Known:
     """Learn from healthy running. Raises ``ModelError`` where the arm is another or nothing recurs."""
-    if recording.joints != len(robot.joints):
-        raise ModelError(f"the recording has {recording.joints} joints, robot {robot.robot} has {len(robot.joints)}")
-    body = body_of(robot)
-    recording = with_meter(recording, robot, body)
+    if recording.joints != arm.joints:
+        raise ModelError(f"the recording has {recording.joints} joints, robot {arm.name} has {arm.joints}")
+    recording = with_meter(recording, arm)
     patterns = learn_patterns(recording)
-    return Known(identify(robot, body, patterns), tuple(patterns), meter=recording.meter)
+    return Known(identify(arm, patterns), tuple(patterns), meter=recording.meter)
 
 
-def stored(known: Known, robot: RobotDescription) -> tuple[StoredModel, tuple[StoredCycle, ...]]:
+def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[StoredCycle, ...]]:
     """Return the content of the file."""
     p = known.arm.parameters
     links = p.link.reshape(-1, 10)
     joints = tuple(
         StoredJoint(
-            joint.name,
+            name,
             float(p.rotor[j]),
             float(p.coulomb[j]),
             float(p.viscous[j]),
             float(p.copper[j]),
             tuple(links[j].tolist()),
         )
-        for j, joint in enumerate(robot.joints)
+        for j, name in enumerate(arm.body.names)
     )
     model = StoredModel(p.standby, p.drive, p.regenerate, joints, _stored_meter(known.meter))
     return model, tuple(_stored_cycle(pattern) for pattern in known.patterns)
 
 
-def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], robot: RobotDescription) -> Known:
+def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], arm: Arm) -> Known:
     """The inverse of ``stored``. Raises ``ModelError`` where the file is of another arm."""
     names = [joint.name for joint in model.joints]
-    if names != [joint.name for joint in robot.joints]:
-        raise ModelError(f"the reference is of an arm with joints {', '.join(names)}; robot {robot.robot} has others")
+    if names != list(arm.body.names):
+        raise ModelError(f"the reference is of an arm with joints {', '.join(names)}; robot {arm.name} has others")
     joints = model.joints
     parameters = Parameters(
         link=np.concatenate([joint.link for joint in joints]),
@@ -83,7 +77,7 @@ def restored(model: StoredModel, cycles: tuple[StoredCycle, ...], robot: RobotDe
         regenerate=model.regenerate,
     )
     patterns, meter = stored_patterns(model, cycles)
-    return Known(with_covariance(robot, body_of(robot), parameters, patterns), patterns, meter=meter)
+    return Known(with_covariance(arm, parameters, patterns), patterns, meter=meter)
 
 
 def stored_patterns(model: StoredModel, cycles: tuple[StoredCycle, ...]) -> tuple[tuple[Pattern, ...], Meter | None]:

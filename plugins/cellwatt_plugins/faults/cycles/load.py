@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, friction, supply_power, torque
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
@@ -45,7 +45,7 @@ class Load:
         return np.concatenate(columns, axis=1)
 
 
-def load_of(body: RigidBody, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
+def load_of(body: Body, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
     """Return the load of a motion by the model; joints in ``dead`` take no power at all."""
     regressor = body.regressor(motion.q, motion.qd, motion.qdd)
     forces = torque(parameters, regressor, motion)

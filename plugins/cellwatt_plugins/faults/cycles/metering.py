@@ -14,8 +14,7 @@ from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import nominal_torque
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power, smooth_motion
 
 Float = NDArray[np.float64]
@@ -26,7 +25,7 @@ NEAR = 0.15
 """s of the pattern over which the scatter of readings is averaged."""
 
 
-def with_meter(recording: Recording, robot: RobotDescription, body: RigidBody) -> Recording:
+def with_meter(recording: Recording, arm: Arm) -> Recording:
     """The same with the slow meter that its power is from, where it is.
 
     Raises ``ModelError`` where the motion does not tell what its values stand for.
@@ -36,7 +35,7 @@ def with_meter(recording: Recording, robot: RobotDescription, body: RigidBody) -
         return recording
     q, qd, qdd = smooth_motion(without_jumps(recording.position), recording.step)
     # Rotors and friction are not as described: what they take has weights of its own.
-    kinds = np.column_stack([kinds_of_power(nominal_torque(robot, body, q, qd, qdd), qd), qd * qdd, qd**2])
+    kinds = np.column_stack([kinds_of_power(arm.torque(q, qd, qdd), qd), qd * qdd, qd**2])
     meter = find([readings], [Course(recording.time, kinds)])
     if meter is None:
         raise ModelError(

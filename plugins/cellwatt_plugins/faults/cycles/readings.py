@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.arm import Motion, friction
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of, motor_alone, unsure_friction
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import Pattern
@@ -73,7 +73,9 @@ class Reading:
         return any(cause == "moved" for _, cause in self.causes)
 
 
-def readings(recording: Recording, match: Match, pattern: Pattern, arm: Arm, samples: Samples) -> Iterator[Reading]:
+def readings(
+    recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, samples: Samples
+) -> Iterator[Reading]:
     """Every combination of causes; and that all is well in another task, where a joint shows another way."""
     gone = pattern.time <= samples.tau[-1]
     options: list[list[tuple[int, Cause]]] = []
@@ -97,7 +99,7 @@ def readings(recording: Recording, match: Match, pattern: Pattern, arm: Arm, sam
 
 
 def _reading(
-    recording: Recording, arm: Arm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
+    recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]], vague: Float
 ) -> Reading:
     """Residual once joints stand where they were at the cycle's start, or go where they show."""
     healthy = samples.healthy
@@ -120,7 +122,7 @@ def _reading(
     return Reading(tuple(causes), load, samples.residual - change, np.column_stack([*doubt, MODEL * change]))
 
 
-def _load(recording: Recording, arm: Arm, samples: Samples, causes: Sequence[tuple[int, Cause]]) -> Load:
+def _load(recording: Recording, arm: FittedArm, samples: Samples, causes: Sequence[tuple[int, Cause]]) -> Load:
     """The load of the arm while joints stand or go as the causes say."""
     healthy = samples.healthy
     stopped = [joint for joint, cause in causes if cause in STOPPED]

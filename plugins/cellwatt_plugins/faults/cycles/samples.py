@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.arm import Motion
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
@@ -54,7 +54,7 @@ class Samples:
     group: int
 
 
-def sample(recording: Recording, match: Match, pattern: Pattern, arm: Arm, until: float) -> Samples:
+def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, until: float) -> Samples:
     """The points of one cycle up to pattern time ``until`` s, without moves broken by a stop and standing pauses."""
     time, watts, group = _measured(recording, match, pattern, until)
     tau, pace = match.warp.to_pattern(time), match.warp.pace(time)

@@ -15,7 +15,7 @@ from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.cycles.known import Known, restored
 from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
 from cellwatt_plugins.faults.reference import Reference
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def known_of(reference: Reference, path: Path, robot: Path, false_alarms: float)
     """
     if reference.power_model is None or not reference.cycles:
         raise ModelError(f"reference {path}: has no cycles; learn it again with --robot {robot}")
-    known = restored(reference.power_model, reference.cycles, load_robot(robot))
+    known = restored(reference.power_model, reference.cycles, Arm.load(robot))
     return replace(known, false_alarms=false_alarms)
 
 

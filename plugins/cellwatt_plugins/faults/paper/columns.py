@@ -17,7 +17,7 @@ from cellwatt.results import Interval
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
 from cellwatt_plugins.faults.paper.following import CycleFollower, CyclesSeen
@@ -73,7 +73,7 @@ def emulated(joint: int, speed: float, *, stiffness: float = STIFFNESS, seed: in
     yield frames_of_table(t + LEAD, position, told["supply.power"])
 
 
-def simulated(arm: Arm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
+def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
     """Codes (20) of a course's healthy cycle with springs on a joint (from 1), as the arm's equations have them."""
     slack = float(course.intervals[0].readings.q[0, joint - 1])
     motions = [_motion(interval.readings) for interval in course.intervals]
@@ -106,7 +106,7 @@ def _motion(readings: Readings) -> Motion:
 
 
 def _with_spring(
-    arm: Arm, expected: ExpectedInterval, motion: Motion, regressor: Float, j: int, stiffness: float, slack: float
+    arm: FittedArm, expected: ExpectedInterval, motion: Motion, regressor: Float, j: int, stiffness: float, slack: float
 ) -> Readings:
     """An interval's healthy readings with a spring on joint ``j`` (0-based), Nm/rad from ``slack`` rad."""
     p, readings = arm.parameters, expected.readings

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.criteria import Tolerance
-from cellwatt_plugins.faults.cycles.identify import Arm
+from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.columns import column_of, emulated, recorded, simulated
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import fault_table
@@ -41,7 +41,7 @@ class Sources:
     springs on, if any; whether the emulated arm is asked."""
 
     recorded: Mapping[int, Mapping[Key, Sequence[Codes]]]
-    arm: Arm | None
+    arm: FittedArm | None
     emulated: bool
     tolerance: Tolerance
 

@@ -22,7 +22,6 @@ from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.effect import Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
@@ -147,7 +146,7 @@ def _variance(solution: Solution, states: States) -> Float:
     recorded = problem.rows[0].step
     variance = np.broadcast_to(np.square(problem.floor), (len(states.time), len(problem.floor)))
     if problem.side == "torque":
-        turning = column(states.robot, "coulomb_friction") + _turning(solution, problem)
+        turning = states.arm.column("coulomb_friction") + _turning(solution, problem)
         variance = variance + np.square(turning * states.moved.sign_spread) * max(1.0, STOP / recorded)
     return np.asarray(variance * recorded / states.step)
 

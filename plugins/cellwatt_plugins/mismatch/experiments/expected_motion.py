@@ -26,7 +26,7 @@ def expected_states(name: str, motion: Motion, model: Model, recorded: Sequence[
     sign, sign_spread = expected_sign(motion.velocity, spread)
     known = exact(motion.position, motion.velocity, motion.acceleration)
     moved = replace(known, sign=sign, sign_spread=sign_spread, resolution=first.moved.resolution)
-    states = States(name, -1, motion.time, moved, first.robot, first.body, _temperature(motion.time, recorded))
+    states = States(name, -1, motion.time, moved, first.arm, _temperature(motion.time, recorded))
     return states.with_torque(mechanical_torque(model, states))
 
 

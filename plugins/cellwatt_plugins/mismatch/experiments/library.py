@@ -89,7 +89,7 @@ def loaded_poses(limits: Limits, states: Sequence[States], joint: int) -> list[F
     for other in range(len(limits.home)):
         poses += [_with(limits.home, other, float(end[other]))[None] for end in (limits.low, limits.high)]
     reachable = np.clip(np.concatenate(poses), limits.low, limits.high)
-    load = states[0].body.gravity_torque(reachable)[:, joint]
+    load = states[0].arm.body.gravity(reachable)[:, joint]
     chosen = {int(np.argmin(load)), int(np.argmin(np.abs(load))), int(np.argmax(load))}
     return [reachable[i] for i in sorted(chosen, key=lambda i: abs(load[i]))]
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.input.run import Motion
-from cellwatt_plugins.robot import RigidBody, RobotDescription
 from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
@@ -80,8 +79,8 @@ def limits_of(states: Sequence[States]) -> Limits:
 
     A limit that the recordings exceed is not the arm's: what was recorded is always within the limits.
     """
-    robot, body = states[0].robot, states[0].body
-    lower, upper, velocity, effort = _stated(robot, body)
+    arm = states[0].arm
+    (lower, upper), velocity, effort = arm.limits.T, arm.velocity_limits, arm.body.torque_limits
     places = np.concatenate([s.q for s in states])
     least, most = np.min(places, axis=0), np.max(places, axis=0)
     lower, upper = np.minimum(lower, least), np.maximum(upper, most)
@@ -93,18 +92,6 @@ def limits_of(states: Sequence[States]) -> Limits:
     low = np.maximum(np.minimum(least, home - LEAST_REACH), np.minimum(lower + MARGIN, least))
     high = np.minimum(np.maximum(most, home + LEAST_REACH), np.maximum(upper - MARGIN, most))
     return Limits(lower, upper, velocity, acceleration, torque, home, low, high)
-
-
-def _stated(robot: RobotDescription, body: RigidBody) -> tuple[Float, Float, Float, Float]:
-    """Lower and upper position, velocity and torque limits (n,); 0 or infinite where there is none."""
-    model = body.model
-    lower, upper = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
-    velocity, effort = np.array(model.velocityLimit), np.array(model.effortLimit)
-    for i, joint in enumerate(robot.joints):
-        lower[i] = lower[i] if joint.lower_limit is None else joint.lower_limit
-        upper[i] = upper[i] if joint.upper_limit is None else joint.upper_limit
-        velocity[i] = velocity[i] if joint.velocity_limit is None else joint.velocity_limit
-    return lower, upper, np.where(np.isfinite(velocity), velocity, 0.0), effort
 
 
 def _greatest(courses: Sequence[Float]) -> Float:

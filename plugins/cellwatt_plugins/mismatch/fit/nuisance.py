@@ -8,19 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.blocks import Block
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
 
 def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
     """Inertial parameters of each link, then friction and rotor inertia of each joint where they are not 0."""
-    robot, body = states[0].robot, states[0].body
+    robot, body = states[0].robot, states[0].arm.body
     regressor = np.concatenate([s.regressor for s in states])
     blocks = [
         Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, robot.tolerances.link))
@@ -34,7 +33,7 @@ def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:
     blocks += [
         Block(course[:, joint : joint + 1], joint, Prior.spread(np.array([tolerance * value])))
         for name, tolerance, course in courses
-        for joint, value in enumerate(column(robot, name))
+        for joint, value in enumerate(robot.column(name))
         if value > 0
     ]
     return tuple(blocks)

@@ -16,10 +16,9 @@ from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisa
 from cellwatt_plugins.mismatch.fit.rows import Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -139,7 +138,7 @@ class Problem:
 
     def carried(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> list[Float]:
         """Torque (N, n) of each run at all samples that the links need beyond the nominal."""
-        links = nuisance[: PER_LINK * self.states[0].body.joints]
+        links = nuisance[: PER_LINK * self.states[0].arm.body.joints]
         out = [s.regressor @ links for s in self.states]
         for term, coefficients in terms:
             if term.effect.acts_on == "links":
@@ -187,17 +186,17 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
     finest = np.maximum(FINEST * np.std(measured, axis=0), step_noise(measured))
     noise = np.maximum(floor(target, [run.step for run in runs]), finest)
     least = 0.03 * np.std(measured, axis=0)
-    coulomb = np.maximum(column(robot, "coulomb_friction"), least) + (0.0 if turning is None else turning)
+    coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
     variance = tuple(
         noise**2
         + np.square(coulomb * s.moved.sign_spread) * max(1.0, STOP / run.step)
-        + np.square((s.own_inertia + column(robot, "rotor_inertia")) * s.moved.acceleration_spread)
+        + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
         + np.square(coulomb * s.held_still) * max(1.0, STOP / run.step)
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(_without_gaps(v, run) for v, run in zip(variance, runs, strict=True))
-    size = np.maximum(column(robot, "coulomb_friction"), 0.1 * np.std(measured, axis=0))
+    size = np.maximum(robot.column("coulomb_friction"), 0.1 * np.std(measured, axis=0))
     rows = thinned(runs)
     return Problem(
         side="torque",

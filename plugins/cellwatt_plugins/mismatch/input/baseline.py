@@ -8,7 +8,7 @@ such a law does not reproduce is carried along as a function of time. Without a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,15 +16,14 @@ from scipy.optimize import nnls
 
 from cellwatt_plugins.mismatch.input.moved import later, moved, servo_lag
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm, Body, RobotDescription
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column, nominal_torque
 from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -51,16 +50,15 @@ FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 
 @dataclass(frozen=True)
 class Baseline:
-    """A robot and its links as the simulation has them."""
+    """The arm as the simulation has it."""
 
-    robot: RobotDescription
-    body: RigidBody
+    arm: Arm
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
         """The arm along a run, number ``index`` of those explained, as its simulation has it."""
         torque, power = self.beyond(run)
         motion = moved(run) if motion is None else motion
-        return States(run.name, index, run.time, motion, self.robot, self.body, run.temperature, torque, power)
+        return States(run.name, index, run.time, motion, self.arm, run.temperature, torque, power)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
@@ -71,23 +69,23 @@ class Baseline:
         onto = np.column_stack([np.interp(run.time, said.time, one) for one in torque.T])
         power = None
         if said.power is not None:
-            law = nominal_power(self.robot, said.torque, said.plan.velocity)
+            law = nominal_power(self.arm.description, said.torque, said.plan.velocity)
             power = np.interp(run.time, said.time, said.power - law)
         return later(onto, run.time, servo_lag(run)), power
 
     def torque(self, plan: Plan) -> Float:
         """Torque (N, n) Nm of the law for a motion."""
-        return nominal_torque(self.robot, self.body, plan.position, plan.velocity, plan.acceleration)
+        return self.arm.torque(plan.position, plan.velocity, plan.acceleration)
 
 
-def baseline(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> Baseline:
+def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:
     """The law that the simulations of the runs follow; the description's where there is none."""
     told = [run.simulated for run in runs if run.simulated is not None]
     if not told:
-        return Baseline(robot, body)
+        return Baseline(arm)
     said = _thinned(told)
-    found = _mechanics(said, robot, body)
-    return Baseline(_supply(said, found.robot), found.body)
+    found = _mechanics(said, arm).arm
+    return Baseline(replace(found, description=_supply(said, found.description)))
 
 
 def _thinned(told: Sequence[Simulated]) -> Simulated:
@@ -107,14 +105,14 @@ def _thinned(told: Sequence[Simulated]) -> Simulated:
     return Simulated(together([each.time for each in told]), plan, together([each.torque for each in told]), power)
 
 
-def _mechanics(said: Simulated, robot: RobotDescription, body: RigidBody) -> Baseline:
-    described = Baseline(robot, body)
+def _mechanics(said: Simulated, arm: Arm) -> Baseline:
+    described = Baseline(arm)
     if _left(said, described).max() < SAME:
         return described
-    rubbing = Baseline(_with_friction(said, robot, body), body)
+    rubbing = Baseline(_with_friction(said, arm))
     if _left(said, rubbing).max() < SAME:
         return rubbing
-    other = _other_links(said, robot, body)
+    other = _other_links(said, arm)
     believed = np.sum(np.square(_left(said, other))) < LINKS * np.sum(np.square(_left(said, rubbing)))
     return other if believed else rubbing
 
@@ -142,12 +140,12 @@ def _courses(plan: Plan, joint: int) -> Float:
     return np.column_stack([direction(speed), speed, plan.acceleration[:, joint]])
 
 
-def _with_friction(said: Simulated, robot: RobotDescription, body: RigidBody) -> RobotDescription:
-    """Friction and rotors as the simulation has them with these links; joints that do not move keep their own."""
+def _with_friction(said: Simulated, arm: Arm) -> Arm:
+    """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
     plan = said.plan
-    rest = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
+    rest = said.torque - arm.body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
     clear, joints = _clear(plan), []
-    for i, joint in enumerate(robot.joints):
+    for i, joint in enumerate(arm.description.joints):
         own = np.array([getattr(joint, name) for name in FRICTION])
         courses = _courses(plan, i)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
@@ -157,13 +155,13 @@ def _with_friction(said: Simulated, robot: RobotDescription, body: RigidBody) ->
             found = np.where(found * moved < small, 0.0, found)
             own = np.where(np.abs(found - own) * moved < small, own, found)
         joints.append(joint.model_copy(update=dict(zip(FRICTION, own.tolist(), strict=True))))
-    return robot.model_copy(update={"joints": tuple(joints)})
+    return replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
 
 
-def _other_links(said: Simulated, robot: RobotDescription, body: RigidBody) -> Baseline:
+def _other_links(said: Simulated, arm: Arm) -> Baseline:
     """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
-    own = np.stack([column(robot, name) for name in FRICTION], axis=1).ravel()
-    fit = _LinkFit(said, body, own)
+    own = np.stack([arm.column(name) for name in FRICTION], axis=1).ravel()
+    fit = _LinkFit(said, arm.body, own)
     fixed: dict[int, float] = {}
     best = fit.left(fixed)
     for i in range(len(own)):
@@ -175,15 +173,16 @@ def _other_links(said: Simulated, robot: RobotDescription, body: RigidBody) -> B
     links, friction = fit.solved(fixed)
     joints = [
         joint.model_copy(update=dict(zip(FRICTION, np.maximum(values, 0.0).tolist(), strict=True)))
-        for joint, values in zip(robot.joints, friction.reshape(-1, len(FRICTION)), strict=True)
+        for joint, values in zip(arm.description.joints, friction.reshape(-1, len(FRICTION)), strict=True)
     ]
-    return Baseline(robot.model_copy(update={"joints": tuple(joints)}), body.with_parameters(body.parameters() + links))
+    described = arm.description.model_copy(update={"joints": tuple(joints)})
+    return Baseline(Arm(described, arm.body.with_parameters(arm.body.parameters() + links)))
 
 
 class _LinkFit:
     """Least squares of links, friction and rotors on a simulated torque."""
 
-    def __init__(self, said: Simulated, body: RigidBody, own: Float) -> None:
+    def __init__(self, said: Simulated, body: Body, own: Float) -> None:
         self._own, joints, plan = own, body.joints, said.plan
         self._target = said.torque - body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
         self._variance = np.where(_clear(plan), np.square(FINE * _size(said)), 1e12)

@@ -13,7 +13,6 @@ from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.meter import held, onto
 from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
 
@@ -153,7 +152,7 @@ def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
     """
     if "torque" in signals.joints or "current" not in signals.joints:
         return signals.needed("torque", "current")
-    constants = column(robot, "torque_constant")
+    constants = robot.column("torque_constant")
     if unknown := [joint.name for joint in robot.joints if joint.torque_constant == 0]:
         raise ConfigError(
             f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "

@@ -12,7 +12,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm, load_robot
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import QUICK_OCTAVES, exact
 
@@ -43,8 +43,8 @@ class Simulation:
 
     def __init__(self, model: Model, step: float, warm: bool) -> None:
         """``step`` s from frame to frame; ``warm``: temperatures are recorded. Raises ``ConfigError``."""
-        self._body = model.body()
-        followed = _followed(model, self._body, step, warm)
+        self._arm = model.arm()
+        followed = _followed(model, self._arm, step, warm)
         self.left_out = tuple(_named(t) for t, follows in zip(model.terms, followed, strict=True) if not follows)
         self.model = replace(model, terms=tuple(t for t, f in zip(model.terms, followed, strict=True) if f))
         self.known = frozenset((t.term.effect.name, _joint(t)) for t in model.terms)
@@ -58,7 +58,7 @@ class Simulation:
     def run(self, time: Float, position: Float, velocity: Float | None, temperature: Float | None) -> Simulated:
         """Simulate (N, n) recorded positions at ``time`` (N,) s, evenly spaced; accurate but at both ends."""
         recorded = Run("live", time, position, velocity, np.zeros_like(position), temperature=temperature)
-        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self.model.robot, self._body, temperature)
+        states = States("live", -1, time, moved(recorded, QUICK_OCTAVES), self._arm, temperature)
         said = predict_states(self.model, states)
         return Simulated(said.torque, said.power)
 
@@ -78,24 +78,23 @@ def open_model(simulation: str, robot: Path | None, folder: Path) -> Model:
     return Model(described, Retuned.nothing(len(described.joints)))
 
 
-def _followed(model: Model, body: RigidBody, step: float, warm: bool) -> list[bool]:
+def _followed(model: Model, arm: Arm, step: float, warm: bool) -> list[bool]:
     """Tell of each term if it comes out alike with ``PAST`` and with far more past, on a motion of all joints."""
     if not model.terms:
         return []
-    long = _probe(model, body, round((LONG + PAST + 1) / step), step, True)
-    short = _probe(model, body, round((PAST + 1) / step), step, warm)
+    long = _probe(arm, round((LONG + PAST + 1) / step), step, True)
+    short = _probe(arm, round((PAST + 1) / step), step, warm)
     return [_alike(fitted, long, short, round(1 / step)) for fitted in model.terms]
 
 
-def _probe(model: Model, body: RigidBody, samples: int, step: float, warm: bool) -> States:
+def _probe(arm: Arm, samples: int, step: float, warm: bool) -> States:
     """A motion that ends at t = 0, whenever it began."""
-    joints = len(model.robot.joints)
     time: Float = step * np.arange(1.0 - samples, 1.0)
-    turn: Float = 2 * np.pi * (0.2 + 0.05 * np.arange(joints, dtype=np.float64))
+    turn: Float = 2 * np.pi * (0.2 + 0.05 * np.arange(arm.joints, dtype=np.float64))
     sine, cosine = np.sin(time[:, None] * turn), np.cos(time[:, None] * turn)
     motion = exact(0.3 + 0.5 * sine, 0.5 * turn * cosine, -0.5 * turn**2 * sine)
-    temperature = np.full((samples, joints), 35.0) if warm else None
-    return States("probe", -1, time, motion, model.robot, body, temperature)
+    temperature = np.full((samples, arm.joints), 35.0) if warm else None
+    return States("probe", -1, time, motion, arm, temperature)
 
 
 def _alike(fitted: FittedTerm, long: States, short: States, samples: int) -> bool:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def correction(retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[S
             case "torque_gain":
                 gain[joint] += own[0]
             case "gravity_tilt":
-                down = -float(states[0].body.model.gravity.linear[2])
+                down = -float(states[0].arm.body.gravity_field[2])
                 gravity += down * np.array([own[1], -own[0], 0.0])
     return Correction(friction, damping, armature, links, payload, spring, gain, gravity)
 

@@ -26,7 +26,7 @@ from cellwatt_plugins.mismatch.simulators.target import Target, expected, target
 from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urdf
 from cellwatt_plugins.mismatch.simulators.written import Applied, Written
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
@@ -84,9 +84,9 @@ class Mended:
         return {**asdict(self), "path": str(self.path)}
 
 
-def to_mend(path: Path, body: RigidBody) -> ToMend:
+def to_mend(path: Path, body: Body) -> ToMend:
     """A user's file, and where the URDF's frames are in it. Raises ``ConfigError`` where it cannot be used."""
-    simulator = load_simulator(path, tuple(body.model.names)[1:])
+    simulator = load_simulator(path, body.names)
     return ToMend(simulator, placing(simulator, body))
 
 

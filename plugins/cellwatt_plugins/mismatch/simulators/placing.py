@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 
 Float = NDArray[np.float64]
 
@@ -37,10 +37,11 @@ class Placing:
     notes: tuple[str, ...] = ()
 
 
-def placing(simulator: Simulator, body: RigidBody) -> Placing:
+def placing(simulator: Simulator, body: Body) -> Placing:
     """Compares where both have their axes in random poses. Raises ``ConfigError`` where they are not one arm."""
     poses = np.vstack([np.zeros(body.joints), np.random.default_rng(0).uniform(-2, 2, (POSES, body.joints))])
-    frames, axes = body.poses(poses)
+    frames = body.forward(poses)
+    axes = _along(frames[..., :3, :3], body.axes)
     theirs, anchors, directions = simulator.poses(poses)
     turn = _rotation(
         np.vstack([axes.reshape(-1, 3), _apart(frames[..., :3, 3], axes)]),

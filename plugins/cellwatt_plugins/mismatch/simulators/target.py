@@ -101,7 +101,7 @@ def expected(
     finally:
         model.opt.gravity[:] = before
     links, payload = goal.changed
-    regressor = states.body.under(placing.base[:3, :3].T @ goal.gravity).regressor(q, qd, qdd)
+    regressor = states.arm.body.with_gravity(placing.base[:3, :3].T @ goal.gravity).regressor(q, qd, qdd)
     out = out + regressor @ links.ravel()
     if payload is not None:
         out += regressor[:, :, -10:] @ payload

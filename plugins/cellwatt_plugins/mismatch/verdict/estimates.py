@@ -13,7 +13,6 @@ from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned
 from cellwatt_plugins.robot.blocks import Block, Regression
 from cellwatt_plugins.robot.effects.effect import Estimate
-from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
@@ -25,7 +24,7 @@ def model_of(torque: Solution, supply: Solution | None) -> Model:
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.fit.coefficients[supply.block(term)[1]]) for term in supply.terms]
-    return Model(states.robot, retuned(torque, supply), tuple(terms), states.body.changed)
+    return Model(states.robot, retuned(torque, supply), tuple(terms), states.arm.body.changed)
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:
@@ -44,7 +43,7 @@ def retuned(torque: Solution, supply: Solution | None) -> Retuned:
     friction = []
     at = 10 * joints
     for name in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
-        row, there = np.zeros(joints), np.flatnonzero(column(robot, name) > 0)
+        row, there = np.zeros(joints), np.flatnonzero(robot.column(name) > 0)
         row[there] = values[at : at + len(there)]
         friction.append(row)
         at += len(there)
@@ -57,7 +56,7 @@ def _supply(supply: Solution, joints: int) -> tuple[float, Float]:
     robot, values = supply.problem.states[0].robot, supply.fit.coefficients
     standby = float(values[0]) if robot.standby_power > 0 else 0.0
     resistance = np.zeros(joints)
-    heating = np.flatnonzero((column(robot, "winding_resistance") > 0) & (column(robot, "torque_constant") > 0))
+    heating = np.flatnonzero((robot.column("winding_resistance") > 0) & (robot.column("torque_constant") > 0))
     at = 1 if robot.standby_power > 0 else 0
     resistance[heating] = values[at : at + len(heating)]
     return standby, resistance

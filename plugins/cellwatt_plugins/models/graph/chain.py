@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.robot import RigidBody
-from cellwatt_plugins.robot.rigid_body import PER_LINK
+from cellwatt_plugins.robot import Body
+from cellwatt_plugins.robot.body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -28,22 +28,11 @@ class Chain:
     """(3,) m/s² in the base's frame."""
 
     @classmethod
-    def of(cls, body: RigidBody) -> Chain:
-        """The chain that Pinocchio made of a URDF. Raises ``ConfigError`` where a joint is not revolute."""
-        model, count = body.model, body.joints
-        axes = np.empty((count, 3))
-        for i in range(count):
-            motion = model.joints[i + 1].createData()
-            model.joints[i + 1].calc(motion, np.zeros(1))
-            axes[i] = np.asarray(motion.S).reshape(6)[3:]
-            if not np.isclose(np.linalg.norm(axes[i]), 1.0):
-                raise ConfigError(
-                    f"joint {model.names[i + 1]} does not turn: only arms with revolute joints are modelled"
-                )
-        placements = np.stack([model.jointPlacements[i + 1].homogeneous for i in range(count)])
-        return cls(
-            placements, axes, body.parameters().reshape(count, PER_LINK), np.asarray(model.gravity.linear).copy()
-        )
+    def of(cls, body: Body) -> Chain:
+        """The chain of an arm. Raises ``ConfigError`` where a joint is not revolute."""
+        if straight := [name for name, turns in zip(body.names, body.turns, strict=True) if not turns]:
+            raise ConfigError(f"joint {straight[0]} does not turn: only arms with revolute joints are modelled")
+        return cls(body.placements, body.axes, body.parameters().reshape(-1, PER_LINK), body.gravity_field)
 
     @property
     def joints(self) -> int:
@@ -51,7 +40,7 @@ class Chain:
         return len(self.axes)
 
     def with_inertial(self, parameters: Float) -> Chain:
-        """The same arm with other inertial parameters, (10 n,) as ``RigidBody.parameters`` gives them."""
+        """The same arm with other inertial parameters, (10 n,) as ``Body.parameters`` gives them."""
         return replace(self, inertial=parameters.reshape(self.joints, PER_LINK))
 
     def transforms(self) -> tuple[Float, Float, Float]:

@@ -15,7 +15,7 @@ from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.training import Trained, train
 from cellwatt_plugins.models.power.wording import as_json
 from cellwatt_plugins.models.progress import Advance
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,7 @@ class PowerModel:
 
     trained: Trained
     moves: Moves
-    body: RigidBody
-    robot: str
+    arm: Arm
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``power.json``, which ``cellwatt train power --json`` prints."""
@@ -37,10 +36,10 @@ class PowerModel:
         Raises ``ModelError``.
         """
         out, trained = Path(folder), self.trained
-        write(out / "model.onnx", trained.fitted, self.moves, self.body, self.robot)
+        write(out / "model.onnx", trained.fitted, self.moves, self.arm)
         published = {name: m for name, m in (("nls.onnx", trained.nls), ("scg.onnx", trained.scg)) if m is not None}
         for name, model in published.items():
-            write_published(out / name, model, trained.tuning, self.moves, self.body, self.robot)
+            write_published(out / name, model, trained.tuning, self.moves, self.arm)
         (out / "power.json").write_text(json.dumps(self.as_json()))
         return [out / name for name in ("model.onnx", *published, "power.json")]
 
@@ -56,8 +55,7 @@ def train_power(
     the work done since its last call, and what comes next. Raises ``RecordingError`` where a file cannot be used,
     ``ConfigError`` where the description lacks what it needs.
     """
-    description = load_robot(Path(robot))
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    moves = read_moves(paths_of(recordings), body.joints, paths_of(meter))
+    arm = Arm.load(robot)
+    moves = read_moves(paths_of(recordings), arm.joints, paths_of(meter))
     with threadpool_limits(1):
-        return PowerModel(train(moves, description, body, seed, progress), moves, body, description.robot)
+        return PowerModel(train(moves, arm, seed, progress), moves, arm)

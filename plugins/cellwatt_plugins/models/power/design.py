@@ -13,11 +13,10 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS, LAWS, TORQUE, WARM, Motion
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot import Arm, Body
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.priors import links_prior
 from cellwatt_plugins.robot.regression import Prior
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -100,7 +99,7 @@ class Design:
     """rad/s in which the direction of friction turns over."""
 
     @classmethod
-    def of(cls, rows: Rows, body: RigidBody, inertial: Float, width: float, names: Sequence[str]) -> Design:
+    def of(cls, rows: Rows, body: Body, inertial: Float, width: float, names: Sequence[str]) -> Design:
         """All ``names`` as columns; ``inertial`` (R,) makes the load that some depend on."""
         shared = shared_columns(rows, body, rows.payload is not None)
         return cls.with_load(rows, shared, inertial, width, names)
@@ -123,10 +122,10 @@ class Belief:
     """(F, n): mean and standard deviation of each joint's own."""
 
     @classmethod
-    def of(cls, robot: RobotDescription, body: RigidBody, design: Design, scale: Float, doubt: float) -> Belief:
+    def of(cls, arm: Arm, design: Design, scale: Float, doubt: float) -> Belief:
         """Return what the description says; ``scale`` (n,) Nm: size of the torques, ``doubt``: tolerances of links."""
-        links = body.parameters()
-        shared = Prior(links, links_prior(links, doubt * robot.tolerances.link).covariance)
+        links = arm.body.parameters()
+        shared = Prior(links, links_prior(links, doubt * arm.description.tolerances.link).covariance)
         if design.shared.shape[2] > len(links):
             shared = Prior.joined(shared, Prior.spread(np.array([0.02, REACH, REACH, REACH]), CARRIED_AS_STATED))
         size = np.sqrt(np.mean(design.own**2, axis=0)).T
@@ -138,14 +137,14 @@ class Belief:
         stated = {"rotor": "rotor_inertia", "coulomb": "coulomb_friction", "viscous": "viscous_friction"}
         for name, key in stated.items():
             if name in design.names:
-                own[design.names.index(name)] = column(robot, key)
+                own[design.names.index(name)] = arm.column(key)
         if "rotor" in design.names:
-            row, known = design.names.index("rotor"), column(robot, "rotor_inertia")
-            own_spread[row] = np.where(known > 0, robot.tolerances.rotor_inertia * known, own_spread[row])
+            row, known = design.names.index("rotor"), arm.column("rotor_inertia")
+            own_spread[row] = np.where(known > 0, arm.description.tolerances.rotor_inertia * known, own_spread[row])
         return cls(shared, own, own_spread)
 
 
-def shared_columns(rows: Rows, body: RigidBody, carrying: bool) -> Float:
+def shared_columns(rows: Rows, body: Body, carrying: bool) -> Float:
     """(N, n, 10 n): torque for 1 of each inertial parameter; 4 more where the arm is ``carrying``."""
     columns = body.regressor(rows.q, rows.qd, rows.qdd)
     if not carrying or rows.payload is None:

@@ -16,12 +16,10 @@ from cellwatt_plugins.models.power.nls import Nls
 from cellwatt_plugins.models.power.paper import BESIDE, Traced
 from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.tuning import Tuning
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Arm
 
 
-def write(
-    path: Path, fitted: Fitted, moves: Moves, body: RigidBody, robot: str, created: datetime | None = None
-) -> Metadata:
+def write(path: Path, fitted: Fitted, moves: Moves, arm: Arm, created: datetime | None = None) -> Metadata:
     """Writes the ONNX file and gives its metadata. Raises ``ModelError``.
 
     Inputs are positions and velocities, then the payload and temperatures where the model uses them; outputs are
@@ -37,8 +35,8 @@ def write(
         inputs += joint_inputs(joints, "temperature")
         table.append(moves.temperature)
     metadata = Metadata(
-        name=f"{robot}-power",
-        robot=robot,
+        name=f"{arm.name}-power",
+        robot=arm.name,
         inputs=tuple(inputs),
         outputs=_outputs(joints, model.supply is not None),
         rate_hz=round(1 / moves.step, 3),
@@ -46,17 +44,15 @@ def write(
         delay=model.smoother.delay,
         training=Training.of(np.concatenate(table, axis=1), created),
     )
-    write_model(path, model.content(Chain.of(body)), metadata)
+    write_model(path, model.content(Chain.of(arm.body)), metadata)
     return metadata
 
 
-def write_published(
-    path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, body: RigidBody, robot: str
-) -> Metadata:
+def write_published(path: Path, model: Nls | Scg, tuning: Tuning, moves: Moves, arm: Arm) -> Metadata:
     """The same for one of the paper's two models; inputs are positions and velocities. Raises ``ModelError``."""
     metadata = Metadata(
-        name=f"{robot}-power-{type(model).__name__.lower()}",
-        robot=robot,
+        name=f"{arm.name}-power-{type(model).__name__.lower()}",
+        robot=arm.name,
         inputs=joint_inputs(moves.joints, "position", "velocity"),
         outputs=_outputs(moves.joints, bool(np.isfinite(moves.power).any())),
         rate_hz=round(1 / moves.step, 3),
@@ -64,7 +60,7 @@ def write_published(
         delay=tuning.smoother.delay + BESIDE,
         training=Training.of(np.concatenate([moves.q, moves.qd], axis=1)),
     )
-    write_model(path, model.content(Traced.of(Chain.of(body), tuning.smoother, tuning.width, moves.step)), metadata)
+    write_model(path, model.content(Traced.of(Chain.of(arm.body), tuning.smoother, tuning.width, moves.step)), metadata)
     return metadata
 
 

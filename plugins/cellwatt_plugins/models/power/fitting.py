@@ -21,7 +21,7 @@ from cellwatt_plugins.models.power.terms import WARM
 from cellwatt_plugins.models.power.together import fit_together
 from cellwatt_plugins.models.power.torque import Folds
 from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -61,9 +61,9 @@ class Fitted:
     rows: int
 
 
-def structure_of(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning) -> Structure:
+def structure_of(moves: Moves, arm: Arm, tuning: Tuning) -> Structure:
     """Effects and losses that hold on moves that were left out, among them the fastest and the slowest."""
-    problem = Problem.of(moves, robot, body, tuning, DOUBT)
+    problem = Problem.of(moves, arm, tuning, DOUBT)
     rows = problem.rows
     fold = row_folds(moves, rows)
     if not np.isfinite(rows.torque).any():
@@ -77,7 +77,7 @@ def structure_of(moves: Moves, robot: RobotDescription, body: RigidBody, tuning:
         drive = problem.drive(torque[shown.rows], rows.qd[shown.rows])
         losses, sharing = supplies.select(drive, shown.power, fold[shown.at], problem.stated, shown.matrix)
     structure = Structure(effects, losses, sharing, doubt)
-    return replace(structure, network=_network_helps(moves, robot, body, tuning, structure))
+    return replace(structure, network=_network_helps(moves, arm, tuning, structure))
 
 
 def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[str, ...], float]:
@@ -92,18 +92,16 @@ def _effects(problem: Problem, fold: NDArray[np.int64]) -> tuple[Problem, tuple[
     return problem, effects, min(scores, key=lambda doubt: float(scores[doubt]))
 
 
-def _network_helps(
-    moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, structure: Structure
-) -> bool:
+def _network_helps(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> bool:
     """True if it lowers the error of the torques on moves left out, the fastest and the slowest first."""
     if not np.isfinite(moves.current).any():
         return False
     fold = folds_of(moves)
     ratios = []
     for k in np.unique(fold)[::-1][:TRIALS]:
-        fitted = fit(moves.where(fold != k), robot, body, tuning, replace(structure, network=True))
+        fitted = fit(moves.where(fold != k), arm, tuning, replace(structure, network=True))
         held = Rows.of(moves.where(fold == k), tuning.smoother, fitted.model.constant, MOST, whole=False)
-        motion = fitted.model.motion(held, shared_columns(held, body, fitted.model.carries(body.joints)))
+        motion = fitted.model.motion(held, shared_columns(held, arm.body, fitted.model.carries(arm.joints)))
         with_it = held.torque - fitted.model.torque(motion)
         without = held.torque - replace(fitted.model, leftover=None).torque(motion)
         ratios.append(np.nanmean(with_it**2, axis=0) / np.nanmean(without**2, axis=0))
@@ -112,9 +110,9 @@ def _network_helps(
     return bool(np.mean(ratios) < HELPS)
 
 
-def fit(moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning, structure: Structure) -> Fitted:
+def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
     """All numbers of a structure: currents and power together, Gauss–Newton with priors."""
-    problem = Problem.of(moves, robot, body, tuning, structure.doubt, structure.effects)
+    problem = Problem.of(moves, arm, tuning, structure.doubt, structure.effects)
     for _ in range(WEIGHINGS):
         problem = problem.reweighed(structure.effects)
     chosen = problem.chosen(structure.effects)

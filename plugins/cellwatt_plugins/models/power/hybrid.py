@@ -14,9 +14,9 @@ from cellwatt_plugins.models.power.leftover import Leftover
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.supply import Supply
 from cellwatt_plugins.models.power.terms import TORQUE, Motion
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import Drives
-from cellwatt_plugins.robot.rigid_body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class Hybrid:
         drive = self.drive(torque, qd)
         return None if self.supply is None else self.supply.power(drive), drive.current
 
-    def estimate(self, rows: Rows, body: RigidBody) -> tuple[Float, Float]:
+    def estimate(self, rows: Rows, body: Body) -> tuple[Float, Float]:
         """Power (N,) W, NaN where the model has none, and currents (N, n) A of smoothed rows."""
         power, current = np.full(len(rows), np.nan), np.empty_like(rows.q)
         for first in range(0, len(rows), AT_ONCE):

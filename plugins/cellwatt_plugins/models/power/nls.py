@@ -21,7 +21,6 @@ from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
 from cellwatt_plugins.models.power.shown import Shown, spacing
 from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.law import column
 
 Float = NDArray[np.float64]
 
@@ -152,14 +151,14 @@ def _columns(current: Float, seen: Seen) -> Float:
 
 
 def _start(shown: Shown, robot: RobotDescription) -> Float:
-    resistance = column(robot, "winding_resistance")
+    resistance = robot.column("winding_resistance")
     median = [float(np.median(shown.power))]
-    return np.concatenate([median, 0 * resistance, resistance, column(robot, "torque_constant")])
+    return np.concatenate([median, 0 * resistance, resistance, robot.column("torque_constant")])
 
 
 def _bounds(robot: RobotDescription) -> tuple[Float, Float]:
     """Of P_c, L, R, k_m."""
-    constant, resistance = column(robot, "torque_constant"), column(robot, "winding_resistance")
+    constant, resistance = robot.column("torque_constant"), robot.column("winding_resistance")
     stated = resistance > 0
     low = [np.zeros(1), 0 * constant, np.where(stated, 0.5 * resistance, OHM[0]), 0.5 * constant]
     high = [np.full(1, np.inf), np.full_like(constant, HENRY), np.where(stated, 2 * resistance, OHM[1]), 2 * constant]

@@ -17,8 +17,7 @@ from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Smoother
 from cellwatt_plugins.models.power.terms import Motion
 from cellwatt_plugins.models.power.tuning import Tuning
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -40,11 +39,11 @@ class Seen:
     """(n,) Nm/A, as stated."""
 
     @classmethod
-    def of(cls, moves: Moves, robot: RobotDescription, body: RigidBody, tuning: Tuning) -> Seen:
+    def of(cls, moves: Moves, arm: Arm, tuning: Tuning) -> Seen:
         """All rows."""
         q, qd, qdd = tuning.smoother.apply(moves)
-        motion = Motion(q, qd, qdd, body.inverse_dynamics(q, qd, qdd), np.tanh(qd / tuning.width))
-        return cls(motion, tuple(moves.bounds()), moves.step, column(robot, "torque_constant"))
+        motion = Motion(q, qd, qdd, arm.body.inverse_dynamics(q, qd, qdd), np.tanh(qd / tuning.width))
+        return cls(motion, tuple(moves.bounds()), moves.step, arm.column("torque_constant"))
 
     def rate(self, values: Float) -> Float:
         """Derivative by time of columns (N, n), move by move."""

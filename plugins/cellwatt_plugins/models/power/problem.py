@@ -17,9 +17,8 @@ from cellwatt_plugins.models.power.supply import Stated
 from cellwatt_plugins.models.power.terms import ALWAYS, EFFECTS
 from cellwatt_plugins.models.power.torque import Solution, Sums
 from cellwatt_plugins.models.power.tuning import Tuning
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import Drives
-from cellwatt_plugins.robot.law import column
 
 Float = NDArray[np.float64]
 
@@ -33,8 +32,7 @@ LEAST_SPREAD: Final = 0.5
 class Problem:
     """Data and beliefs before the fit, and the weight of each row."""
 
-    robot: RobotDescription
-    body: RigidBody
+    arm: Arm
     rows: Rows
     design: Design
     belief: Belief
@@ -50,26 +48,27 @@ class Problem:
     def of(
         cls,
         moves: Moves,
-        robot: RobotDescription,
-        body: RigidBody,
+        arm: Arm,
         tuning: Tuning,
         doubt: float,
         effects: tuple[str, ...] | None = None,
     ) -> Problem:
         """With columns for some effects, or for all that the rows can show; links are off by ``doubt`` tolerances."""
-        constant = column(robot, "torque_constant")
+        constant = arm.column("torque_constant")
         rows = Rows.of(moves, tuning.smoother, constant, MOST)
         able = possible(rows, tuning.width) if effects is None else {e: EFFECTS[e] for e in effects}
-        inertial = body.parameters()
+        inertial = arm.body.parameters()
         if rows.payload is not None:
             inertial = np.concatenate([inertial, CARRIED_AS_STATED])
-        design = Design.of(rows, body, inertial, tuning.width, all_terms(able))
+        design = Design.of(rows, arm.body, inertial, tuning.width, all_terms(able))
         scale = _scale(rows, design, inertial, constant)
         noise = np.nan_to_num(noise_of(moves, moves.current * constant), nan=1e-6)
         variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)
-        stated = Stated(robot.standby_power, column(robot, "winding_resistance"), robot.tolerances.supply)
-        belief = Belief.of(robot, body, design, scale, doubt)
-        return cls(robot, body, rows, design, belief, variance, constant, stated, able).reweighed(effects or ())
+        stated = Stated(
+            arm.description.standby_power, arm.column("winding_resistance"), arm.description.tolerances.supply
+        )
+        belief = Belief.of(arm, design, scale, doubt)
+        return cls(arm, rows, design, belief, variance, constant, stated, able).reweighed(effects or ())
 
     def chosen(self, effects: tuple[str, ...]) -> list[int]:
         """Places of the terms that are always there and of those of some effects, among the columns."""
@@ -101,7 +100,7 @@ class Problem:
     def doubting(self, doubt: float) -> Belief:
         """Return the belief where links may be off by ``doubt`` tolerances."""
         scale = _scale(self.rows, self.design, self.belief.shared.mean, self.constant)
-        return Belief.of(self.robot, self.body, self.design, scale, doubt)
+        return Belief.of(self.arm, self.design, scale, doubt)
 
     def drive(self, torque: Float, qd: Float) -> Drives:
         """Return the state of the drives for torques (N, n) Nm and velocities (N, n) rad/s."""

@@ -11,8 +11,7 @@ from scipy.sparse import block_diag, csr_array
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Course, Readings, find, held, kinds_of_power
 
 Float = NDArray[np.float64]
@@ -76,7 +75,7 @@ def spacing(moves: Moves, most: int, rows: int) -> int:
     return max(1, min(every, int(moves.meter.window / PER_WINDOW / moves.step)))
 
 
-def through_its_meter(moves: Moves, robot: RobotDescription, body: RigidBody) -> Moves:
+def through_its_meter(moves: Moves, arm: Arm) -> Moves:
     """The same with its meter, where power is from a slow one.
 
     Raises ``RecordingError`` where the motion does not tell what its values stand for.
@@ -85,9 +84,9 @@ def through_its_meter(moves: Moves, robot: RobotDescription, body: RigidBody) ->
     readings = held([(moves.time[a:b], moves.power[a:b]) for a, b in bounds])
     if readings is None or moves.meter is not None:
         return moves
-    torque = moves.current * column(robot, "torque_constant")
+    torque = moves.current * arm.column("torque_constant")
     if not np.isfinite(torque).all():
-        torque = body.inverse_dynamics(moves.q, moves.qd, np.gradient(moves.qd, moves.step, axis=0))
+        torque = arm.body.inverse_dynamics(moves.q, moves.qd, np.gradient(moves.qd, moves.step, axis=0))
     kinds = kinds_of_power(torque, moves.qd)
     meter = find(readings, [Course(moves.time[a:b], kinds[a:b]) for a, b in bounds])
     if meter is None:

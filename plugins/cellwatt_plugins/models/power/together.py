@@ -49,13 +49,13 @@ def fit_together(
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, belief, shown.matrix)[0].vector()])
     rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND
     x, _ = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
-    return Solution.of(x[:count], shared, problem.body.joints, chosen), belief.mean.with_vector(x[count:])
+    return Solution.of(x[:count], shared, problem.arm.joints, chosen), belief.mean.with_vector(x[count:])
 
 
 def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:
     """(N, n, p): torque for 1 of each unknown of ``Solution.row``, in the rows with power."""
     design, known, terms = problem.design, problem.rows.shown.rows, len(chosen)
-    joints = problem.body.joints
+    joints = problem.arm.joints
     columns = np.zeros((len(known), joints, shared + joints * terms))
     columns[:, :, :shared] = design.shared[known]
     for j in range(joints):

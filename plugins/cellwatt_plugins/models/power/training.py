@@ -21,8 +21,7 @@ from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.smoothing import noise_of
 from cellwatt_plugins.models.power.tuning import Tuning, tune
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
 Float = NDArray[np.float64]
@@ -58,17 +57,15 @@ class Trained:
     """The slow meter that power is from."""
 
 
-def train(
-    moves: Moves, robot: RobotDescription, body: RigidBody, seed: int = 0, advance: Advance | None = None
-) -> Trained:
+def train(moves: Moves, arm: Arm, seed: int = 0, advance: Advance | None = None) -> Trained:
     """Chooses, fits, and judges by leaving moves out. The same moves and seed give the same model."""
-    check_known(robot)
+    check_known(arm)
     tell = advance or (lambda share, text: None)
-    moves = through_its_meter(moves, robot, body)
+    moves = through_its_meter(moves, arm)
     tell(0.0, "smoothing of the encoders")
-    tuning = tune(moves, robot, body, AHEAD)
+    tuning = tune(moves, arm, AHEAD)
     tell(0.15, "effects")
-    structure = structure_of(moves, robot, body, tuning)
+    structure = structure_of(moves, arm, tuning)
     fold = folds_of(moves)
     which = np.unique(fold)
     methods = METHODS if np.isfinite(moves.current).any() else (BEST,)
@@ -78,18 +75,18 @@ def train(
         held = fold == k
         known, unknown = moves.where(~held), moves.where(held)
         # Of so few, what is left out would have a say in the choice of windows and effects.
-        windows = tune(known, robot, body, AHEAD) if moves.count < FEW else tuning
-        effects = structure_of(known, robot, body, windows) if moves.count < FEW else structure
+        windows = tune(known, arm, AHEAD) if moves.count < FEW else tuning
+        effects = structure_of(known, arm, windows) if moves.count < FEW else structure
         for method in methods:
-            power, current = _held_out(method, known, unknown, robot, body, windows, effects, seed)
+            power, current = _held_out(method, known, unknown, arm, windows, effects, seed)
             predictions[method][0][held], predictions[method][1][held] = power, current
     tell(0.1, "the model")
-    fitted = fit(moves, robot, body, tuning, structure)
-    seen = Seen.of(moves, robot, body, tuning) if methods == METHODS else None
+    fitted = fit(moves, arm, tuning, structure)
+    seen = Seen.of(moves, arm, tuning) if methods == METHODS else None
     many = moves.count >= FEW
     return Trained(
         fitted=fitted,
-        nls=None if seen is None else Nls.fit(moves, seen, robot),
+        nls=None if seen is None else Nls.fit(moves, seen, arm.description),
         scg=None if seen is None else Scg.fit(moves, seen, seed),
         tuning=tuning,
         predictions=predictions,
@@ -102,47 +99,46 @@ def train(
     )
 
 
-def model_of(moves: Moves, robot: RobotDescription, body: RigidBody) -> Fitted:
+def model_of(moves: Moves, arm: Arm) -> Fitted:
     """The best model alone, without judging it: for short recordings and the demonstration, in seconds."""
-    check_known(robot)
-    moves = through_its_meter(moves, robot, body)
-    tuning = tune(moves, robot, body, AHEAD)
-    return fit(moves, robot, body, tuning, structure_of(moves, robot, body, tuning))
+    check_known(arm)
+    moves = through_its_meter(moves, arm)
+    tuning = tune(moves, arm, AHEAD)
+    return fit(moves, arm, tuning, structure_of(moves, arm, tuning))
 
 
-def check_known(robot: RobotDescription) -> None:
+def check_known(arm: Arm) -> None:
     """Raises ``ConfigError`` where a torque constant is missing: currents say nothing without it."""
-    if lacking := [joint.name for joint in robot.joints if not joint.torque_constant]:
+    if lacking := [joint.name for joint in arm.description.joints if not joint.torque_constant]:
         raise ConfigError(
             f"torque_constant of {', '.join(lacking)} is missing in robot.yaml (Nm/A at the joint): "
             "write the data sheet's, 20 % off is near enough"
         )
 
 
-def estimate(fitted: Fitted, moves: Moves, robot: RobotDescription, body: RigidBody) -> tuple[Float, Float]:
+def estimate(fitted: Fitted, moves: Moves, arm: Arm) -> tuple[Float, Float]:
     """Power (N,) W and currents (N, n) A of other moves."""
     model = fitted.model
-    rows = Rows.of(moves, model.smoother, column(robot, "torque_constant"), len(moves), whole=False)
+    rows = Rows.of(moves, model.smoother, arm.column("torque_constant"), len(moves), whole=False)
     if model.temperature is not None and moves.temperature is not None:
         rows = rows.with_temperature(moves.temperature, model.temperature)
-    return model.estimate(rows, body)
+    return model.estimate(rows, arm.body)
 
 
 def _held_out(
     method: str,
     known: Moves,
     unknown: Moves,
-    robot: RobotDescription,
-    body: RigidBody,
+    arm: Arm,
     tuning: Tuning,
     structure: Structure,
     seed: int,
 ) -> tuple[Float, Float]:
     """Return the predictions for some moves of a method that was fitted to others."""
     if method == BEST:
-        return estimate(fit(known, robot, body, tuning, structure), unknown, robot, body)
-    seen, unseen = Seen.of(known, robot, body, tuning), Seen.of(unknown, robot, body, tuning)
-    return (Nls.fit(known, seen, robot) if method == "NLS" else Scg.fit(known, seen, seed)).predict(unseen)
+        return estimate(fit(known, arm, tuning, structure), unknown, arm)
+    seen, unseen = Seen.of(known, arm, tuning), Seen.of(unknown, arm, tuning)
+    return (Nls.fit(known, seen, arm.description) if method == "NLS" else Scg.fit(known, seen, seed)).predict(unseen)
 
 
 def _scores(moves: Moves, predictions: dict[str, tuple[Float, Float]], rows: NDArray[np.bool_]) -> dict[str, Score]:

@@ -14,8 +14,7 @@ from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Desi
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.torque import solve, sums_of
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
 
 Float = NDArray[np.float64]
@@ -43,7 +42,7 @@ class Tuning:
     """rad/s."""
 
 
-def tune(moves: Moves, robot: RobotDescription, body: RigidBody, ahead: bool) -> Tuning:
+def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
     """Spans of velocity and acceleration one after the other, then the width of friction's turning over."""
     noise = Noise.of(moves)
     moves = _some(moves)
@@ -60,12 +59,12 @@ def tune(moves: Moves, robot: RobotDescription, body: RigidBody, ahead: bool) ->
     @lru_cache(maxsize=1)  # widths are tried one after the other
     def smoothed(velocity: Span, acceleration: Span) -> tuple[Rows, Float]:
         smoother = Smoother.design(noise, step, velocity, acceleration, ahead)
-        rows = Rows.of(moves, smoother, column(robot, "torque_constant"), TRIED, whole=False)
-        return rows, shared_columns(rows, body, rows.payload is not None)
+        rows = Rows.of(moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
+        return rows, shared_columns(rows, arm.body, rows.payload is not None)
 
     @cache
     def cost(velocity: Span, acceleration: Span, width: float) -> float:
-        return _left(*smoothed(velocity, acceleration), robot, body, width)
+        return _left(*smoothed(velocity, acceleration), arm, width)
 
     if not np.isfinite(moves.current).any():
         return Tuning(Smoother.design(noise, step, velocity, acceleration, ahead), SIGN_WIDTH)
@@ -84,14 +83,14 @@ def _some(moves: Moves) -> Moves:
     return moves if wanted >= moves.count else moves.only(np.linspace(0, moves.count - 1, wanted).astype(int).tolist())
 
 
-def _left(rows: Rows, shared: Float, robot: RobotDescription, body: RigidBody, width: float) -> float:
+def _left(rows: Rows, shared: Float, arm: Arm, width: float) -> float:
     """Sum over the joints of the logarithm of what is left of their torques."""
-    inertial = body.parameters()
+    inertial = arm.body.parameters()
     if rows.payload is not None:
         inertial = np.concatenate([inertial, CARRIED_AS_STATED])
     design = Design.with_load(rows, shared, inertial, width, TERMS)
     scale = np.nanstd(rows.torque, axis=0) + 1e-9
-    belief = Belief.of(robot, body, design, scale, DOUBT)
+    belief = Belief.of(arm, design, scale, DOUBT)
     variance = np.broadcast_to((0.05 * scale) ** 2, rows.torque.shape)
     sums = sums_of(design, rows.torque, variance, np.ones(len(rows), bool))
     left = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)

@@ -10,10 +10,10 @@ from threadpoolctl import threadpool_limits
 
 from cellwatt.files import Place, Places, paths_of
 from cellwatt_plugins.models.progress import Advance
-from cellwatt_plugins.models.static.identify import Arm
+from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.models.static.training import Trained, steps, train, write
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class StaticModel:
     """The models of an arm at rest, their errors on poses that they have not seen, and the arm that they are of."""
 
     trained: Trained
-    arm: Arm
+    arm: HeldArm
 
     def as_json(self) -> dict[str, Any]:
         """The report that ``cellwatt train static --json`` prints."""
@@ -40,8 +40,8 @@ def train_static(recordings: Places, *, robot: Place, progress: Advance = lambda
     its last call, and what comes next. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where
     the description lacks what it needs, ``ModelError`` where there are too few poses.
     """
-    description = load_robot(Path(robot))
-    poses = read_poses(paths_of(recordings), description)
-    arm = Arm.of(description, poses.q)
+    described = Arm.load(robot)
+    poses = read_poses(paths_of(recordings), described.description)
+    arm = HeldArm.of(described, poses.q)
     with threadpool_limits(1):
         return StaticModel(train(poses, arm, lambda: progress(1 / steps(len(poses)), "training")), arm)

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.rigid_body import PER_LINK
+from cellwatt_plugins.robot import Body, RobotDescription
+from cellwatt_plugins.robot.body import PER_LINK
 
 Float = NDArray[np.float64]
 
@@ -41,7 +40,7 @@ class Basis:
     """(n,): half of each joint's range, rad."""
 
     @classmethod
-    def of(cls, body: RigidBody, limits: Float, q: Float, direction: Float, payload: Float) -> Basis:
+    def of(cls, body: Body, limits: Float, q: Float, direction: Float, payload: Float) -> Basis:
         """The basis of poses ``q`` (N, n) rad; ``limits`` (n, 2) rad, ``payload`` (N,) kg; NaN where not known."""
         half = 0.5 * (limits[:, 1] - limits[:, 0])
         slopes = np.empty((body.joints, len(q), body.joints, PER_GRAVITY * body.joints))
@@ -71,7 +70,7 @@ class Basis:
         return len(self.share)
 
 
-def gravity_parameters(body: RigidBody) -> Float:
+def gravity_parameters(body: Body) -> Float:
     """m and m·c (3) of each link, (4n,): kg, kg m."""
     return body.parameters().reshape(-1, PER_LINK)[:, :PER_GRAVITY].reshape(-1)
 
@@ -91,15 +90,10 @@ def joint_limits(robot: RobotDescription, q: Float) -> Float:
     return np.where(flat[:, None], limits.mean(axis=1)[:, None] + np.array([-0.5, 0.5]), limits)
 
 
-def _gravity(body: RigidBody, q: Float, along: Float | None = None) -> Float:
+def _gravity(body: Body, q: Float, along: Float | None = None) -> Float:
     """Regressor (N, n, 4n) of gravity's torques; ``along`` (3,) is −g's direction, up where left out."""
-    model = body.model
     if along is not None:
-        model = model.copy()
-        model.gravity = pin.Motion(-np.linalg.norm(body.model.gravity.linear) * along, np.zeros(3))
-    data, still = model.createData(), np.zeros(body.joints)
+        body = body.with_gravity(-np.linalg.norm(body.gravity_field) * along)
+    still = np.zeros_like(q)
     keep = (PER_LINK * np.arange(body.joints)[:, None] + np.arange(PER_GRAVITY)).reshape(-1)
-    out = np.empty((len(q), body.joints, len(keep)))
-    for i, row in enumerate(q):
-        out[i] = pin.computeJointTorqueRegressor(model, data, row, still, still)[:, keep]
-    return out
+    return body.regressor(q, still, still)[:, :, keep]

@@ -16,7 +16,7 @@ from cellwatt_plugins.models.graph import Chain, Graph, gravity_torque
 from cellwatt_plugins.models.metadata import Input, Metadata, Output, Training
 from cellwatt_plugins.models.static.basis import BEYOND, PER_GRAVITY
 from cellwatt_plugins.models.static.effects import BENT, PLAIN, degrees
-from cellwatt_plugins.models.static.identify import Arm, Identified
+from cellwatt_plugins.models.static.identify import HeldArm, Identified
 from cellwatt_plugins.models.static.leftover import Leftover
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
@@ -42,9 +42,9 @@ class Widths:
     blind: float
 
 
-def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: Poses) -> None:
+def write_best(path: Path, model: Identified, widths: Widths, arm: HeldArm, poses: Poses) -> None:
     """The best model: torques of the joints, their absolute sum, the interval that this lies in, and holding power."""
-    n, carries = arm.body.joints, model.effects.carries
+    n, carries = arm.arm.body.joints, model.effects.carries
     graph = Graph(2 * n + carries)
     q, approach = graph.slice(graph.input, 0, n), graph.slice(graph.input, n, 2 * n)
     load = _load(graph, model, arm, q, graph.slice(graph.input, 2 * n, 2 * n + 1) if carries else None)
@@ -63,7 +63,7 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: P
     low = graph.op("Max", graph.op("Sub", total, width), 0.0)
     parts = [torque, total, low, graph.op("Add", total, width)]
     outputs = [Output(name, "Nm") for name in (*(f"torque_{i + 1}" for i in range(n)), TOTAL, *_INTERVAL)]
-    heating = copper_gain(arm.robot)
+    heating = copper_gain(arm.arm.description)
     if (heating > 0).all():
         parts.append(graph.sum(graph.op("Mul", graph.op("Mul", torque, torque), heating), keep=True))
         outputs.append(Output(HOLDING, "W"))
@@ -75,8 +75,8 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: P
         inputs = (*inputs, Input("tool.payload", "kg", optional=True))
         ranges.append((float(np.nanmin(poses.payload)), float(np.nanmax(poses.payload))))
     metadata = Metadata(
-        name=f"{arm.robot.robot}-static",
-        robot=arm.robot.robot,
+        name=f"{arm.arm.description.robot}-static",
+        robot=arm.arm.description.robot,
         inputs=inputs,
         outputs=tuple(outputs),
         rate_hz=None,
@@ -85,14 +85,14 @@ def write_best(path: Path, model: Identified, widths: Widths, arm: Arm, poses: P
     write_model(path, content, metadata)
 
 
-def write_paper(path: Path, network: Perceptron | None, arm: Arm, poses: Poses, with_gravity: bool) -> None:
+def write_paper(path: Path, network: Perceptron | None, arm: HeldArm, poses: Poses, with_gravity: bool) -> None:
     """One of the paper's methods: gravity alone, a network alone, or the network on top of gravity."""
-    n = arm.body.joints
+    n = arm.arm.body.joints
     graph = Graph(n)
     total = None
     inputs = graph.input
     if with_gravity:
-        torque = gravity_torque(graph, Chain.of(arm.body), graph.input)
+        torque = gravity_torque(graph, Chain.of(arm.arm.body), graph.input)
         total = graph.sum(graph.op("Abs", torque), keep=True)
         inputs = graph.concat([inputs, torque])
     if network is not None:
@@ -102,8 +102,8 @@ def write_paper(path: Path, network: Perceptron | None, arm: Arm, poses: Poses, 
         total = given if total is None else graph.op("Add", total, given)
     assert total is not None
     metadata = Metadata(
-        name=f"{arm.robot.robot}-static-{path.stem}",
-        robot=arm.robot.robot,
+        name=f"{arm.arm.description.robot}-static-{path.stem}",
+        robot=arm.arm.description.robot,
         inputs=joint_inputs(n, "position"),
         outputs=(Output(TOTAL, "Nm"),),
         rate_hz=None,
@@ -115,7 +115,7 @@ def write_paper(path: Path, network: Perceptron | None, arm: Arm, poses: Poses, 
 _DOUBLE: Final = 11  # onnx.TensorProto.DOUBLE
 
 
-def _load(graph: Graph, model: Identified, arm: Arm, q: str, payload: str | None) -> str:
+def _load(graph: Graph, model: Identified, arm: HeldArm, q: str, payload: str | None) -> str:
     """Gravity, springs, hoses and what is left over."""
     effects, mean = model.effects, model.posterior.mean
     gravity = gravity_torque(graph, _chain(model, arm), graph.op("Add", q, mean[effects.slices["zero"]]))
@@ -135,10 +135,10 @@ def _load(graph: Graph, model: Identified, arm: Arm, q: str, payload: str | None
     return load
 
 
-def _chain(model: Identified, arm: Arm) -> Chain:
+def _chain(model: Identified, arm: HeldArm) -> Chain:
     """The arm's chain with the masses that were found, on the base as it stands."""
     effects, mean = model.effects, model.posterior.mean
-    chain = Chain.of(arm.body)
+    chain = Chain.of(arm.arm.body)
     inertial = chain.inertial.copy()
     found = effects.cad + np.concatenate([mean[effects.slices[f"link {i + 1}"]] for i in range(effects.joints)])
     inertial[:, :PER_GRAVITY] = found.reshape(-1, PER_GRAVITY)
@@ -146,9 +146,9 @@ def _chain(model: Identified, arm: Arm) -> Chain:
     return replace(chain, inertial=inertial, gravity=chain.gravity + np.array([*tilt, 0.0]))
 
 
-def _one_kilogram(model: Identified, arm: Arm) -> Chain:
+def _one_kilogram(model: Identified, arm: HeldArm) -> Chain:
     """Nothing but a payload of 1 kg at the last link."""
-    chain = Chain.of(arm.body)
+    chain = Chain.of(arm.arm.body)
     inertial = np.zeros_like(chain.inertial)
     inertial[-1, :PER_GRAVITY] = [1.0, *model.posterior.mean[model.effects.slices["payload"]]]
     return replace(chain, inertial=inertial)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.models.static.basis import PER_GRAVITY, Basis
 from cellwatt_plugins.models.static.effects import Group
-from cellwatt_plugins.models.static.identify import Arm, Identified
+from cellwatt_plugins.models.static.identify import HeldArm, Identified
 
 Float = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Finding:
         return asdict(self)
 
 
-def findings(model: Identified, arm: Arm, basis: Basis) -> list[Finding]:
+def findings(model: Identified, arm: HeldArm, basis: Basis) -> list[Finding]:
     """Of the model, on the ``basis`` of the poses that it was made from."""
     found = [*_gravity(model, basis), *_masses(model)]
     for index, group in enumerate(model.effects.groups):
@@ -69,7 +69,7 @@ def findings(model: Identified, arm: Arm, basis: Basis) -> list[Finding]:
 @dataclass(frozen=True)
 class _Told:
     model: Identified
-    arm: Arm
+    arm: HeldArm
     basis: Basis
     group: Group
     evidence: float

@@ -14,7 +14,7 @@ from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.evidence import Posterior, Prior, fit
 from cellwatt_plugins.models.static.leftover import Leftover, learned
 from cellwatt_plugins.models.static.poses import Poses
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 
 Float = NDArray[np.float64]
 
@@ -33,33 +33,31 @@ _ROUNDS: Final = 4  # of leaving out what does not fit: the worst hides the next
 
 
 @dataclass(frozen=True)
-class Arm:
-    """What is known before any pose: the robot's description and its rigid bodies."""
+class HeldArm:
+    """An arm that holds poses, as far as it is known before any of them."""
 
-    robot: RobotDescription
-    body: RigidBody
+    arm: Arm
     limits: Float
     """(n, 2) rad."""
 
     @classmethod
-    def of(cls, robot: RobotDescription, q: Float) -> Arm:
-        """The arm of poses ``q`` (N, n) rad. Raises ``ConfigError`` where its URDF does not fit."""
-        body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
-        return cls(robot, body, joint_limits(robot, q))
+    def of(cls, arm: Arm, q: Float) -> HeldArm:
+        """The arm with the ranges of its joints: the description's, else those of the poses ``q`` (N, n) rad."""
+        return cls(arm, joint_limits(arm.description, q))
 
     def basis(self, poses: Poses) -> Basis:
         """Return the basis of some poses; ``torque`` is not looked at."""
-        return Basis.of(self.body, self.limits, poses.q, np.sign(poses.approach), poses.payload)
+        return Basis.of(self.arm.body, self.limits, poses.q, np.sign(poses.approach), poses.payload)
 
     def effects(self, poses: Poses) -> Effects:
         """The parameters of this arm; a joint without a rated torque is thought to use half of it in these poses."""
         used = np.abs(poses.torque).max(axis=0)
         thought = 2.0 * np.maximum(used, _IDLE * max(float(used.max()), 1.0))
-        rated = np.array([joint.rated_torque for joint in self.robot.joints])
-        rated = np.where(rated > 0, rated, thought)
+        stated = self.arm.column("rated_torque")
+        rated = np.where(stated > 0, stated, thought)
         half = 0.5 * (self.limits[:, 1] - self.limits[:, 0])
-        link = self.robot.tolerances.link
-        return Effects(gravity_parameters(self.body), rated, half, link, poses.payload_known)
+        link = self.arm.description.tolerances.link
+        return Effects(gravity_parameters(self.arm.body), rated, half, link, poses.payload_known)
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,15 @@ import numpy as np
 
 from cellwatt.config import load
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt_plugins.models.static.basis import joint_limits
 from cellwatt_plugins.models.static.inform import Encoders, jobs
 from cellwatt_plugins.models.static.plan import Plan, plan_poses
-from cellwatt_plugins.robot import RigidBody, load_robot
-from cellwatt_plugins.robot.collision import Checker, read_outline
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.collision import Checker
 
-MH12: Final = Path(__file__).with_name("mh12")
-"""The robot of the paper, with the limits of its Table II."""
+PAPERS: Final = "mh12"
+"""The robot of the paper, packaged with the limits of its Table II."""
+UNSTATED: Final = 1.0
+"""rad/s of a joint without a velocity limit."""
 _RAMP: Final = 0.4  # s a move takes longer than at full speed throughout: speeding up and slowing down
 
 
@@ -68,16 +69,10 @@ def write_plan(
     name: str,
 ) -> PlanReport:
     """Plans, and writes plan.csv and the job. Raises ``ConfigError`` and ``CellwattError``."""
-    folder = MH12 if robot is None else robot
-    description = load_robot(folder)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    limits = joint_limits(description, np.stack([body.model.lowerPositionLimit, body.model.upperPositionLimit]))
-    if not np.isfinite(limits).all() or (limits[:, 0] >= limits[:, 1]).any():
-        raise ConfigError(f"{folder}: lower_limit and upper_limit of each joint must be given, in rad")
-    top = body.model.velocityLimit
-    fastest = np.array([joint.velocity_limit or top[i] for i, joint in enumerate(description.joints)])
-    fastest = np.where(np.isfinite(fastest) & (fastest > 0), fastest, 1.0)
-    plan = plan_poses(count, limits, fastest, Checker(body, read_outline(folder, body), limits))
+    arm = Arm.load(PAPERS if robot is None else robot)
+    limits = arm.finite_limits()
+    fastest = np.where(arm.velocity_limits > 0, arm.velocity_limits, UNSTATED)
+    plan = plan_poses(count, limits, fastest, Checker(arm, limits))
     texts = {"plan.csv": _table(plan)}
     if cell is not None:
         texts |= jobs(name, plan.q, _encoders(cell, source), speed, hold, datetime.now())
@@ -86,7 +81,7 @@ def write_plan(
     duration = plan.travel / (speed / 100) + len(plan.q) * (hold + _RAMP)
     files = tuple(str(out / file) for file in texts)
     return PlanReport(
-        description.robot,
+        arm.name,
         len(plan.q),
         plan.unsafe,
         plan.unreachable,

@@ -18,8 +18,8 @@ from cellwatt_plugins.models.static.exported import Widths
 from cellwatt_plugins.models.static.findings import Finding, findings
 from cellwatt_plugins.models.static.identify import (
     FOLDS,
-    Arm,
     Checked,
+    HeldArm,
     identify,
     identify_checked,
     with_leftover,
@@ -98,7 +98,7 @@ def steps(count: int) -> int:
     return 2 * paper.TRIALS + FOLDS + 2 + REPEATS * len(sizes_for(count))
 
 
-def train(poses: Poses, arm: Arm, step: Callable[[], None]) -> Trained:
+def train(poses: Poses, arm: HeldArm, step: Callable[[], None]) -> Trained:
     """Trains all methods; ``step`` is called as the work goes on."""
     basis, effects = arm.basis(poses), arm.effects(poses)
     methods, networks = _published(poses, basis, effects, step)
@@ -114,7 +114,7 @@ def train(poses: Poses, arm: Arm, step: Callable[[], None]) -> Trained:
     return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, networks)
 
 
-def write(trained: Trained, arm: Arm, out: Path) -> list[Path]:
+def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:
     """The model files: the best, and the paper's three."""
     plain, hybrid = trained.networks
     files = [out / "model.onnx", *(out / "paper" / f"{name}.onnx" for name in PUBLISHED)]

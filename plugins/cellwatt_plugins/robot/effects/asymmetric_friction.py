@@ -10,7 +10,6 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Confusion, Form
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column
 
 BOTH, UP, DOWN = 0.0, 1.0, -1.0
 
@@ -27,7 +26,7 @@ class AsymmetricFriction(Effect):
     )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        described = column(runs[0].robot, "coulomb_friction")[joint or 0]
+        described = runs[0].arm.column("coulomb_friction")[joint or 0]
         # Friction one way only is half of it both ways and an offset: not where friction itself is to be found.
         return [(BOTH,), (UP,), (DOWN,)] if described > 0 else [(BOTH,)]
 

@@ -10,7 +10,6 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.law import column
 
 
 class CopperLoss(Effect):
@@ -29,7 +28,7 @@ class CopperLoss(Effect):
         return all(j.winding_resistance == 0 for j in robot.joints)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        constants = column(run.robot, "torque_constant")
+        constants = run.arm.column("torque_constant")
         return np.square(run.torque / np.where(constants > 0, constants, 1.0))
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:

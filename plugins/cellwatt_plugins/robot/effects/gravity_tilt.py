@@ -27,9 +27,8 @@ class GravityTilt(Effect):
     )
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        gravity = run.body.model.gravity.linear
-        down = float(-gravity[2])
-        parts = [run.body.tilt_torque(run.q, np.array(g)) for g in ((down, 0.0, 0.0), (0.0, down, 0.0))]
+        down = -float(run.arm.body.gravity_field[2])
+        parts = [run.arm.body.with_gravity(np.array(g)).gravity(run.q) for g in ((down, 0.0, 0.0), (0.0, down, 0.0))]
         # Rolling the base by r turns gravity towards -y of the base, pitching by p towards +x.
         return np.stack([-parts[1], parts[0]], axis=2)
 

@@ -45,7 +45,7 @@ class LinkInertialError(Effect):
         Ten parameters that were free of one another could stand for the link before or after, too: what a mass adds
         at this link's centre must come with the mass.
         """
-        own = runs[0].body.parameters()[10 * (joint or 0) :][:10]
+        own = runs[0].arm.body.parameters()[10 * (joint or 0) :][:10]
         mass = max(float(own[0]), 0.1)
         centre = own[1:4] / mass
         reach = float(np.linalg.norm(centre)) + NEAR

@@ -47,7 +47,7 @@ class PayloadChange(Effect):
         return run.regressor[:, :, -10:] * inside(run, shape)[:, None, None]
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
-        return body_prior(HEAVY * float(np.sum(runs[0].body.parameters()[::10])), REACH)
+        return body_prior(HEAVY * float(np.sum(runs[0].arm.body.parameters()[::10])), REACH)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         first = Parameter(float(estimate.shape[1]), float("nan"), "s")

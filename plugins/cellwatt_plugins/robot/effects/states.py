@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
+from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
-from cellwatt_plugins.robot.law import column
 from cellwatt_plugins.robot.motion import Moved
-from cellwatt_plugins.robot.rigid_body import RigidBody
 
 Float = NDArray[np.float64]
 
@@ -34,8 +33,7 @@ class States:
     time: Float
     """(N,) s."""
     moved: Moved
-    robot: RobotDescription
-    body: RigidBody
+    arm: Arm
     temperature: Float | None = None
     """(N, n) °C where recorded."""
     beyond: Float | None = None
@@ -53,6 +51,11 @@ class States:
     def step(self) -> float:
         """Seconds between samples."""
         return float((self.time[-1] - self.time[0]) / max(1, len(self.time) - 1))
+
+    @property
+    def robot(self) -> RobotDescription:
+        """The description of the arm."""
+        return self.arm.description
 
     @property
     def q(self) -> Float:
@@ -77,12 +80,12 @@ class States:
     @cached_property
     def regressor(self) -> Float:
         """Inertial regressor (N, n, 10 n)."""
-        return self.body.regressor(self.q, self.qd, self.qdd)
+        return self.arm.body.regressor(self.q, self.qd, self.qdd)
 
     @cached_property
     def rigid(self) -> Float:
         """Torque (N, n) Nm of the nominal rigid body: what the links need."""
-        return self.regressor @ self.body.parameters()
+        return self.regressor @ self.arm.body.parameters()
 
     @property
     def unplanned(self) -> bool:
@@ -97,24 +100,24 @@ class States:
     @cached_property
     def own_inertia(self) -> Float:
         """Diagonal of the mass matrix (N, n) kg m²."""
-        return self.body.own_inertia(self.q)
+        return np.diagonal(self.arm.body.mass_matrix(self.q), axis1=1, axis2=2)
 
     @cached_property
     def friction(self) -> Float:
         """Nominal friction torque (N, n) Nm."""
-        coulomb = column(self.robot, "coulomb_friction") * self.sign
-        return coulomb + column(self.robot, "viscous_friction") * self.qd
+        coulomb = self.arm.column("coulomb_friction") * self.sign
+        return coulomb + self.arm.column("viscous_friction") * self.qd
 
     @cached_property
     def nominal(self) -> Float:
         """Motor torque (N, n) Nm that the simulation says."""
-        law = self.rigid + column(self.robot, "rotor_inertia") * self.qdd + self.friction
+        law = self.rigid + self.arm.column("rotor_inertia") * self.qdd + self.friction
         return law if self.beyond is None else law + self.beyond
 
     @property
     def nominal_power(self) -> Float:
         """Supply power (N,) W that the simulation says, with the torque that the model of the moment has."""
-        law = nominal_power(self.robot, self.torque, self.qd)
+        law = nominal_power(self.arm.description, self.torque, self.qd)
         return law if self.beyond_power is None else law + self.beyond_power
 
     @property

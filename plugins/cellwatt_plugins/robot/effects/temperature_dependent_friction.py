@@ -12,7 +12,6 @@ from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Un
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.effects.thermal import warmth
-from cellwatt_plugins.robot.law import column
 
 SCALES = (4.0, 7.0, 10.0, 14.0, 20.0, 35.0)
 """°C over which friction falls by e, where the temperature is recorded."""
@@ -53,7 +52,7 @@ class TemperatureDependentFriction(Effect):
             factor = np.exp(-(run.temperature[:, axis] - COLD) / shape[0])
         else:
             factor = np.exp(-shape[1] * warmth(_loss(run, axis), run.step, shape[0]))
-        parts = column(run.robot, "coulomb_friction")[axis], column(run.robot, "viscous_friction")[axis]
+        parts = run.arm.column("coulomb_friction")[axis], run.arm.column("viscous_friction")[axis]
         size = max(float(np.hypot(*parts)), 1e-9)
         shares = (parts[0] / size or 1.0, parts[1] / size or 1.0)
         friction = shares[0] * run.sign[:, axis] + shares[1] * run.qd[:, axis]

@@ -64,7 +64,7 @@ def with_others(run: States, joint: int, own: Float) -> Float:
     The link's acceleration differs from the motor's by own / M_jj; joint k needs M_kj of that.
     """
     out = np.zeros((*run.q.shape, 2))
-    mass = run.body.inertia_of(run.q, joint)
+    mass = run.arm.body.mass_matrix(run.q)[:, :, joint]
     out[:, :, 1] = mass * (own / mass[:, joint])[:, None]
     out[:, joint, 0], out[:, joint, 1] = own, 0.0
     return out
@@ -72,7 +72,7 @@ def with_others(run: States, joint: int, own: Float) -> Float:
 
 def hanging(run: States, joint: int, twist: Float) -> Float:
     """Column (N, n, 1): a link that is ``twist`` (N,) rad behind its motor turns all that it carries under gravity."""
-    return np.asarray(-twist[:, None, None] * run.body.gravity_slope(run.q, joint)[:, :, None])
+    return np.asarray(-twist[:, None, None] * run.arm.body.gravity_slope(run.q)[:, :, joint, None])
 
 
 def coupled(own: Prior) -> Prior:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.energy.arm import load_arm
+from cellwatt_plugins.robot import Arm
 
 SPEEDS = (200.0, 250.0)
 
@@ -17,7 +17,7 @@ def plant():
 @pytest.fixture(scope="package")
 def arm(plant, tmp_path_factory):
     """The arm as its user knows it."""
-    return load_arm(plant.describe(tmp_path_factory.mktemp("robot")))
+    return Arm.load(plant.describe(tmp_path_factory.mktemp("robot")))
 
 
 @pytest.fixture(scope="package")

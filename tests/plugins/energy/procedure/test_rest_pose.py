@@ -1,13 +1,15 @@
 """The pose of least gravity on arms whose gravity the plant computes on its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from energy.chain import Link, torques, write_urdf
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.energy.procedure.rest_pose import limits_of, place_of, rest_pose
-from cellwatt_plugins.robot import RigidBody, load_robot
-from cellwatt_plugins.robot.collision import CLEARANCE, Capsule, Checker, Outline, read_outline
+from cellwatt_plugins.energy.procedure.rest_pose import rest_pose
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.collision import CLEARANCE, Checker
 
 THIN = (0.01, 0.01, 0.01)
 ROD = 0.4
@@ -26,10 +28,9 @@ def arm_of(folder, ranges, capsules=""):
         f"- {{name: joint_{i + 1}, lower_limit: {low}, upper_limit: {high}}}" for i, (low, high) in enumerate(ranges)
     )
     (folder / "robot.yaml").write_text(f"robot: planar\nurdf: robot.urdf\njoints:\n{joints}\n{capsules}")
-    robot = load_robot(folder)
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
-    limits = limits_of(robot, body)
-    return links, body, limits, Checker(body, read_outline(folder, body), limits)
+    arm = Arm.load(folder)
+    limits = arm.finite_limits()
+    return links, arm, limits, Checker(arm, limits)
 
 
 def gravity(links, q):
@@ -46,18 +47,18 @@ def brute(links, limits, count=181):
 
 
 def test_straight_up_where_the_arm_may_go_there(tmp_path):
-    links, body, limits, checker = arm_of(tmp_path, [(-3, 3), (-3, 0.5), (-2.5, 2.5)])
-    found = rest_pose(body, limits, checker, starts=8)
+    links, arm, limits, checker = arm_of(tmp_path, [(-3, 3), (-3, 0.5), (-2.5, 2.5)])
+    found = rest_pose(arm, limits, checker, starts=8)
     assert found.residual < 0.01
     assert np.linalg.norm(gravity(links, found.q)) < 0.01
-    assert place_of(body, found.q)[2] == pytest.approx(0.3 + ROD, abs=1e-3)
+    assert arm.forward(found.q[None])[0, -1, 2, 3] == pytest.approx(0.3 + ROD, abs=1e-3)
     assert found.reached >= 1
 
 
 def test_the_least_of_several_minima_within_the_limits(tmp_path):
     """The shoulder cannot stand the arm up: the elbow must balance it; a grid knows how well."""
-    links, body, limits, checker = arm_of(tmp_path, [(-3, 3), (-1.2, 0.3), (-2.0, 2.0)])
-    found = rest_pose(body, limits, checker, starts=16)
+    links, arm, limits, checker = arm_of(tmp_path, [(-3, 3), (-1.2, 0.3), (-2.0, 2.0)])
+    found = rest_pose(arm, limits, checker, starts=16)
     assert np.all((found.q >= limits[:, 0]) & (found.q <= limits[:, 1]))
     assert found.residual == pytest.approx(np.linalg.norm(gravity(links, found.q)), rel=1e-6)
     assert found.residual <= brute(links, limits) + 0.02
@@ -66,8 +67,8 @@ def test_the_least_of_several_minima_within_the_limits(tmp_path):
 
 def test_not_through_the_floor(tmp_path):
     """Hanging down asks nothing of the motors, but the floor is there."""
-    links, body, limits, checker = arm_of(tmp_path, [(-3, 3), (0.2, 3.0), (-2.5, 2.5)])
-    found = rest_pose(body, limits, checker, starts=16)
+    links, arm, limits, checker = arm_of(tmp_path, [(-3, 3), (0.2, 3.0), (-2.5, 2.5)])
+    found = rest_pose(arm, limits, checker, starts=16)
     assert found.clearance >= CLEARANCE
     assert checker.safe(found.q[None]).all()
     hanging = np.array([0.0, np.pi / 2, 0.0])
@@ -76,11 +77,10 @@ def test_not_through_the_floor(tmp_path):
 
 
 def test_no_clear_pose_is_told(tmp_path):
-    _, body, limits, _ = arm_of(tmp_path, [(-3, 3), (-0.2, 0.2), (-0.2, 0.2)])
-    rod = Capsule(link=2, start=(0, 0, 0), end=(0.4, 0, 0), radius=0.05)
-    high = Checker(body, Outline(floor=2.0, capsules=(rod,)), limits)
+    _, arm, limits, _ = arm_of(tmp_path, [(-3, 3), (-0.2, 0.2), (-0.2, 0.2)])
+    high = replace(arm, description=arm.description.model_copy(update={"floor": 2.0}))
     with pytest.raises(ConfigError, match="no pose of least gravity is clear"):
-        rest_pose(body, limits, high, starts=4)
+        rest_pose(arm, limits, Checker(high, limits), starts=4)
 
 
 def test_a_joint_without_a_range_is_told(tmp_path):

@@ -2,7 +2,7 @@ import pytest
 
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.faults.cycles.arm_of_points import Cycle, describe, run
 
 HEALTHY = [Cycle(task.upper(), 0.6 if task.islower() else 1.0) for task in "AbBAaBABaAbB"]
@@ -11,7 +11,7 @@ HEALTHY = [Cycle(task.upper(), 0.6 if task.islower() else 1.0) for task in "AbBA
 
 @pytest.fixture(scope="session")
 def robot(tmp_path_factory):
-    return load_robot(describe(tmp_path_factory.mktemp("points")))
+    return Arm.load(describe(tmp_path_factory.mktemp("points")))
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.arm import Motion, nominal
-from cellwatt_plugins.faults.cycles.known import body_of
 from cellwatt_plugins.faults.cycles.load import load_of
 from tests.plugins.faults.cycles.arm_of_points import STANDBY, TASK_C, Cycle, run
 
@@ -23,7 +22,7 @@ def test_it_foretells_a_task_that_it_never_saw(known):
 
 def test_the_description_alone_is_worse(known, robot):
     unseen = run([Cycle("C")], seed=6, noise=0.0)
-    told = replace(known.arm, parameters=nominal(robot, body_of(robot)))
+    told = replace(known.arm, parameters=nominal(robot))
     assert np.std(power_of(told, unseen) - unseen.power) > 2 * np.std(power_of(known.arm, unseen) - unseen.power)
 
 

@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def explained(folder) -> Explained:
-    return explain(runs := [recorded(program(), LOAD)], baseline(runs, *arm(folder)))
+    return explain(runs := [recorded(program(), LOAD)], baseline(runs, arm(folder)))
 
 
 @pytest.fixture(scope="module")
@@ -221,7 +221,7 @@ class TestSuggestion:
         assert again.time[-1] > 0.9 * length
         motions = (suggested.motion, program(), again)
         told, once, repeated = (
-            explain(runs := [recorded(m, true, seed=5)], baseline(runs, *arm(folder))) for m in motions
+            explain(runs := [recorded(m, true, seed=5)], baseline(runs, arm(folder))) for m in motions
         )
         assert [(f.effect, f.joint) for f in told.findings.findings] == [(true, 1)]
         assert not told.findings.findings[0].alternatives
@@ -230,15 +230,14 @@ class TestSuggestion:
 
     def test_expected_evidence_comes_true_with_both_recordings(self, folder, explained, suggested):
         first = recorded(program(), LOAD)
-        both = explain(runs := [first, recorded(suggested.motion, LOAD, "run_02", 5)], baseline(runs, *arm(folder)))
+        both = explain(runs := [first, recorded(suggested.motion, LOAD, "run_02", 5)], baseline(runs, arm(folder)))
         expected = suggested.chosen[0].gains[0].nats
         gained = margin(both, LOAD, STRIBECK) - margin(explained, LOAD, STRIBECK)
         assert gained > 0.5 * expected
 
     def test_limits_are_kept(self, folder, suggested):
         motion = suggested.motion
-        robot, _ = arm(folder)
-        joint = robot.joints[0]
+        joint = arm(folder).description.joints[0]
         assert joint.lower_limit <= np.min(motion.position[:, 0])
         assert np.max(motion.position[:, 0]) <= joint.upper_limit
         assert np.all(np.max(np.abs(motion.velocity), axis=0) <= [2.0, 3.0])
@@ -249,7 +248,7 @@ class TestSuggestion:
         write_suggestion(suggested.motion, path)
         header = path.read_text().splitlines()[0]
         assert header == "t,q_1,q_2,qd_1,qd_2,qdd_1,qdd_2"
-        run, read = read_motion(path, None, arm(folder)[0])
+        run, read = read_motion(path, None, arm(folder).description)
         assert np.allclose(read.position, suggested.motion.position, atol=1e-6)
         assert np.allclose(read.velocity, suggested.motion.velocity, atol=1e-6)
         assert np.allclose(read.acceleration, suggested.motion.acceleration, atol=1e-6)
@@ -263,7 +262,7 @@ class TestSuggestion:
         assert "rad/s" in words
 
     def test_joint_that_hardly_moved_is_to_be_moved(self, folder):
-        found = explain(runs := [recorded(program(), None)], baseline(runs, *arm(folder)))
+        found = explain(runs := [recorded(program(), None)], baseline(runs, arm(folder)))
         suggestion = suggest(found)
         asked = {(a.objective.term.effect.name, a.objective.term.joint) for c in suggestion.chosen for a in c.gains}
         assert all(isinstance(a.objective, Detection) for c in suggestion.chosen for a in c.gains)
@@ -272,7 +271,7 @@ class TestSuggestion:
         assert np.ptp(suggestion.motion.position[:, 1]) > 0.5
 
     def test_warming_takes_its_time(self, folder):
-        suggestion = suggest(explain(runs := [recorded(program(), None)], baseline(runs, *arm(folder))))
+        suggestion = suggest(explain(runs := [recorded(program(), None)], baseline(runs, arm(folder))))
         warm = [c for c in suggestion.chosen for a in c.gains if "temperature" in a.objective.aim]
         assert warm
         assert all(c.experiment.trajectory.seconds > 100 and c.seconds >= 100 for c in warm)
@@ -294,7 +293,7 @@ def test_command_writes_the_motion_and_says_so(folder, tmp_path):
     done = CliRunner().invoke(explain_command, [*words, "--out", str(tmp_path / "out"), "--no-report"])
     assert done.exit_code == 0, done.output
     assert "suggested: " in done.output
-    motion, _ = read_motion(tmp_path / "next.csv", None, arm(folder)[0])
+    motion, _ = read_motion(tmp_path / "next.csv", None, arm(folder).description)
     assert len(motion.time) > 1000
     assert np.allclose(np.diff(motion.time), 0.01)
 

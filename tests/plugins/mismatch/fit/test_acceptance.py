@@ -15,10 +15,10 @@ RIPPLES = [Term(BY_NAME["position_periodic_torque"], joint, (n,)) for joint in r
 
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory) -> Problem:
-    robot, body = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
     shifted = plant.Missing(read=lambda torque: torque + np.array([0.1, 0, 0]))
     runs = [plant.record(f"run_{i:02d}", i, shifted, 20.0) for i in (1, 2, 3)]
-    states = [States(r.name, i, r.time, moved(r), robot, body) for i, r in enumerate(runs)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return torque_problem(runs, states)
 
 

@@ -21,10 +21,10 @@ OFFSET = Term(BY_NAME["torque_offset"], 0, ())
 
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory) -> Problem:
-    robot, body = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
     shifted = plant.Missing(read=lambda torque: torque + np.array([2.0, 0, 0]))
     runs = [plant.record("run_01", 1, shifted, 12.0), plant.record("run_02", 2, shifted, 17.0)]
-    states = [States(r.name, i, r.time, moved(r), robot, body) for i, r in enumerate(runs)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return torque_problem(runs, states)
 
 

@@ -16,7 +16,7 @@ def arm(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def states(arm):
-    return plant.states(*arm, seconds=6.0)
+    return plant.states(arm, seconds=6.0)
 
 
 def added(blocks, name_to_find):
@@ -53,15 +53,15 @@ def test_columns_of_a_link_are_what_a_heavier_one_needs_more(states):
 
 
 def test_what_the_simulation_leaves_out_is_not_retuned(tmp_path):
-    robot, body = plant.load(plant.write_robot(tmp_path, coulomb_friction=0.0, rotor_inertia=0.0))
-    blocks = torque_nuisance([plant.states(robot, body, seconds=3.0)])
+    arm = plant.load(plant.write_robot(tmp_path, coulomb_friction=0.0, rotor_inertia=0.0))
+    blocks = torque_nuisance([plant.states(arm, seconds=3.0)])
     assert len(blocks) == 2 * plant.JOINTS
 
 
 def test_tolerances_are_the_spread_of_the_priors(tmp_path):
     tolerances = {"friction": 0.2, "rotor_inertia": 0.03, "link": 0.04, "supply": 0.07}
-    robot, body = plant.load(plant.write_robot(tmp_path, tolerances=tolerances))
-    states = plant.states(robot, body, seconds=3.0)
+    arm = plant.load(plant.write_robot(tmp_path, tolerances=tolerances))
+    states = plant.states(arm, seconds=3.0)
     blocks = torque_nuisance([states])
     spread = [np.sqrt(b.prior.covariance[0, 0]) for b in blocks[plant.JOINTS :]]
     expected = [*(0.2 * np.array(plant.NOMINAL.coulomb)), *(0.2 * np.array(plant.NOMINAL.viscous))]

@@ -29,7 +29,7 @@ def thinner(problem: Problem, every: int) -> Problem:
 
 def searched(arm, missing, names, seed=1, thresholds=None, thin=1):
     runs = [plant.record("run_01", seed, missing), plant.record("run_02", seed + 1, missing)]
-    states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     return search(
         lambda turning: thinner(torque_problem(runs, states, turning), thin),
         plant.JOINTS,
@@ -131,7 +131,7 @@ def test_the_link_that_is_off_is_told_from_its_neighbours(arm, real):
 def test_a_link_may_be_off_as_links_are(arm):
     """It is heavier, or weighs elsewhere; no moment comes without inertia, nor inertia about one axis alone."""
     run = plant.record("run_01", 1, plant.NOTHING)
-    states = [States(run.name, 0, run.time, moved(run), *arm)]
+    states = [States(run.name, 0, run.time, moved(run), arm)]
     effect = BY_NAME["link_inertial_error"]
     covariance = effect.prior(states, 1, np.empty((0, 3, 10)), np.ones(3)).covariance
 
@@ -153,7 +153,7 @@ def test_a_link_may_be_off_as_links_are(arm):
 
 def test_a_delay_of_less_than_a_tenth_of_a_sample_is_how_torque_was_sampled(arm):
     run = plant.record("run_01", 1, plant.NOTHING)
-    states = [States(run.name, 0, run.time, moved(run), *arm)]
+    states = [States(run.name, 0, run.time, moved(run), arm)]
     for share, resolved in ((0.08, False), (-0.08, False), (0.12, True), (-0.12, True)):
         assert BY_NAME["time_delay"].resolved(states, None, (share / plant.RATE,)) == resolved
 
@@ -171,7 +171,7 @@ def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
     def found(brakes):
         missing = plant.Missing(drawn=drawn(brakes))
         runs = [plant.record(f"run_0{i}", i, missing, plan=True) for i in (1, 2)]
-        states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+        states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
         problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
         effects = [BY_NAME["iron_loss"], BY_NAME["brake_power"]]
         return {t.effect.name for t in search(lambda _: problem, 1, effects=effects).terms}
@@ -236,7 +236,7 @@ def test_what_turns_over_at_random_is_not_half_an_offset(arm):
 
 def test_a_term_that_blurs_another_is_seen(arm):
     runs = [plant.record("run_01", 1), plant.record("run_02", 2)]
-    states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     problem = torque_problem(runs, states)
     offset, spring = Term(BY_NAME["torque_offset"], 0, ()), Term(BY_NAME["spring_load"], 0, ())
     speed = Term(BY_NAME["viscous_friction"], 1, ())

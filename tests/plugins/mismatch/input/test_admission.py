@@ -7,7 +7,7 @@ import pytest
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_runs
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.mismatch.recorded_arm import (
     CONSTANT,
     EFFECTS,
@@ -51,7 +51,7 @@ def run(request, described):
 
 def refusal(runs, arm):
     with pytest.raises(RecordingError) as caught:
-        examine(runs, *arm)
+        examine(runs, arm)
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -267,7 +267,7 @@ def test_nothing_moves(described, arm):
 
 
 def test_a_run_at_rest_among_others_is_a_note(described, arm):
-    assert examine([at_rest(described), recorded(described, excitation(1))], *arm)[1] == ["rest: the arm stands still"]
+    assert examine([at_rest(described), recorded(described, excitation(1))], arm)[1] == ["rest: the arm stands still"]
 
 
 def test_no_recording(arm):
@@ -280,8 +280,8 @@ def test_what_a_robot_may_do_is_no_wrong_input(effect, described, arm, bare):
     motion = list(MOTIONS.values())[list(EFFECTS).index(effect) % len(MOTIONS)]
     run = recorded(described, motion(seed=4), effect=EFFECTS[effect], seed=7)
     for kept in (run, without_plan(run), replace(without_plan(run), velocity=None)):
-        assert examine([kept], *arm)[1] == []
-        assert all("otherwise than the simulation" in note for note in examine([kept], *bare)[1])
+        assert examine([kept], arm)[1] == []
+        assert all("otherwise than the simulation" in note for note in examine([kept], bare)[1])
 
 
 @pytest.mark.slow
@@ -292,8 +292,8 @@ def test_nor_with_other_motions(effect, described, arm, bare):
         for motion in MOTIONS.values():
             run = recorded(described, motion(seed), effect=EFFECTS[effect], seed=seed)
             for kept in (run, without_plan(run)):
-                assert examine([kept], *arm)[1] == []
-                assert all("otherwise than the simulation" in note for note in examine([kept], *bare)[1])
+                assert examine([kept], arm)[1] == []
+                assert all("otherwise than the simulation" in note for note in examine([kept], bare)[1])
 
 
 def tracked(run, seconds, error):
@@ -303,12 +303,12 @@ def tracked(run, seconds, error):
 
 @pytest.mark.parametrize(("seconds", "error"), [(0.03, 0.0), (0.1, 0.0), (0.0, 0.1), (0.1, -0.05), (0.0, 2 * np.pi)])
 def test_loose_tracking_is_no_wrong_input(seconds, error, run, arm):
-    assert examine([tracked(run, seconds, error)], *arm)[1] == []
+    assert examine([tracked(run, seconds, error)], arm)[1] == []
 
 
 def test_late_tracking_is_a_note(described, arm):
     run = recorded(described, excitation(1))
-    (note,) = examine([tracked(run, 0.2, 0.0)], *arm)[1]
+    (note,) = examine([tracked(run, 0.2, 0.0)], arm)[1]
     assert note == "run_01: the recorded motion comes 0.20 s after the simulation's"
 
 
@@ -317,7 +317,7 @@ def test_a_multi_turn_joint_is_no_wrong_unit(described, arm):
     screw = 2.0 * moves.time
     turning = replace(moves, q=np.column_stack([moves.q[:, :5], screw]), qd=moves.qd.copy(), qdd=moves.qdd.copy())
     turning.qd[:, 5], turning.qdd[:, 5] = 2.0, 0.0
-    assert examine([recorded(described, turning)], *arm)[1] == []
+    assert examine([recorded(described, turning)], arm)[1] == []
 
 
 def test_other_supplies_are_no_wrong_unit(run, arm):
@@ -328,14 +328,14 @@ def test_other_supplies_are_no_wrong_unit(run, arm):
         np.convolve(run.power, np.ones(300) / 300, "same"),
         np.full(len(joints), 90.0) + 0.1 * np.sin(run.time),
     ):
-        assert examine([replace(run, power=power)], *arm)[1] == []
+        assert examine([replace(run, power=power)], arm)[1] == []
 
 
 def test_what_never_moved_is_a_note(described, arm):
     moves = excitation(1)
     still = np.array([1, 1, 1, 1, 0, 0])
     some = replace(moves, q=moves.q * still, qd=moves.qd * still, qdd=moves.qdd * still)
-    assert examine([recorded(described, some)], *arm)[1] == [
+    assert examine([recorded(described, some)], arm)[1] == [
         "joints 5, 6 never moved: friction and inertia cannot be seen there"
     ]
 
@@ -344,19 +344,19 @@ def test_cut_off_and_coarse_torques_are_notes(described, arm):
     run = recorded(described, excitation(1))
     limit = 0.7 * run.torque[:, 1].max()
     cut = replace(run, torque=np.clip(run.torque, None, [1e9, limit, 1e9, 1e9, 1e9, 1e9]))
-    (note,) = examine([cut], *arm)[1]
+    (note,) = examine([cut], arm)[1]
     assert f"the torque of joint 2 stays at its extreme of {limit:.4g} Nm in" in note
     steps = 20 * NOISE[2]
     torque = run.torque.copy()
     torque[:, 2] = np.round(torque[:, 2] / steps) * steps
-    (note,) = examine([replace(run, torque=torque)], *arm)[1]
+    (note,) = examine([replace(run, torque=torque)], arm)[1]
     assert note == f"run_01: the torque of joint 3 comes in steps of {steps:.3g} Nm: smaller effects cannot be seen"
 
 
 def test_notes_of_reading_and_missing_power(described, arm):
     run = recorded(described, excitation(1))
     gaps = np.arange(len(run.time)) % 100 == 0
-    notes = examine([replace(run, power=None, gaps=gaps, notes=("as read",))], *arm)[1]
+    notes = examine([replace(run, power=None, gaps=gaps, notes=("as read",))], arm)[1]
     assert notes == [
         "as read",
         "no power recorded: nothing can be said of the supply",
@@ -369,7 +369,7 @@ def test_filled_samples_do_not_count(described, arm):
     gaps = (run.time > 5) & (run.time < 7)
     torque = np.where(gaps[:, None], 1e6, run.torque)
     power = np.where(gaps, 0.0, run.power)
-    (note,) = examine([replace(run, torque=torque, power=power, gaps=gaps)], *arm)[1]
+    (note,) = examine([replace(run, torque=torque, power=power, gaps=gaps)], arm)[1]
     assert "10 % of the samples" in note
 
 
@@ -381,24 +381,23 @@ def concealed():
 
 @pytest.mark.parametrize("case", concealed(), ids=lambda case: case.name)
 def test_concealed_cases_are_admitted_without_a_word(case):
-    robot = load_robot(case)
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    arm = Arm.load(case)
     seen, said = sorted(case.glob("*.recording.parquet")), sorted(case.glob("*.simulation.parquet"))
-    runs = read_runs(seen, said, robot)
+    runs = read_runs(seen, said, arm.description)
     assert len(runs) == len(seen)
-    assert examine(runs, robot, body)[1] == []
-    assert examine([without_plan(run) for run in runs], robot, body)[1] == []
+    assert examine(runs, arm)[1] == []
+    assert examine([without_plan(run) for run in runs], arm)[1] == []
 
 
 def test_the_constants_of_the_arm_are_the_descriptions(arm):
-    np.testing.assert_array_equal([joint.torque_constant for joint in arm[0].joints], CONSTANT)
+    np.testing.assert_array_equal([joint.torque_constant for joint in arm.description.joints], CONSTANT)
 
 
 def test_a_torque_that_was_not_read_for_a_while_is_a_note(described, arm):
     run = recorded(described, excitation(1))
     torque = run.torque.copy()
     torque[400:700, 2] = torque[400, 2]
-    (note,) = examine([replace(run, torque=torque)], *arm)[1]
+    (note,) = examine([replace(run, torque=torque)], arm)[1]
     assert f"the torque of joint 3 stays at {torque[400, 2]:.4g} Nm from 4.00 to 6.99 s while the joint moves" in note
 
 
@@ -415,4 +414,4 @@ def test_a_wrist_that_carries_nothing_is_in_no_other_unit(described, arm):
     run = recorded(described, excitation(1))
     noise = np.random.default_rng(2).normal(0, 1e-3, len(run.time))
     idle = np.column_stack([run.torque[:, :-1], noise])
-    assert isinstance(examine([replace(run, torque=idle)], *arm)[1], list)
+    assert isinstance(examine([replace(run, torque=idle)], arm)[1], list)

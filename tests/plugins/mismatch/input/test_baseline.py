@@ -49,27 +49,25 @@ TIME = np.arange(2400) / plant.RATE
 
 
 def test_without_a_simulation_it_is_the_description(described):
-    robot, body = described
     bare = replace(run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME)), simulated=None)
-    base = baseline([bare], robot, body)
-    assert (base.robot, base.body) == (robot, body)
+    base = baseline([bare], described)
+    assert base.arm == described
     assert base.beyond(bare) == (None, None)
 
 
 def test_a_simulation_that_follows_the_description_is_the_description(described):
-    robot, body = described
-    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME))], robot, body)
-    assert (base.robot, base.body) == (robot, body)
+    base = baseline([run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME))], described)
+    assert base.arm == described
 
 
 def test_numbers_that_the_description_lacks_are_the_simulations(silent):
     runs = [run(says(plant.NOMINAL, plant.moves(seed, 24.0), TIME)) for seed in (1, 2)]
-    base = baseline(runs, *silent)
+    base = baseline(runs, silent)
     for name in ("coulomb", "viscous", "rotor", "resistance"):
         key = {"coulomb": "coulomb_friction", "viscous": "viscous_friction", "rotor": "rotor_inertia"}
-        found = [getattr(joint, key.get(name, "winding_resistance")) for joint in base.robot.joints]
+        found = [getattr(joint, key.get(name, "winding_resistance")) for joint in base.arm.description.joints]
         assert found == pytest.approx(getattr(plant.NOMINAL, name), rel=0.02), name
-    assert base.robot.standby_power == pytest.approx(plant.NOMINAL.standby, rel=0.01)
+    assert base.arm.description.standby_power == pytest.approx(plant.NOMINAL.standby, rel=0.01)
     torque, power = base.beyond(runs[0])
     assert np.sqrt(np.mean(torque**2)) < 0.05
     assert np.sqrt(np.mean(power**2)) < 0.5
@@ -78,30 +76,29 @@ def test_numbers_that_the_description_lacks_are_the_simulations(silent):
 def test_a_tool_that_the_urdf_lacks_is_carried_to_other_motion(silent):
     """The links found from one motion say what the tool needs in another."""
     runs = [run(says(HEAVIER, plant.moves(seed, 24.0), TIME)) for seed in (1, 2)]
-    base = baseline(runs, *silent)
+    base = baseline(runs, silent)
     q, qd, qdd = plant.moves(9, 10.0)(TIME[:1000])
     clear = np.all((np.abs(qd) > 0.05) | (qd == 0), axis=1)
     wanted = plant.motors(HEAVIER, q, qd, qdd)
     off = (base.torque(Plan(q, qd, qdd)) - wanted)[clear]
     assert np.all(np.sqrt(np.mean(off**2, axis=0)) < 0.02 * np.std(wanted, axis=0))
-    assert np.all(np.abs(silent[1].parameters() - base.body.parameters()).reshape(-1, 10)[2, 0] > 0.5)
+    assert np.all(np.abs(silent.body.parameters() - base.arm.body.parameters()).reshape(-1, 10)[2, 0] > 0.5)
 
 
 def test_what_the_law_leaves_is_carried_in_time(described):
     ripple = 3.0 * np.sin(0.9 * TIME)[:, None] * np.array([0.0, 1.0, 0.0])
     simulated = run(says(plant.NOMINAL, plant.moves(1, 24.0), TIME, ripple))
-    torque, _ = baseline([simulated], *described).beyond(simulated)
+    torque, _ = baseline([simulated], described).beyond(simulated)
     moving = np.abs(simulated.plan.velocity[:, 1]) > 0.05
     assert np.corrcoef(torque[moving, 1], ripple[moving, 1])[0, 1] > 0.9
 
 
 def test_the_simulations_torque_is_what_is_explained(described):
     """Another torque of the simulation makes another answer."""
-    robot, body = described
     seen = plant.record("run", 3)
     assert seen.simulated is not None
     other = replace(seen, simulated=replace(seen.simulated, torque=seen.simulated.torque + np.array([0.0, 5.0, 0.0])))
-    same, off = (explain([each], baseline([each], robot, body)).findings for each in (seen, other))
+    same, off = (explain([each], baseline([each], described)).findings for each in (seen, other))
     assert not [f for f in same.findings if f.kind == "missing"]
     assert [(f.effect, f.joint) for f in off.findings if f.kind == "missing"] == [("torque_offset", 2)]
     assert off.findings[0].parameters["offset"].value == pytest.approx(-5.0, abs=0.3)
@@ -109,7 +106,7 @@ def test_the_simulations_torque_is_what_is_explained(described):
 
 def test_where_the_description_says_otherwise_is_one_note(silent):
     seen = plant.record("run", 3)
-    _, notes = examine([seen], *silent)
+    _, notes = examine([seen], silent)
     (note,) = [n for n in notes if "otherwise" in n]
     assert "joint 1" in note
     assert "coulomb friction 0 instead of" in note
@@ -118,10 +115,11 @@ def test_where_the_description_says_otherwise_is_one_note(silent):
 
 def test_keys_that_are_left_out_say_nothing(tmp_path):
     """Nothing is noted of what the description does not speak of."""
-    robot, body = plant.load(plant.write_robot(tmp_path))
+    arm = plant.load(plant.write_robot(tmp_path))
+    robot = arm.description
     quiet = tuple(
         type(j)(name=j.name, gear_ratio=j.gear_ratio, torque_constant=j.torque_constant) for j in robot.joints
     )
     content = {"robot": robot.robot, "urdf": robot.urdf, "joints": quiet, "tolerances": robot.tolerances}
-    _, notes = examine([plant.record("run", 3)], type(robot)(**content), body)
+    _, notes = examine([plant.record("run", 3)], replace(arm, description=type(robot)(**content)))
     assert not [n for n in notes if "otherwise" in n]

@@ -65,13 +65,13 @@ def csv(path, columns, separator=",", decimal="."):
 
 
 def one(path, arm):
-    (run,) = read_runs([path], [], arm[0])
+    (run,) = read_runs([path], [], arm.description)
     return run
 
 
 def refused(path, arm, simulations=()):
     with pytest.raises((RecordingError, ConfigError)) as caught:
-        read_runs([path], simulations, arm[0])
+        read_runs([path], simulations, arm.description)
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -81,7 +81,7 @@ def test_a_table_and_its_simulation_become_a_run(tmp_path, arm):
     t = times()
     seen = parquet(tmp_path / "run_01.recording.parquet", recording(t, **numbered("temperature", 30 + motion(t)[0])))
     said = parquet(tmp_path / "run_01.simulation.parquet", simulation(t))
-    (run,) = read_runs([seen], [said], arm[0])
+    (run,) = read_runs([seen], [said], arm.description)
     q, qd, qdd, tau = motion(t)
     assert run.name == "run_01"
     assert run.step == pytest.approx(1 / RATE)
@@ -243,7 +243,7 @@ def test_a_simulation_of_another_rate_is_interpolated(tmp_path, arm):
     t = times()
     seen = parquet(tmp_path / "seen.parquet", recording(t))
     said = parquet(tmp_path / "said.parquet", simulation(times(rate=1000.0)))
-    (run,) = read_runs([seen], [said], arm[0])
+    (run,) = read_runs([seen], [said], arm.description)
     q, qd, qdd, _ = motion(t)
     for got, true in ((run.plan.position, q), (run.plan.velocity, qd), (run.plan.acceleration, qdd)):
         np.testing.assert_allclose(got, true, atol=1e-5)
@@ -255,7 +255,7 @@ def test_a_slow_simulation_leaves_no_share_of_the_jerk(tmp_path, arm):
     """Straight lines would lack step² / 8 of the acceleration's second derivative, as an elastic joint does."""
     recorded = parquet(tmp_path / "run.recording.parquet", recording(times()))
     simulated = parquet(tmp_path / "run.simulation.parquet", simulation(times(rate=10.0)))
-    (run,) = read_runs([recorded], [simulated], arm[0])
+    (run,) = read_runs([recorded], [simulated], arm.description)
     jerked = -((0.5 + 0.2 * np.arange(JOINTS)) ** 2) * motion(run.time)[2]
     off = run.plan.acceleration - motion(run.time)[2]
     inside = slice(20, -40)
@@ -267,7 +267,7 @@ def test_a_simulation_with_a_start_of_its_own_is_lined_up_by_the_motion(tmp_path
     t = times(20.0)
     seen = parquet(tmp_path / "seen.parquet", recording(t))
     said = parquet(tmp_path / "said.parquet", {**simulation(t), "t": t + 1.7})
-    (run,) = read_runs([seen], [said], arm[0])
+    (run,) = read_runs([seen], [said], arm.description)
     np.testing.assert_allclose(run.plan.position, run.position, atol=1e-3)
     assert any("different clocks (-1.7" in note for note in run.notes)
 
@@ -276,7 +276,7 @@ def test_a_simulation_on_another_clock_is_lined_up_by_the_motion(tmp_path, arm):
     t = times(20.0)
     seen = parquet(tmp_path / "seen.parquet", {**recording(t), "t": t + 1e6})
     said = parquet(tmp_path / "said.parquet", {**simulation(t + 2.0), "t": t})
-    (run,) = read_runs([seen], [said], arm[0])
+    (run,) = read_runs([seen], [said], arm.description)
     assert run.time[0] == pytest.approx(1e6 + 2.0, abs=0.0081)
     np.testing.assert_allclose(run.plan.position, run.position, atol=1e-3)
     assert any("different clocks" in note for note in run.notes)
@@ -294,7 +294,7 @@ def test_what_a_simulation_lacks_of_the_motion_is_derived(tmp_path, arm):
     q = motion(t)[0]
     seen = parquet(tmp_path / "seen.parquet", recording(t))
     said = parquet(tmp_path / "said.parquet", {"t": t, **numbered("q", q)})
-    (run,) = read_runs([seen], [said], arm[0])
+    (run,) = read_runs([seen], [said], arm.description)
     inside = slice(50, -50)
     np.testing.assert_allclose(run.plan.velocity[inside], motion(t)[1][inside], atol=2e-3)
     np.testing.assert_allclose(run.plan.acceleration[inside], motion(t)[2][inside], atol=5e-3)
@@ -468,13 +468,13 @@ def test_simulations_are_matched_by_name_or_by_place(tmp_path, arm):
         columns = {n: v + shift * n.startswith("q_") for n, v in simulation(t).items()}
         sims[name] = parquet(tmp_path / f"{name}.parquet", columns)
     for simulations in ([sims["b.simulation"], sims["a.simulation"]], [sims["x"], sims["y"]]):
-        for run in read_runs([a, b], simulations, arm[0]):
+        for run in read_runs([a, b], simulations, arm.description):
             np.testing.assert_allclose(run.plan.position, run.position)
-    first, second = read_runs([a, b], [sims["b.simulation"]], arm[0])
+    first, second = read_runs([a, b], [sims["b.simulation"]], arm.description)
     assert first.plan is None
     assert second.plan is not None
     with pytest.raises(RecordingError, match="2 recordings but 1 simulations"):
-        read_runs([a, b], [sims["x"]], arm[0])
+        read_runs([a, b], [sims["x"]], arm.description)
 
 
 def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
@@ -482,9 +482,9 @@ def test_runs_of_the_same_name_carry_their_folders(tmp_path, arm):
     for folder in ("cold", "warm"):
         (tmp_path / folder).mkdir()
         paths.append(parquet(tmp_path / folder / "run.parquet", recording(times())))
-    assert [run.name for run in read_runs(paths, [], arm[0])] == ["cold/run", "warm/run"]
+    assert [run.name for run in read_runs(paths, [], arm.description)] == ["cold/run", "warm/run"]
     with pytest.raises(RecordingError, match="two recordings are called cold/run"):
-        read_runs([paths[0], paths[0]], [], arm[0])
+        read_runs([paths[0], paths[0]], [], arm.description)
 
 
 @pytest.mark.parametrize(("rate", "count"), [(1000.0, 4), (500.0, 2), (400.0, 2), (250.0, 1), (125.0, 1)])
@@ -495,7 +495,9 @@ def test_a_fast_recording_is_looked_at_in_means(tmp_path, arm, rate, count):
     hole = slice(2000 * int(rate) // 1000, 2000 * int(rate) // 1000 + 8 * count)
     columns = {name: np.delete(values, hole) for name, values in columns.items()}
     (run,) = read_runs(
-        [parquet(tmp_path / "a.parquet", columns)], [parquet(tmp_path / "s.parquet", simulation(times(9.0)))], arm[0]
+        [parquet(tmp_path / "a.parquet", columns)],
+        [parquet(tmp_path / "s.parquet", simulation(times(9.0)))],
+        arm.description,
     )
     q, qd, qdd, tau = motion(run.time)
     assert run.step == pytest.approx(count / rate)
@@ -511,7 +513,7 @@ def test_a_motion_is_simulated_at_its_own_rate(tmp_path, arm):
     t = times(rate=1000.0)
     q, qd, qdd, _ = motion(t)
     whole = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
-    got, _ = read_motion(parquet(tmp_path / "a.parquet", whole), None, arm[0])
+    got, _ = read_motion(parquet(tmp_path / "a.parquet", whole), None, arm.description)
     np.testing.assert_allclose(got.time, t)
 
 
@@ -520,7 +522,7 @@ def test_a_motion_with_accelerations_was_planned(tmp_path, arm):
     q, qd, qdd, _ = motion(t)
     whole = {"t": t, **numbered("q", q), **numbered("qd", qd), **numbered("qdd", qdd)}
     got, known = read_motion(
-        parquet(tmp_path / "a.parquet", {**whole, **numbered("temperature", 30 + q)}), None, arm[0]
+        parquet(tmp_path / "a.parquet", {**whole, **numbered("temperature", 30 + q)}), None, arm.description
     )
     np.testing.assert_allclose(got.time, t)
     for have, true in ((known.position, q), (known.velocity, qd), (known.acceleration, qdd), (got.temperature, 30 + q)):
@@ -529,7 +531,7 @@ def test_a_motion_with_accelerations_was_planned(tmp_path, arm):
 
 def test_a_motion_without_them_was_measured(tmp_path, arm):
     t = times()
-    got, known = read_motion(csv(tmp_path / "a.csv", {"t": t, **numbered("q", motion(t)[0])}), None, arm[0])
+    got, known = read_motion(csv(tmp_path / "a.csv", {"t": t, **numbered("q", motion(t)[0])}), None, arm.description)
     assert known is None
     assert got.velocity is None
     assert got.temperature is None
@@ -540,7 +542,7 @@ def test_a_measured_motion_is_taken_beside_its_simulation_whole(tmp_path, arm):
     t = times()
     measured = parquet(tmp_path / "a.parquet", {"t": t, **numbered("q", motion(t)[0] + 1e-4)})
     said = parquet(tmp_path / "s.parquet", simulation(times(7.5)))
-    got, _ = read_motion(measured, said, arm[0])
+    got, _ = read_motion(measured, said, arm.description)
     assert len(got.time) == len(t)
     np.testing.assert_allclose(got.plan.position[:740], motion(t)[0][:740], atol=1e-6)
     np.testing.assert_allclose(got.simulated.torque, motion(times(7.5))[3])

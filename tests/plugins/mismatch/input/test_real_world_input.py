@@ -12,7 +12,6 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_runs
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot import RigidBody
 from cellwatt_plugins.robot.effects.backlash import Backlash
 from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
 from cellwatt_plugins.robot.effects.states import States
@@ -60,15 +59,15 @@ def slowly(described, rate, seconds, seed=1):
 
 def admitted(*paths, arm):
     """What is said of recordings that are admitted."""
-    return examine(read_runs(paths, [], arm[0]), *arm)[1]
+    return examine(read_runs(paths, [], arm.description), arm)[1]
 
 
 @pytest.mark.parametrize("rate", [1.0, 2.0, 4.0, 10.0])
 def test_a_slow_log_is_taken_as_it_is(rate, tmp_path, described, arm):
     path = logged(tmp_path, slowly(described, rate, seconds=max(40.0, 80 / rate)))
-    run = read_runs([path], [], arm[0])[0]
+    run = read_runs([path], [], arm.description)[0]
     assert 1 / run.step == pytest.approx(rate, rel=0.05)
-    notes = "\n".join(examine([run], *arm)[1])
+    notes = "\n".join(examine([run], arm)[1])
     assert f"recorded at {1 / run.step:.2g} Hz" in notes
     assert "elasticity, backlash, delays, contacts" in notes
 
@@ -222,13 +221,13 @@ def endless(described, folder, kind, limit):
     ],
 )
 def test_joints_that_turn_without_end_are_described_as_any_other(kind, limit, tmp_path, described, arm):
-    robot, body = load(endless(described, tmp_path, kind, limit))
+    endlessly = load(endless(described, tmp_path, kind, limit))
     moves = excitation(2, seconds=2.0)
-    torque = body.inverse_dynamics(moves.q, moves.qd, moves.qdd)
-    np.testing.assert_allclose(torque, arm[1].inverse_dynamics(moves.q, moves.qd, moves.qdd), atol=1e-9)
-    assert admitted(logged(tmp_path, recorded(described, excitation(1))), arm=(robot, body))
-    assert body.model.upperPositionLimit[0] == pytest.approx(2 * np.pi)
-    assert body.model.upperPositionLimit[1] == 3.5
+    torque = endlessly.body.inverse_dynamics(moves.q, moves.qd, moves.qdd)
+    np.testing.assert_allclose(torque, arm.body.inverse_dynamics(moves.q, moves.qd, moves.qdd), atol=1e-9)
+    assert admitted(logged(tmp_path, recorded(described, excitation(1))), arm=endlessly)
+    assert endlessly.body.limits[0, 1] == pytest.approx(2 * np.pi)
+    assert endlessly.body.limits[1, 1] == 3.5
 
 
 def test_a_last_link_without_inertia_swings_on_no_gear(tmp_path, described):
@@ -242,10 +241,9 @@ def test_a_last_link_without_inertia_swings_on_no_gear(tmp_path, described):
     )
     (tmp_path / "bench.urdf").write_text("\n".join(text))
     (tmp_path / "robot.yaml").write_text(described.read_text())
-    robot, body = load(tmp_path / "robot.yaml")
-    assert isinstance(body, RigidBody)
+    arm = load(tmp_path / "robot.yaml")
     moves = excitation(1, seconds=4.0)
-    states = [States("run", 0, moves.time, exact(moves.q, moves.qd, moves.qdd), robot, body)]
+    states = [States("run", 0, moves.time, exact(moves.q, moves.qd, moves.qdd), arm)]
     assert states[0].own_inertia[:, 5].max() < 1e-9
     for effect in (JointElasticity(), Backlash()):
         assert not effect.shapes(states, 5, [np.zeros((len(moves.time), JOINTS))])

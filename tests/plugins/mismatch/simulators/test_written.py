@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.simulators.mjcf import write_mjcf
 from cellwatt_plugins.mismatch.simulators.placing import placing
 from cellwatt_plugins.mismatch.simulators.target import target
 from cellwatt_plugins.mismatch.simulators.urdf import what_urdf_holds, write_urdf
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Arm, Body, Joint, RobotDescription
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import exact
@@ -44,13 +44,14 @@ class Cell:
         (folder / "robot.urdf").write_text(PLAIN.urdf())
         self.path = folder / f"arm{suffix}"
         self.path.write_text(text)
-        self.body = RigidBody(folder / "robot.urdf", JOINTS)
+        joints = tuple(Joint(name=name) for name in JOINTS)
+        self.arm = Arm.of(RobotDescription(robot="planar", urdf=folder / "robot.urdf", joints=joints))
 
     def goal(self, *terms, retuned=None):
         simulator = load_simulator(self.path, JOINTS)
-        states = States("run", 0, np.arange(200) * 0.01, exact(*moves()), None, self.body)
+        states = States("run", 0, np.arange(200) * 0.01, exact(*moves()), self.arm)
         back = correction(retuned or Retuned.nothing(2), terms, [states])
-        return simulator, target(simulator, placing(simulator, self.body), back, [states], np.ones(2))
+        return simulator, target(simulator, placing(simulator, self.arm.body), back, [states], np.ones(2))
 
     def mended(self, *terms, retuned=None, out="out"):
         simulator, goal = self.goal(*terms, retuned=retuned)
@@ -195,6 +196,6 @@ def test_axes_that_lie_a_little_elsewhere_are_said(tmp_path):
     """The elbow is 2 mm nearer in the user's file: still this arm."""
     near = FULL.mjcf().replace('<body name="lower" pos="0 0 -0.5">', '<body name="lower" pos="0 0 -0.498">')
     simulator = load_simulator(Cell(tmp_path, near).path, JOINTS)
-    found = placing(simulator, RigidBody(tmp_path / "robot.urdf", JOINTS))
+    found = placing(simulator, Body(tmp_path / "robot.urdf", JOINTS))
     assert re.fullmatch(r"arm\.xml: its axes differ from the URDF's by up to 0\.\d\d° and [12]\.\d mm", found.notes[0])
     assert 0.005 < found.off < 0.03

@@ -18,7 +18,7 @@ def left(arm, added, limits=Limits()):
     """What is unexplained where no effect is known at all."""
     missing = plant.Missing(added=added)
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
-    states = [States(r.name, i, r.time, moved(r), *arm) for i, r in enumerate(runs)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     problem = torque_problem(runs, states)
     solution = search(lambda turning: torque_problem(runs, states, turning), plant.JOINTS, effects=())
     return lack_of_fit(problem.chi2(problem.fit([]).residual), solution, limits)

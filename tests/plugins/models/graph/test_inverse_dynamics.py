@@ -11,10 +11,10 @@ import pytest
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.models.graph import Chain, Graph, gravity_torque, inverse_dynamics
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 
 
-def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") -> RigidBody:
+def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") -> Body:
     """An arm with random axes, placements and links."""
     draw = np.random.default_rng(seed)
     text = ['<robot name="arm"><link name="link_0"/>']
@@ -33,7 +33,7 @@ def written_arm(folder: Path, joints: int, seed: int, kind: str = "revolute") ->
         )
     file = folder / "arm.urdf"
     file.write_text("\n".join([*text, "</robot>"]))
-    return RigidBody(file, tuple(f"joint_{i}" for i in range(1, joints + 1)))
+    return Body(file, tuple(f"joint_{i}" for i in range(1, joints + 1)))
 
 
 def run(graph: Graph, output: str, columns: int, values: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ def test_what_is_left_out_is_zero(tmp_path):
     for present, expected in (
         ((True, False), body.inverse_dynamics(q, qd, still)),
         ((False, True), body.inverse_dynamics(q, still, qdd)),
-        ((False, False), body.gravity_torque(q)),
+        ((False, False), body.gravity(q)),
     ):
         graph = Graph(columns=18)
         given = graph.ops("Split", 3, graph.input, np.full(3, 6), axis=-1)

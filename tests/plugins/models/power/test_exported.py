@@ -20,7 +20,7 @@ from cellwatt_plugins.models.power.terms import EFFECTS
 from cellwatt_plugins.models.power.training import estimate
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.models.predict import predict_file
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.making import cut, frames, layout, run, stage
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
 
@@ -31,38 +31,38 @@ PLAIN = Structure((), ("loss of the inverters by current", "brakes held open whi
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """Robot, body, and a short table with payload and temperatures."""
+    """The arm, and a short table with payload and temperatures."""
     folder = tmp_path_factory.mktemp("arm")
     draw = np.random.default_rng(5)
     true = six_axes(draw)
-    robot = load_robot(write_known(true, folder, draw))
+    described = Arm.load(write_known(true, folder, draw))
     table = recorded(true, draw, 4, (0.8, 1.5))
     rows = table.num_rows
     table = table.append_column("payload", pa.array(np.where(np.arange(rows) < rows // 2, 0.0, 1.5)))
     for i in range(6):
         table = table.append_column(f"temperature_{i + 1}", pa.array(25 + 5 * np.linspace(0, 1, rows) + i))
     pq.write_table(table, folder / "moves.parquet")
-    return robot, RigidBody(robot.urdf, tuple(j.name for j in robot.joints)), folder / "moves.parquet"
+    return described, folder / "moves.parquet"
 
 
 def made(arm, folder, structure, plain=False):
-    robot, body, table = arm
+    described, table = arm
     moves = read_moves([table], 6)
     if plain:
         moves = replace(moves, payload=None, temperature=None)
     smoother = Smoother.design(Noise(2e-5, 2.5e-3), moves.step, Span(9, 2), Span(11, 3), ahead=False)
-    fitted = fit(moves, robot, body, Tuning(smoother, 0.005), structure)
-    metadata = write(folder / "model.onnx", fitted, moves, body, robot.robot, CREATED)
+    fitted = fit(moves, described, Tuning(smoother, 0.005), structure)
+    metadata = write(folder / "model.onnx", fitted, moves, described, CREATED)
     return fitted, moves, metadata
 
 
 @pytest.mark.parametrize(("structure", "plain"), [(EVERYTHING, False), (PLAIN, True)], ids=["everything", "plain"])
 def test_the_file_says_what_the_model_says(arm, tmp_path, structure, plain):
-    robot, body, table = arm
+    described, table = arm
     fitted, moves, metadata = made(arm, tmp_path, structure, plain)
     predict_file(tmp_path / "model.onnx", table, tmp_path / "said.parquet")
     said = pq.read_table(tmp_path / "said.parquet")
-    power, current = estimate(fitted, moves, robot, body)
+    power, current = estimate(fitted, moves, described)
     assert np.abs(said["power"].to_numpy() - power).max() < 1e-6
     for i in range(6):
         assert np.abs(said[f"current_{i + 1}"].to_numpy() - current[:, i]).max() < 1e-6
@@ -88,7 +88,7 @@ def test_live_it_says_the_same_as_offline(arm, tmp_path):
     block = frames(np.concatenate([moves.q, moves.qd], axis=1)[first:end], grid)
     results = run(stage(tmp_path / "model.onnx", grid, robot="arm"), cut(block, [1, 50, 51]))
     live = np.concatenate([result.outputs["power"] for result in results if hasattr(result, "outputs")])
-    predict_file(tmp_path / "model.onnx", arm[2], tmp_path / "said.parquet")
+    predict_file(tmp_path / "model.onnx", arm[1], tmp_path / "said.parquet")
     offline = pq.read_table(tmp_path / "said.parquet")["power"].to_numpy()[first:end]
     whole = np.isfinite(live)
     assert whole.sum() == len(block) - 10

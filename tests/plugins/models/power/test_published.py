@@ -16,7 +16,7 @@ from cellwatt_plugins.models.power.scg_network import Scg
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
 from cellwatt_plugins.models.power.tuning import Tuning
 from cellwatt_plugins.models.predict import predict_file
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.making import cut, frames, layout, run, stage
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_known
 
@@ -27,22 +27,21 @@ def trained(tmp_path_factory):
     folder = tmp_path_factory.mktemp("arm")
     draw = np.random.default_rng(8)
     true = six_axes(draw)
-    robot = load_robot(write_known(true, folder, draw))
+    arm = Arm.load(write_known(true, folder, draw))
     pq.write_table(recorded(true, draw, 6, (0.6, 1.6)), folder / "moves.parquet")
-    body = RigidBody(robot.urdf, tuple(j.name for j in robot.joints))
     moves = read_moves([folder / "moves.parquet"], 6)
     smoother = Smoother.design(Noise(2e-5, 2.5e-3), moves.step, Span(9, 2), Span(11, 3), ahead=True)
     tuning = Tuning(smoother, 0.005)
-    seen = Seen.of(moves, robot, body, tuning)
-    models = {"nls": Nls.fit(moves, seen, robot), "scg": Scg.fit(moves, seen, 0)}
-    return true, robot, body, moves, tuning, seen, models, folder / "moves.parquet"
+    seen = Seen.of(moves, arm, tuning)
+    models = {"nls": Nls.fit(moves, seen, arm.description), "scg": Scg.fit(moves, seen, 0)}
+    return true, arm, moves, tuning, seen, models, folder / "moves.parquet"
 
 
 def test_numbers_are_those_that_a_motor_can_have(trained):
-    _, robot, _, _, _, _, models, _ = trained
+    _, arm, _, _, _, models, _ = trained
     nls = models["nls"]
     inductance, resistance = nls.power[1:].reshape(2, -1)
-    stated = np.array([joint.winding_resistance for joint in robot.joints])
+    stated = np.array([joint.winding_resistance for joint in arm.description.joints])
     assert ((inductance >= 0) & (inductance <= HENRY)).all()
     assert ((resistance >= 0.5 * stated) & (resistance <= 2 * stated)).all()
     assert (nls.joints[:, 1:4] >= 0).all()  # inertia, viscous, Coulomb
@@ -61,17 +60,17 @@ def test_one_k_m_serves_current_and_power(trained):
 
 def test_a_supply_that_loses_more_is_told_as_a_k_m_that_stands_for_it(trained):
     """Power alone wants a larger constant wherever some is lost between the meter and the motors."""
-    _, robot, _, moves, _, seen, _, _ = trained
+    _, arm, moves, _, seen, _, _ = trained
     lossy = moves.__class__(**{**moves.__dict__, "power": 80 + 1.3 * (moves.power - 80)})
-    doubts = Nls.fit(lossy, seen, robot).doubts
+    doubts = Nls.fit(lossy, seen, arm.description).doubts
     assert any(doubt.startswith("k_m of joint") and "power alone" in doubt for doubt in doubts)
 
 
 @pytest.mark.parametrize("name", ["nls", "scg"])
 def test_the_file_says_what_the_model_says(trained, tmp_path, name):
-    _, robot, body, moves, tuning, seen, models, table = trained
-    metadata = write_published(tmp_path / "model.onnx", models[name], tuning, moves, body, robot.robot)
-    assert metadata.name == f"{robot.robot}-power-{name}"
+    _, arm, moves, tuning, seen, models, table = trained
+    metadata = write_published(tmp_path / "model.onnx", models[name], tuning, moves, arm)
+    assert metadata.name == f"{arm.name}-power-{name}"
     predict_file(tmp_path / "model.onnx", table, tmp_path / "said.parquet")
     said = pq.read_table(tmp_path / "said.parquet")
     power, current = models[name].predict(seen)
@@ -83,13 +82,13 @@ def test_the_file_says_what_the_model_says(trained, tmp_path, name):
 
 @pytest.mark.parametrize("name", ["nls", "scg"])
 def test_live_it_says_the_same_as_offline(trained, tmp_path, name):
-    _, robot, body, moves, tuning, seen, models, _ = trained
-    metadata = write_published(tmp_path / "model.onnx", models[name], tuning, moves, body, robot.robot)
+    _, arm, moves, tuning, seen, models, _ = trained
+    metadata = write_published(tmp_path / "model.onnx", models[name], tuning, moves, arm)
     first, end = moves.bounds()[1]
     names = [*(f"arm.joint_{i}.position" for i in range(1, 7)), *(f"arm.joint_{i}.velocity" for i in range(1, 7))]
     grid = layout(dict(zip(names, ["rad"] * 6 + ["rad/s"] * 6, strict=True)), 125.0)
     block = frames(np.concatenate([moves.q, moves.qd], axis=1)[first:end], grid)
-    results = run(stage(tmp_path / "model.onnx", grid, robot=robot.robot), cut(block, [1, 50, 51]))
+    results = run(stage(tmp_path / "model.onnx", grid, robot=arm.name), cut(block, [1, 50, 51]))
     live = np.concatenate([result.outputs["power"] for result in results if hasattr(result, "outputs")])
     offline = models[name].predict(seen)[0][first:end]
     assert len(live) == len(offline) - metadata.delay  # the last rows wait for what comes after them

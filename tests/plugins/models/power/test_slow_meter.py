@@ -12,7 +12,7 @@ from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.shown import through_its_meter
 from cellwatt_plugins.models.power.training import estimate, model_of
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.power.emulated_arm import write_case
 from tests.plugins.robot.slow_meter import shown
 
@@ -22,9 +22,8 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
     robot, table, unseen = write_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=20, unseen=4)
-    description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    return description, body, read_moves([table], 6), read_moves([unseen], 6)
+    arm = Arm.load(robot)
+    return arm, read_moves([table], 6), read_moves([unseen], 6)
 
 
 def slow(moves: Moves, window: float, late: float) -> Moves:
@@ -36,10 +35,10 @@ def slow(moves: Moves, window: float, late: float) -> Moves:
 
 
 def test_the_meter_costs_little(case):
-    robot, body, known, unseen = case
+    arm, known, unseen = case
     errors = []
     for moves in (known, slow(known, 0.1, 0.15)):
-        power, _ = estimate(model_of(moves, robot, body), unseen, robot, body)
+        power, _ = estimate(model_of(moves, arm), unseen, arm)
         score = Score.of(unseen, power, unseen.current)
         errors.append((score.power, score.energy_mean))
     (fast, fast_energy), (metered, metered_energy) = errors
@@ -48,8 +47,8 @@ def test_the_meter_costs_little(case):
 
 
 def test_the_meter_is_found_and_what_it_shows_is_compared(case):
-    robot, body, known, _ = case
-    moves = through_its_meter(slow(known, 0.2, 0.3), robot, body)
+    arm, known, _ = case
+    moves = through_its_meter(slow(known, 0.2, 0.3), arm)
     assert moves.meter is not None
     assert moves.meter.window == pytest.approx(0.2, abs=0.01)
     assert moves.meter.late == pytest.approx(0.3, abs=0.01)
@@ -60,11 +59,11 @@ def test_the_meter_is_found_and_what_it_shows_is_compared(case):
     assert score.energy_worst < 1
     half = moves.only(range(10))
     assert half.meter == moves.meter
-    assert through_its_meter(known, robot, body) is known, "power at the rate of the rows has no slow meter"
+    assert through_its_meter(known, arm) is known, "power at the rate of the rows has no slow meter"
 
 
 def test_power_that_does_not_follow_the_motion_is_refused(case):
-    robot, body, known, _ = case
+    arm, known, _ = case
     other = np.random.default_rng(3).normal(100, 20, len(known))
     with pytest.raises(RecordingError, match=r"every 0\.1 s, and the motion does not tell"):
-        through_its_meter(slow(replace(known, power=other), 0.1, 0.15), robot, body)
+        through_its_meter(slow(replace(known, power=other), 0.1, 0.15), arm)

@@ -13,7 +13,7 @@ from cellwatt_plugins.models.power import scg_network
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.scores import Score
 from cellwatt_plugins.models.power.training import estimate, model_of, train
-from cellwatt_plugins.robot import RigidBody, load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.power.emulated_arm import recorded, six_axes, write_case, write_known
 
 # A training takes 20 s of an idle core, and cores are shared.
@@ -23,18 +23,17 @@ pytestmark = pytest.mark.timeout(300)
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
     robot, table, unseen = write_case(tmp_path_factory.mktemp("case"), "six axes", 7, moves=12, unseen=4)
-    description = load_robot(robot)
-    body = RigidBody(description.urdf, tuple(joint.name for joint in description.joints))
-    return description, body, read_moves([table], 6), read_moves([unseen], 6)
+    arm = Arm.load(robot)
+    return arm, read_moves([table], 6), read_moves([unseen], 6)
 
 
 def test_power_alone_gives_a_model_of_power(case):
     """Without currents there is nothing to tell effects by, and priors have to do."""
-    robot, body, known, unseen = case
-    trained = train(replace(known, current=np.full(known.q.shape, np.nan)), robot, body)
+    arm, known, unseen = case
+    trained = train(replace(known, current=np.full(known.q.shape, np.nan)), arm)
     assert list(trained.scores) == ["best"]
     assert trained.nls is None
-    power, _ = estimate(trained.fitted, unseen, robot, body)
+    power, _ = estimate(trained.fitted, unseen, arm)
     score = Score.of(unseen, power, unseen.current)
     assert score.energy_mean < 2
     assert score.power < 0.25 * unseen.power.std()
@@ -42,10 +41,10 @@ def test_power_alone_gives_a_model_of_power(case):
 
 def test_currents_alone_give_a_model_of_currents(case, monkeypatch):
     monkeypatch.setattr(scg_network, "ITERATIONS", 10)
-    robot, body, known, unseen = case
-    trained = train(replace(known, power=np.full(len(known), np.nan)), robot, body)
+    arm, known, unseen = case
+    trained = train(replace(known, power=np.full(len(known), np.nan)), arm)
     assert trained.fitted.model.supply is None
-    power, current = estimate(trained.fitted, unseen, robot, body)
+    power, current = estimate(trained.fitted, unseen, arm)
     assert np.isnan(power).all()
     assert max(Score.of(unseen, power, current).current) < 0.2
 
@@ -54,8 +53,7 @@ def test_a_payload_that_was_recorded_is_an_input(tmp_path):
     draw = np.random.default_rng(9)
     arm = six_axes(draw)
     parts = []
-    robot = load_robot(write_known(arm, tmp_path, draw))
-    body = RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    described = Arm.load(write_known(arm, tmp_path, draw))
     for load in (0.0, 2.0, 1.0):
         table = recorded(replace(arm, payload=load), draw, 3, (0.6, 1.4))
         columns = {name: table[name].to_numpy() for name in table.column_names}
@@ -71,9 +69,9 @@ def test_a_payload_that_was_recorded_is_an_input(tmp_path):
         for name in ("time", "q", "qd", "current", "power", "payload")
     }
     known = Moves(move=np.concatenate([bare.move, loaded.move + bare.count]), **both)
-    fitted = model_of(known, robot, body)
-    told = Score.of(unseen, *estimate(fitted, unseen, robot, body))
-    ignored = Score.of(unseen, *estimate(fitted, replace(unseen, payload=np.zeros(len(unseen))), robot, body))
+    fitted = model_of(known, described)
+    told = Score.of(unseen, *estimate(fitted, unseen, described))
+    ignored = Score.of(unseen, *estimate(fitted, replace(unseen, payload=np.zeros(len(unseen))), described))
     assert told.power < 0.5 * ignored.power
     assert told.current[1] < 0.5 * ignored.current[1]
     mass = fitted.model.inertial[-4]
@@ -82,14 +80,15 @@ def test_a_payload_that_was_recorded_is_an_input(tmp_path):
 
 
 def test_without_torque_constants_nothing_can_be_said(case):
-    robot, body, known, _ = case
+    arm, known, _ = case
+    robot = arm.description
     joints = (robot.joints[0], *(joint.model_copy(update={"torque_constant": 0.0}) for joint in robot.joints[1:]))
     with pytest.raises(ConfigError, match="torque_constant of joint_2, joint_3"):
-        train(known, robot.model_copy(update={"joints": joints}), body)
+        train(known, Arm(robot.model_copy(update={"joints": joints}), arm.body))
 
 
 def test_a_joint_that_never_moved_does_not_blow_up(case):
-    robot, body, known, unseen = case
+    arm, known, unseen = case
     known = known.only(range(6))
     still = replace(known, q=known.q.copy(), qd=known.qd.copy(), current=known.current.copy())
     rows = np.random.default_rng(0)
@@ -98,6 +97,6 @@ def test_a_joint_that_never_moved_does_not_blow_up(case):
     still.current[:, 5] = 1e-3 * rows.normal(size=len(known))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        fitted = model_of(still, robot, body)
-    _, current = estimate(fitted, unseen, robot, body)
+        fitted = model_of(still, arm)
+    _, current = estimate(fitted, unseen, arm)
     assert np.abs(current[:, 5]).max() < 5 * np.abs(unseen.current[:, 5]).max()

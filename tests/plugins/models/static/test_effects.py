@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.models.static.effects import BENT, legendre
-from cellwatt_plugins.models.static.identify import Arm
+from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import Poses
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
 
@@ -26,7 +26,7 @@ def some_poses(seed=0, count=25, payload=None) -> Poses:
 @pytest.fixture(scope="module")
 def setting(tmp_path_factory):
     poses = some_poses(payload=np.random.default_rng(1).uniform(0, 5, 25))
-    arm = Arm.of(load_robot(arms.write_robot(tmp_path_factory.mktemp("robot"), arms.Arm())), poses.q)
+    arm = HeldArm.of(Arm.load(arms.write_robot(tmp_path_factory.mktemp("robot"), arms.Arm())), poses.q)
     return poses, arm.basis(poses), arm.effects(poses)
 
 

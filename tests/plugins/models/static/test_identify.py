@@ -9,10 +9,10 @@ import pytest
 
 from cellwatt_plugins.models.static import identify as identify_module
 from cellwatt_plugins.models.static.findings import findings
-from cellwatt_plugins.models.static.identify import Arm, Identified, identify, identify_checked, with_leftover
+from cellwatt_plugins.models.static.identify import HeldArm, Identified, identify, identify_checked, with_leftover
 from cellwatt_plugins.models.static.leftover import learned
 from cellwatt_plugins.models.static.poses import Poses
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 
 RIGHT = arms.Arm()
@@ -31,17 +31,17 @@ def collection(arm: arms.Arm, seed: int, count: int) -> Poses:
     )
 
 
-def known(folder, poses: Poses, cad: arms.Arm = RIGHT) -> Arm:
-    return Arm.of(load_robot(arms.write_robot(folder, cad)), poses.q)
+def known(folder, poses: Poses, cad: arms.Arm = RIGHT) -> HeldArm:
+    return HeldArm.of(Arm.load(arms.write_robot(folder, cad)), poses.q)
 
 
-def fitted(folder, really: arms.Arm, count: int, seed: int = 1) -> tuple[Identified, Arm, Poses]:
+def fitted(folder, really: arms.Arm, count: int, seed: int = 1) -> tuple[Identified, HeldArm, Poses]:
     poses = collection(really, seed, count)
     arm = known(folder, poses, arms.Arm(limits=really.limits, rated=really.rated))
     return identify(arm.basis(poses), poses.torque, arm.effects(poses)), arm, poses
 
 
-def r2(model: Identified, arm: Arm, really: arms.Arm, seed: int = 9) -> float:
+def r2(model: Identified, arm: HeldArm, really: arms.Arm, seed: int = 9) -> float:
     q, came, torque = arms.unseen(really, np.random.default_rng(seed), 200)
     nothing = np.zeros_like(q)
     poses = Poses(q, nothing, nothing, np.ones(200, int), q - came, np.full(200, np.nan))

@@ -15,9 +15,8 @@ from cellwatt_drivers.yaskawa.motor_angles import MotorAngles
 from cellwatt_plugins.models.static.command import plan_poses as command
 from cellwatt_plugins.models.static.inform import LONGEST, Encoders, jobs
 from cellwatt_plugins.models.static.plan import STAGE, halton, plan_poses, short_order, travel, within
-from cellwatt_plugins.models.static.planning import MH12
-from cellwatt_plugins.robot import RigidBody, load_robot
-from cellwatt_plugins.robot.collision import Checker, read_outline
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.collision import Checker
 from tests.plugins.models.static import arms
 
 SPEED = np.radians([220, 200, 220, 410, 410, 610])
@@ -25,8 +24,7 @@ SPEED = np.radians([220, 200, 220, 410, 410, 610])
 
 @pytest.fixture(scope="module")
 def mh12():
-    robot = load_robot(MH12)
-    return RigidBody(robot.urdf, tuple(joint.name for joint in robot.joints))
+    return Arm.load("mh12")
 
 
 def test_the_sequence_is_haltons():
@@ -36,16 +34,16 @@ def test_the_sequence_is_haltons():
 
 
 def test_the_packaged_robot_has_the_limits_and_masses_of_the_paper(mh12):
-    robot = load_robot(MH12)
+    robot = mh12.description
     found = [(joint.lower_limit, joint.upper_limit) for joint in robot.joints]
     np.testing.assert_allclose(found, arms.LIMITS)
-    np.testing.assert_allclose(mh12.model.upperPositionLimit, [2.9670, 2.7052, 2.6179, 3.4096, 2.6179, 3.1415])
-    masses = [mh12.model.inertias[i].mass for i in range(1, 6)]
+    np.testing.assert_allclose(mh12.body.limits[:, 1], [2.9670, 2.7052, 2.6179, 3.4096, 2.6179, 3.1415])
+    masses = mh12.body.parameters()[:50:10]
     np.testing.assert_allclose(masses, [44.652, 30.939, 10.538, 4.9476, 2.0965])
 
 
 def test_all_of_the_papers_poses_are_safe(mh12):
-    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    checker = Checker(mh12, arms.LIMITS)
     plan = plan_poses(532, arms.LIMITS, SPEED, checker)
     assert (len(plan.q), plan.unsafe, plan.unreachable) == (532, 0, 0)
     expected = within(arms.LIMITS, halton(532, 6))
@@ -57,7 +55,7 @@ def test_all_of_the_papers_poses_are_safe(mh12):
 def test_wide_limits_leave_unsafe_places_out(mh12):
     limits = np.array(arms.LIMITS)
     limits[1], limits[2] = (-1.5, 1.9), (-1.4, 2.5)
-    checker = Checker(mh12, read_outline(MH12, mh12), limits)
+    checker = Checker(mh12, limits)
     plan = plan_poses(60, limits, SPEED, checker)
     assert plan.unsafe > 0
     assert len(plan.q) + plan.unreachable == 60
@@ -67,7 +65,7 @@ def test_wide_limits_leave_unsafe_places_out(mh12):
 
 def test_limits_without_a_safe_place_are_refused(mh12):
     limits = np.array([[-0.1, 0.1], [1.9, 2.0], [0.8, 0.9], [0, 0.1], [0, 0.1], [0, 0.1]])
-    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    checker = Checker(mh12, arms.LIMITS)
     with pytest.raises(ConfigError, match="only 0 of 100 places within the joints' limits are safe"):
         plan_poses(5, limits, SPEED, checker)
 
@@ -80,7 +78,7 @@ def test_the_order_is_short_and_begins_everywhere():
 
 
 def test_the_first_poses_of_a_plan_are_those_of_a_short_plan(mh12):
-    checker = Checker(mh12, read_outline(MH12, mh12), arms.LIMITS)
+    checker = Checker(mh12, arms.LIMITS)
     long, short = (plan_poses(n, arms.LIMITS, SPEED, checker).q for n in (160, STAGE))
     np.testing.assert_array_equal(long[:STAGE], short)
 

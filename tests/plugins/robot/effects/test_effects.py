@@ -69,7 +69,7 @@ def arms(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def full_runs(arms):
-    return [plant.states(*arms[0], seed=1, index=0), plant.states(*arms[0], seed=2, index=1)]
+    return [plant.states(arms[0], seed=1, index=0), plant.states(arms[0], seed=2, index=1)]
 
 
 @pytest.fixture(params=EFFECTS, ids=[e.name for e in EFFECTS])
@@ -83,9 +83,9 @@ def setting(effect, arms):
     if effect.place == "joint":
         # A gap shows where the load turns over: not at the shoulder, which gravity holds on one flank.
         joint = 0 if effect.name == "backlash" else JOINT
-    robot, body = next(arm for arm in arms if effect.possible(arm[0], joint))
-    runs = [plant.states(robot, body, seed=1, index=0), plant.states(robot, body, seed=2, index=1)]
-    still = plant.states(robot, body, seed=1, still=True)
+    arm = next(arm for arm in arms if effect.possible(arm.description, joint))
+    runs = [plant.states(arm, seed=1, index=0), plant.states(arm, seed=2, index=1)]
+    still = plant.states(arm, seed=1, still=True)
     random = np.random.default_rng(0)
     residual = []
     for run in runs:
@@ -392,7 +392,7 @@ def test_a_fan_keeps_its_cycle(full_runs):
 
 def test_a_fan_of_the_same_cycle_in_all_runs_is_seen_as_that(full_runs):
     random = np.random.default_rng(3)
-    runs = [plant.states(r.robot, r.body, seed=4, seconds=30.0, index=r.index) for r in full_runs]
+    runs = [plant.states(r.arm, seed=4, seconds=30.0, index=r.index) for r in full_runs]
     residual = [
         (35.0 * (((r.time - 2) % 9 < 4) & (r.time >= 2)) + random.standard_normal(len(r.time)))[:, None] for r in runs
     ]
@@ -401,12 +401,12 @@ def test_a_fan_of_the_same_cycle_in_all_runs_is_seen_as_that(full_runs):
 
 
 def test_recorded_temperature_lowers_friction_by_e_over_its_scale(arms):
-    robot, body = arms[0]
-    cold = plant.states(robot, body)
+    arm = arms[0]
+    cold = plant.states(arm)
     warm = [20.0, 32.0]
     sizes = []
     for temperature in warm:
-        run = type(cold)(cold.name, 0, cold.time, cold.moved, robot, body, np.full_like(cold.q, temperature))
+        run = type(cold)(cold.name, 0, cold.time, cold.moved, arm, np.full_like(cold.q, temperature))
         sizes.append(np.max(np.abs(added("temperature_dependent_friction", run, (12.0, 0.0), [1.0]))))
     assert sizes[1] / sizes[0] == pytest.approx(np.exp(-1), rel=1e-6)
 

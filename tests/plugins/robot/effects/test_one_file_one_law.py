@@ -66,11 +66,11 @@ def ground(t, q, qd, run):
 
 arm = plant.load(plant.write_robot(Path(sys.argv[1])))
 runs = [plant.record(f"run_0{i}", i, plant.Missing(added=ground)) for i in (1, 2)]
-(found,) = explain(runs, baseline(runs, *arm)).findings.findings
+(found,) = explain(runs, baseline(runs, arm)).findings.findings
 w = np.array([[-0.5], [0.02], [0.5]])
 seen = Seen(0 * w, w, 0 * w, 0 * w + 1, np.sign(w))
 still = np.zeros((3, 3))
-load = load_of(arm[1], nominal(*arm), Motion(still, w + still, still))
+load = load_of(arm.body, nominal(arm), Motion(still, w + still, still))
 json.dump({
     "explain": [found.effect, found.joint, found.parameters["torque"].value],
     "train power": TORQUE[EFFECTS["friction that grinds"][0]](seen).ravel().tolist(),

@@ -13,7 +13,6 @@ from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
-from cellwatt_plugins.robot.law import column
 
 Float = NDArray[np.float64]
 
@@ -37,7 +36,7 @@ def candidates(state: SearchState, now: Solution, at: int | None = None) -> list
 
 def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:
     """True if there is Coulomb friction that an effect could change."""
-    described = column(state.robot, "coulomb_friction")[joint or 0]
+    described = state.robot.column("coulomb_friction")[joint or 0]
     return bool(described > 0) or any(t.place == ("coulomb_friction", joint) for t in terms)
 
 
@@ -50,7 +49,7 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
         return []
     places: list[int | None] = list(state.moving) if effect.place == "joint" else [None]
     if effect.form.intermittent and effect.place == "joint":
-        places = list(range(states[0].body.joints))
+        places = list(range(states[0].arm.body.joints))
     return [joint for joint in places if effect.possible(state.robot, joint)]
 
 

@@ -11,8 +11,7 @@ from scipy.optimize import nnls
 
 from cellwatt_plugins.mismatch.input.admission.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column, nominal_torque
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
@@ -62,8 +61,7 @@ class Expected:
 class Sample:
     """Some samples (N, n) of a run's motion and torque."""
 
-    robot: RobotDescription
-    body: RigidBody
+    arm: Arm
     position: Float
     velocity: Float
     acceleration: Float
@@ -74,15 +72,15 @@ class Sample:
         motion = (self.position, self.velocity, self.acceleration)
         columns = slice(None) if order is None else list(order)
         q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in motion)
-        loose = (column(self.robot, "coulomb_friction") == 0) | (column(self.robot, "viscous_friction") == 0)
-        return Expected(nominal_torque(self.robot, self.body, q, qd, qdd), qd, loose)
+        loose = (self.arm.column("coulomb_friction") == 0) | (self.arm.column("viscous_friction") == 0)
+        return Expected(self.arm.torque(q, qd, qdd), qd, loose)
 
 
-def sample_of(run: Run, motion: Moved, robot: RobotDescription, body: RigidBody) -> tuple[Sample, NDArray[np.intp]]:
+def sample_of(run: Run, motion: Moved, arm: Arm) -> tuple[Sample, NDArray[np.intp]]:
     """Evenly spread samples of a run, none of them filled in, and which they are."""
     kept = usable(run, SAMPLES)
     parts = (motion.position, motion.velocity, motion.acceleration, run.torque)
-    return Sample(robot, body, *(part[kept] for part in parts)), kept
+    return Sample(arm, *(part[kept] for part in parts)), kept
 
 
 def spread(values: Float) -> float:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
 
 Float = NDArray[np.float64]
@@ -24,17 +25,18 @@ FOUND = {
 UNITS = {"coulomb_friction": "Nm", "viscous_friction": "Nm s/rad", "rotor_inertia": "kg m²"}
 
 
-def told_otherwise(runs: Sequence[Run], robot: RobotDescription, body: RigidBody, base: Baseline) -> list[str]:
+def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
     """One remark where robot.yaml or the URDF say otherwise than the simulation; numbers left out say nothing."""
     told = [run.simulated for run in runs if run.simulated is not None]
     if not told:
         return []
-    said = _completed(robot, base.robot)
-    law = Baseline(said, body)
+    simulated = base.arm.description
+    said = _completed(arm.description, simulated)
+    law = Baseline(replace(arm, description=said))
     torque = np.concatenate([each.torque for each in told])
     size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(each.plan) for each in told]))
     parts = [
-        f"joint {i + 1} by {off[i]:.2g} Nm{_how(said, base.robot, i)}"
+        f"joint {i + 1} by {off[i]:.2g} Nm{_how(said, simulated, i)}"
         for i in range(len(off))
         if off[i] > WORTH * max(size[i], 0.1 * float(size.max()))
     ]

@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, ch
 from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm
 
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 200
@@ -26,7 +26,7 @@ SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
 """In as long a time fewer samples do: at a few Hz each of them is an independent one."""
 
 
-def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tuple[Baseline, list[str]]:
+def examine(runs: Sequence[Run], arm: Arm) -> tuple[Baseline, list[str]]:
     """Return the baseline of the runs, and remarks that are worth knowing before they are explained.
 
     Raises ``RecordingError``, one line, at the first run that cannot be used as it is.
@@ -38,17 +38,17 @@ def examine(runs: Sequence[Run], robot: RobotDescription, body: RigidBody) -> tu
     notes = [note for run in runs for note in run.notes]
     for run in runs:
         check_stuck(run)
-        notes += check_pairing(run, runs, robot)
-        check_limits(run, robot, body)
-        check_velocity(run, robot)
-        check_simulated(run, robot, body)
+        notes += check_pairing(run, runs, arm.description)
+        check_limits(run, arm)
+        check_velocity(run, arm.description)
+        check_simulated(run, arm)
         check_simulated_power(run)
-    base = baseline(runs, robot, body)
+    base = baseline(runs, arm)
     for run in runs:
         motion = moved(run)
-        check_torque(run, motion, base.robot, base.body)
+        check_torque(run, motion, base.arm)
         check_power(run, motion)
-    return base, [*notes, *remarks(runs), *told_otherwise(runs, robot, body, base)]
+    return base, [*notes, *remarks(runs), *told_otherwise(runs, arm, base)]
 
 
 def check_length(runs: Sequence[Run]) -> None:

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot import RigidBody, RobotDescription
+from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
 
 Float = NDArray[np.float64]
@@ -77,14 +77,14 @@ def check_stuck(run: Run) -> None:
         )
 
 
-def check_limits(run: Run, robot: RobotDescription, body: RigidBody) -> None:
+def check_limits(run: Run, arm: Arm) -> None:
     """Raises ``RecordingError`` where most joints go where, or as fast as, no arm does.
 
     One joint alone may turn without end.
     """
     reached = np.percentile(np.abs(run.position), 99, axis=0)
     speed = np.percentile(np.abs(_own_velocity(run)), 99, axis=0)
-    beyond = (reached > BEYOND * np.maximum(_reach(robot, body), np.pi)) | (speed > FASTEST)
+    beyond = (reached > BEYOND * np.maximum(np.abs(arm.limits).max(axis=1), np.pi)) | (speed > FASTEST)
     if beyond.sum() >= max(1, np.ceil((travel(run) > MOVES).sum() / 2)):
         worst = int(np.argmax(np.where(beyond, reached, 0)))
         raise RecordingError(
@@ -152,19 +152,6 @@ def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None
     if len(stays):
         names = ", ".join(f"{stem}_{i + 1}" for i in stays)
         raise RecordingError(f"{run.name}: {names} stays at one value in every sample although {why}: was it recorded?")
-
-
-def _reach(robot: RobotDescription, body: RigidBody) -> Float:
-    """The largest angle (n,) that each joint may take, rad."""
-    limits = zip(body.model.lowerPositionLimit, body.model.upperPositionLimit, strict=True)
-    pairs = [
-        (
-            low if joint.lower_limit is None else joint.lower_limit,
-            high if joint.upper_limit is None else joint.upper_limit,
-        )
-        for joint, (low, high) in zip(robot.joints, limits, strict=True)
-    ]
-    return np.asarray(np.max(np.abs(pairs), axis=1), np.float64)
 
 
 def _own_velocity(run: Run) -> Float:

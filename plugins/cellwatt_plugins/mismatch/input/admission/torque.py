@@ -14,8 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, sample_of
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot import RigidBody, RobotDescription
-from cellwatt_plugins.robot.law import column
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
@@ -41,26 +40,26 @@ AGREES = 0.3
 """The mean misfit that a whole arm has where description and reading are right; a wrong mounting leaves more."""
 
 
-def check_torque(run: Run, motion: Moved, robot: RobotDescription, body: RigidBody) -> None:
+def check_torque(run: Run, motion: Moved, arm: Arm) -> None:
     """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
-    sample, _ = sample_of(run, motion, robot, body)
+    sample, _ = sample_of(run, motion, arm)
     what = "torque" if run.torque_from == "torque" else "torque from current"
     _check(f"{run.name}: {what}", run.torque_from == "current", sample)
 
 
-def check_simulated(run: Run, robot: RobotDescription, body: RigidBody) -> None:
+def check_simulated(run: Run, arm: Arm) -> None:
     """The same of what its simulation says of torque."""
     said = run.simulated
     if said is None:
         return
     parts = (said.plan.position, said.plan.velocity, said.plan.acceleration, said.torque)
     thin = max(1, len(said.time) // SAMPLES)
-    _check(f"{run.name}: its simulation's torque", False, Sample(robot, body, *(part[::thin] for part in parts)))
+    _check(f"{run.name}: its simulation's torque", False, Sample(arm, *(part[::thin] for part in parts)))
 
 
 def _check(place: str, current: bool, sample: Sample) -> None:
     expected = sample.expected()
-    friction = HELD * _rms(_weight(sample.body))
+    friction = HELD * _rms(_weight(sample.arm))
     _whole_unit(place, current, sample, expected.torque, friction)
     strict = expected.strict()
     _unit_of_one(place, sample.torque, strict, strict.misfits(sample.torque), friction)
@@ -72,7 +71,7 @@ def _check(place: str, current: bool, sample: Sample) -> None:
 
 
 def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, friction: float) -> None:
-    robot, recorded, nominal = sample.robot, _rms(sample.torque), _rms(expected)
+    recorded, nominal = _rms(sample.torque), _rms(expected)
     factor = recorded / max(nominal, 1e-12)
     if factor >= LARGE:
         factor = recorded / max(nominal, friction, 1e-12)
@@ -80,7 +79,7 @@ def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, fric
         return
     thousand, thousandth = ("in mA", "in kA") if current else ("in mNm", "in kNm")
     known = {thousand: THOUSAND, thousandth: 1 / THOUSAND}
-    if (ratio := float(np.median(column(robot, "gear_ratio")))) > 1 / SMALL:
+    if (ratio := float(np.median(sample.arm.column("gear_ratio")))) > 1 / SMALL:
         known["that of the motors, before the gears"] = 1 / ratio
     name = recognised(factor, known, within=3.0)
     raise RecordingError(
@@ -90,9 +89,9 @@ def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, fric
     )
 
 
-def _weight(body: RigidBody) -> Float:
+def _weight(arm: Arm) -> Float:
     """Torques (P, n) Nm that hold the arm still in poses of all kinds."""
-    return body.gravity_torque(np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, body.joints)))
+    return arm.gravity(np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, arm.joints)))
 
 
 def _rms(values: Float) -> float:

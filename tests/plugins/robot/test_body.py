@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.robot import RigidBody
+from cellwatt_plugins.robot import Body
 from tests.plugins.robot import planar_arm as truth
 
 
 def body_of(folder, joints=("shoulder", "elbow"), **arm):
     path = folder / "arm.urdf"
     path.write_text(truth.urdf(**arm))
-    return RigidBody(path, joints)
+    return Body(path, joints)
 
 
 @pytest.fixture(scope="module")
@@ -26,10 +26,37 @@ def test_inverse_dynamics_are_the_textbooks(body):
 def test_each_part_alone(body):
     q, qd, _ = truth.motion(seed=1)
     rest = np.zeros_like(q)
-    np.testing.assert_allclose(body.gravity_torque(q), truth.gravity(q), atol=1e-10)
+    np.testing.assert_allclose(body.gravity(q), truth.gravity(q), atol=1e-10)
     moved = body.inverse_dynamics(q, qd, rest) - truth.gravity(q)
     np.testing.assert_allclose(moved, truth.coriolis(q, qd), atol=1e-10)
-    np.testing.assert_allclose(body.own_inertia(q), np.diagonal(truth.mass_matrix(q), axis1=1, axis2=2), atol=1e-10)
+    np.testing.assert_allclose(body.mass_matrix(q), truth.mass_matrix(q), atol=1e-10)
+
+
+def test_holding_torques_change_with_the_angles_as_differences_say(body):
+    q, _, _ = truth.motion(seed=7)
+    step = 1e-6 * np.eye(2)
+    differences = [(truth.gravity(q + one) - truth.gravity(q - one)) / 2e-6 for one in step]
+    np.testing.assert_allclose(body.gravity_slope(q), np.stack(differences, axis=2), atol=1e-5)
+
+
+def test_energy_rises_by_the_work_of_the_torques(body):
+    """Both links driven by the textbook's torques: dE/dt = qd · torque."""
+    time = np.linspace(0, 2, 4001)[:, None]
+    q, qd, qdd = 0.5 * np.sin(2 * time + [0, 1]), np.cos(2 * time + [0, 1]), -2 * np.sin(2 * time + [0, 1])
+    work = np.trapezoid(np.sum(qd * truth.torque(q, qd, qdd), axis=1), time[:, 0])
+    first, last = body.energy(q[[0, -1]], qd[[0, -1]])
+    assert last - first == pytest.approx(work, abs=1e-4)
+
+
+def test_frames_and_axes_are_those_of_the_drawing(body):
+    """The elbow is at the end of the first link; positive angles lower both, about y."""
+    q = np.array([[0.0, 0.0], [0.3, -0.8]])
+    frames = body.forward(q)
+    tips = truth.L1 * np.column_stack([np.cos(q[:, 0]), np.zeros(2), -np.sin(q[:, 0])])
+    np.testing.assert_allclose(frames[:, 1, :3, 3] - frames[:, 0, :3, 3], tips, atol=1e-12)
+    np.testing.assert_allclose(frames[1, 1, :3, :3] @ body.axes[1], [0, 1, 0], atol=1e-12)
+    assert body.turns.all()
+    assert body.gravity_field.tolist() == [0.0, 0.0, -truth.G]
 
 
 def test_parameters_are_mass_first_moment_and_inertia_about_the_joint(body):
@@ -75,16 +102,16 @@ def test_tilt_turns_gravity(body):
     q, _, _ = truth.motion(seed=4)
     angle = 0.1
     down = (truth.G * np.sin(angle), -truth.G * np.cos(angle))
-    tilted = body.tilt_torque(q, np.array([down[0], 0.0, down[1]]))
+    tilted = body.with_gravity(np.array([down[0], 0.0, down[1]])).gravity(q)
     np.testing.assert_allclose(tilted, truth.gravity(q, down), atol=1e-10)
-    np.testing.assert_allclose(body.gravity_torque(q), truth.gravity(q), atol=1e-10)
+    np.testing.assert_allclose(body.gravity(q), truth.gravity(q), atol=1e-10)
 
 
 def test_a_joint_that_turns_without_end_is_one_with_wide_limits(tmp_path):
     q, qd, qdd = truth.motion(seed=6)
     endless = body_of(tmp_path, kind="continuous")
     np.testing.assert_allclose(endless.inverse_dynamics(q, qd, qdd), truth.torque(q, qd, qdd), atol=1e-10)
-    assert endless.model.lowerPositionLimit[1] == pytest.approx(-2 * np.pi)
+    assert endless.limits[1, 0] == pytest.approx(-2 * np.pi)
 
 
 def test_joints_not_named_are_fixed(tmp_path):
@@ -118,9 +145,9 @@ def test_what_does_not_fit_is_said(tmp_path, joints, arm, message):
 def test_what_is_no_urdf_is_said(tmp_path, text):
     (tmp_path / "arm.urdf").write_text(text)
     with pytest.raises(ConfigError, match=r"arm\.urdf"):
-        RigidBody(tmp_path / "arm.urdf", ("shoulder",))
+        Body(tmp_path / "arm.urdf", ("shoulder",))
 
 
 def test_a_urdf_that_is_not_there(tmp_path):
     with pytest.raises(ConfigError, match=r"none\.urdf: cannot be read as a URDF"):
-        RigidBody(tmp_path / "none.urdf", ("shoulder",))
+        Body(tmp_path / "none.urdf", ("shoulder",))

@@ -1,0 +1,123 @@
+"""A robot arm as one object: its description and its rigid body, and what both together say of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt.files import Place
+from cellwatt_plugins.robot.body import Body
+from cellwatt_plugins.robot.description import RobotDescription, load_robot, robot_file
+from cellwatt_plugins.robot.drive import nominal_power
+from cellwatt_plugins.robot.motion import direction
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm with n ``joints`` as its description has it: links, rotors, friction, drives and supply.
+
+    Arrays have one row a sample and one column a joint: ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each. Torques
+    are those of the motors at the joint side. Where the description leaves a number out, its term is 0.
+
+        arm = Arm.load("mh12")
+        torque = arm.torque(q, qd, qdd)
+    """
+
+    description: RobotDescription
+    body: Body
+
+    @classmethod
+    def load(cls, robot: Place, needs: Sequence[str] = ()) -> Arm:
+        """Read an arm: a packaged robot's name (``"mh12"``), a ``robot.yaml`` or the folder that holds one.
+
+        ``needs`` are keys that every joint must have above 0, such as ``torque_constant``.
+
+        Raises ``ConfigError`` naming the file and the key where the description or the URDF cannot be used.
+        """
+        description = load_robot(robot)
+        for joint in description.joints:
+            for key in needs:
+                if not getattr(joint, key) > 0:
+                    file = robot_file(robot)
+                    raise ConfigError(f"{file}: {joint.name} has no {key}: add it from the motor's data sheet")
+        return cls.of(description)
+
+    @classmethod
+    def of(cls, description: RobotDescription) -> Arm:
+        """The arm of a description. Raises ``ConfigError`` where its URDF cannot be read or has other joints."""
+        return cls(description, Body(description.urdf, tuple(joint.name for joint in description.joints)))
+
+    @property
+    def name(self) -> str:
+        """The robot's name in its description."""
+        return self.description.robot
+
+    @property
+    def joints(self) -> int:
+        """Number of joints, n."""
+        return len(self.description.joints)
+
+    @property
+    def limits(self) -> Float:
+        """Lowest and highest position (n, 2) rad of each joint: the description's, else the URDF's."""
+        pairs = zip(self.description.joints, self.body.limits.tolist(), strict=True)
+        return np.array(
+            [
+                (
+                    low if joint.lower_limit is None else joint.lower_limit,
+                    high if joint.upper_limit is None else joint.upper_limit,
+                )
+                for joint, (low, high) in pairs
+            ]
+        )
+
+    @property
+    def velocity_limits(self) -> Float:
+        """Greatest velocity (n,) rad/s of each joint: the description's, else the URDF's; 0 where none is known."""
+        stated = [joint.velocity_limit for joint in self.description.joints]
+        found = [a if b is None else b for a, b in zip(self.body.velocity_limits, stated, strict=True)]
+        return np.where(np.isfinite(found), found, 0.0)
+
+    def finite_limits(self) -> Float:
+        """``limits`` where every joint has a range. Raises ``ConfigError`` naming the first one without."""
+        limits = self.limits
+        for joint, pair in zip(self.description.joints, limits, strict=True):
+            if not (np.isfinite(pair).all() and pair[0] < pair[1]):
+                raise ConfigError(
+                    f"{self.description.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in rad"
+                )
+        return limits
+
+    def column(self, name: str) -> Float:
+        """One number of every joint's description, e.g. ``winding_resistance``: (n,), in the unit of that key."""
+        return self.description.column(name)
+
+    def with_parameters(self, parameters: Float) -> Arm:
+        """The same arm with other inertial ``parameters`` (10 n,) of its links; see ``Body.parameters``."""
+        return replace(self, body=self.body.with_parameters(parameters))
+
+    def torque(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Motor torques (N, n) Nm that a motion needs: links, rotors, Coulomb and viscous friction.
+
+        Links by recursive Newton–Euler (``Body.inverse_dynamics``); friction F_c tanh(qd / 0.004) + F_v qd.
+        """
+        friction = self.column("coulomb_friction") * direction(qd) + self.column("viscous_friction") * qd
+        return np.asarray(self.body.inverse_dynamics(q, qd, qdd) + self.column("rotor_inertia") * qdd + friction)
+
+    def power(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Supply power (N,) W that a motion needs: standby, mechanical power and copper loss through the converter."""
+        return nominal_power(self.description, self.torque(q, qd, qdd), qd)
+
+    def gravity(self, q: Float) -> Float:
+        """Torques (N, n) Nm that hold the links still at ``q`` (N, n) rad, without friction."""
+        return self.body.gravity(q)
+
+    def forward(self, q: Float) -> Float:
+        """Frames (N, n, 4, 4) m of the joints in the base's frame at ``q`` (N, n) rad; the last one is the flange's."""
+        return self.body.forward(q)

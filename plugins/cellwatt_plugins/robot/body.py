@@ -1,0 +1,204 @@
+"""Kinematics and rigid-body dynamics of a URDF through Pinocchio, for whole recordings at a time."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from copy import copy
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt.files import read_bytes
+
+Float = NDArray[np.float64]
+
+PER_LINK = 10
+"""Inertial parameters of a link: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the joint frame's origin."""
+
+LEAST_MASS = 1e-6
+"""kg: without a mass, a link's first moment has no centre."""
+
+TURNS = 2 * np.pi
+"""rad each way that a joint without limits is taken to turn."""
+
+
+class Body:
+    """Kinematics and dynamics of a serial arm with n ``joints`` of one angle (or way, m) each; the rest is fixed.
+
+    Arrays have one row a sample and one column a joint. Prismatic joints have m, N and kg instead of rad, Nm and kg m².
+    """
+
+    def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
+        """Raise ``ConfigError`` where the URDF cannot be read, lacks a joint or has them in another order."""
+        try:
+            model = pin.buildModelFromXML(_with_one_angle_each(urdf))
+        except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
+            raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
+        names = list(model.names)[1:]
+        if missing := [name for name in joints if name not in names]:
+            raise ConfigError(f"{urdf}: no moving joint {', '.join(missing)}; there are {', '.join(names)}")
+        if others := [model.getJointId(name) for name in names if name not in joints]:
+            model = pin.buildReducedModel(model, others, pin.neutral(model))
+        if tuple(model.names)[1:] != joints or model.nq != len(joints):
+            raise ConfigError(
+                f"{urdf}: its joints come in the order {', '.join(list(model.names)[1:])}, "
+                f"the description has {', '.join(joints)}: the order must be from the base, each with one angle"
+            )
+        self.names = joints
+        self.changed: Float | None = None
+        """Inertial parameters (10 n,) where they are not the URDF's."""
+        self._use(model)
+
+    def _use(self, model: Any) -> None:
+        self._model, self._data = model, model.createData()
+
+    @property
+    def joints(self) -> int:
+        """Number of joints, n."""
+        return len(self.names)
+
+    @property
+    def limits(self) -> Float:
+        """Lowest and highest position (n, 2) rad in the URDF."""
+        return np.column_stack([self._model.lowerPositionLimit, self._model.upperPositionLimit])
+
+    @property
+    def velocity_limits(self) -> Float:
+        """Greatest velocity (n,) rad/s in the URDF; infinite or 0 where it has none."""
+        return np.array(self._model.velocityLimit)
+
+    @property
+    def torque_limits(self) -> Float:
+        """Greatest torque (n,) Nm (``effort``) in the URDF; infinite or 0 where it has none."""
+        return np.array(self._model.effortLimit)
+
+    @property
+    def gravity_field(self) -> Float:
+        """Acceleration of gravity (3,) m/s² in the base's frame."""
+        return np.array(self._model.gravity.linear)
+
+    @property
+    def placements(self) -> Float:
+        """Frame (n, 4, 4) m of each joint in that of the joint before it, at position 0."""
+        return np.stack([self._model.jointPlacements[i + 1].homogeneous for i in range(self.joints)])
+
+    @cached_property
+    def turns(self) -> NDArray[np.bool_]:
+        """(n,) true where a joint is revolute, false where it is prismatic."""
+        return np.asarray(np.linalg.norm(self._subspaces[:, 3:], axis=1) > 0.5)
+
+    @cached_property
+    def axes(self) -> Float:
+        """Unit vector (n, 3) of each joint's axis in its own frame."""
+        return np.where(self.turns[:, None], self._subspaces[:, 3:], self._subspaces[:, :3])
+
+    @cached_property
+    def _subspaces(self) -> Float:
+        """Velocity (n, 6), linear then angular, of each joint at 1 rad/s."""
+        out = np.empty((self.joints, 6))
+        for i in range(self.joints):
+            joint = self._model.joints[i + 1]
+            data = joint.createData()
+            joint.calc(data, np.zeros(1))
+            out[i] = np.asarray(data.S).reshape(6)
+        return out
+
+    def parameters(self) -> Float:
+        """Inertial parameters of all links, (10 n,); see ``PER_LINK``."""
+        return np.concatenate([self._model.inertias[i + 1].toDynamicParameters() for i in range(self.joints)])
+
+    def with_parameters(self, parameters: Float) -> Body:
+        """The same kinematics with other inertial ``parameters`` (10 n,); they need not be physical one by one."""
+        out, model = copy(self), self._model.copy()
+        out.changed = np.array(parameters, np.float64)
+        for i, own in enumerate(out.changed.reshape(-1, PER_LINK), start=1):
+            own[0] = own[0] if abs(own[0]) > LEAST_MASS else LEAST_MASS
+            model.inertias[i] = pin.Inertia.FromDynamicParameters(own)
+        out._use(model)
+        return out
+
+    def with_gravity(self, field: Float) -> Body:
+        """The same arm in another gravity ``field`` (3,) m/s² in the base's frame."""
+        out, model = copy(self), self._model.copy()
+        model.gravity = pin.Motion(np.asarray(field, np.float64), np.zeros(3))
+        out._use(model)
+        return out
+
+    def inverse_dynamics(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Torques (N, n) Nm that the links need to move: ``q`` rad, ``qd`` rad/s, ``qdd`` rad/s², (N, n) each.
+
+        Recursive Newton–Euler; Featherstone, Rigid Body Dynamics Algorithms (2008), 5.3.
+        """
+        model, data, out = self._model, self._data, np.empty((len(q), self.joints))
+        for i, row in enumerate(zip(q, qd, qdd, strict=True)):
+            out[i] = pin.rnea(model, data, *row)
+        return out
+
+    def gravity(self, q: Float) -> Float:
+        """Torques G (N, n) Nm that hold the arm still at ``q`` (N, n) rad."""
+        return self._rows(pin.computeGeneralizedGravity, q, self.joints)
+
+    def gravity_slope(self, q: Float) -> Float:
+        """Derivatives ∂G/∂q (N, n, n) Nm/rad of the holding torques at ``q`` (N, n) rad; last axis: by which joint."""
+        return self._rows(pin.computeGeneralizedGravityDerivatives, q, self.joints, self.joints)
+
+    def mass_matrix(self, q: Float) -> Float:
+        """Mass matrices M (N, n, n) kg m² at ``q`` (N, n) rad; Featherstone (2008), 6.2."""
+        return self._rows(pin.crba, q, self.joints, self.joints)
+
+    def regressor(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Y (N, n, 10 n) with ``inverse_dynamics`` = Y · ``parameters()``.
+
+        Linear identification model; Khalil, Dombre, Modeling, Identification and Control of Robots (2002), ch. 12.
+        """
+        model, data = self._model, self._data
+        out = np.empty((len(q), self.joints, PER_LINK * self.joints))
+        for i, row in enumerate(zip(q, qd, qdd, strict=True)):
+            out[i] = pin.computeJointTorqueRegressor(model, data, *row)
+        return out
+
+    def energy(self, q: Float, qd: Float) -> Float:
+        """Kinetic and potential energy (N,) J of the links at ``q`` rad and ``qd`` rad/s, (N, n) each."""
+        model, data = self._model, self._data
+        pairs = zip(q, qd, strict=True)
+        return np.array(
+            [pin.computePotentialEnergy(model, data, a) + pin.computeKineticEnergy(model, data, a, b) for a, b in pairs]
+        )
+
+    def forward(self, q: Float) -> Float:
+        """Frames (N, n, 4, 4) m of the joints in the base's frame at ``q`` (N, n) rad: forward kinematics."""
+        model, data, out = self._model, self._data, np.empty((len(q), self.joints, 4, 4))
+        for k, row in enumerate(q):
+            pin.forwardKinematics(model, data, row)
+            out[k] = [data.oMi[i + 1].homogeneous for i in range(self.joints)]
+        return out
+
+    def _rows(self, algorithm: Callable[..., Float], q: Float, *shape: int) -> Float:
+        """What an algorithm of Pinocchio gives at each row of ``q``."""
+        out = np.empty((len(q), *shape))
+        for i, row in enumerate(q):
+            out[i] = algorithm(self._model, self._data, row)
+        return out
+
+
+def _with_one_angle_each(urdf: Path) -> str:
+    """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
+    root = ET.fromstring(read_bytes(urdf))
+    for joint in root.iter("joint"):
+        limit = joint.find("limit")
+        if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):
+            joint.set("type", "revolute")
+            limit = ET.SubElement(joint, "limit", effort="0", velocity="0") if limit is None else limit
+            limit.set("lower", str(-TURNS))
+            limit.set("upper", str(TURNS))
+    return ET.tostring(root, encoding="unicode")
+
+
+def _has_room(limit: ET.Element | None) -> bool:
+    return limit is not None and float(limit.get("lower", 0)) < float(limit.get("upper", 0))

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+import yaml
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.robot import Arm, Joint, RobotDescription
+from cellwatt_plugins.robot.drive import copper_loss, nominal_power
+from tests.plugins.robot import planar_arm as truth
+
+SHOULDER = Joint(
+    name="shoulder",
+    torque_constant=9.0,
+    rotor_inertia=1.5,
+    coulomb_friction=6.0,
+    viscous_friction=4.0,
+    winding_resistance=0.8,
+)
+ELBOW = Joint(name="elbow", rotor_inertia=0.4, coulomb_friction=2.0, viscous_friction=1.0, winding_resistance=0.5)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("planar") / "arm.urdf"
+    path.write_text(truth.urdf())
+    return RobotDescription(robot="planar", urdf=path, joints=(SHOULDER, ELBOW), standby_power=40.0)
+
+
+@pytest.fixture(scope="module")
+def arm(robot):
+    return Arm.of(robot)
+
+
+def test_columns_follow_the_joints(arm):
+    np.testing.assert_array_equal(arm.column("torque_constant"), [9.0, 0.0])
+    np.testing.assert_array_equal(arm.column("rotor_inertia"), [1.5, 0.4])
+
+
+def test_torque_is_rigid_body_rotor_and_friction(arm):
+    q, qd, qdd = truth.motion(seed=6)
+    expected = (
+        truth.torque(q, qd, qdd) + [1.5, 0.4] * qdd + [6.0, 2.0] * np.tanh(qd / 0.004) + np.array([4.0, 1.0]) * qd
+    )
+    np.testing.assert_allclose(arm.torque(q, qd, qdd), expected, atol=1e-9)
+
+
+def test_friction_turns_over_at_rest(arm):
+    q = np.zeros((3, 2))
+    qd = np.array([[-0.004, 0.004], [0.0, 0.0], [0.004, -0.004]])
+    friction = arm.torque(q, qd, q) - arm.torque(q, q, q)
+    tanh1 = 0.7615941559557649
+    expected = np.array([[-6 * tanh1 - 0.016, 2 * tanh1 + 0.004], [0, 0], [6 * tanh1 + 0.016, -2 * tanh1 - 0.004]])
+    np.testing.assert_allclose(friction, expected, atol=1e-4)
+
+
+def test_copper_loss_is_current_squared_times_resistance(robot):
+    loss = copper_loss(robot, np.array([[18.0, 7.0], [-9.0, 0.0]]))
+    np.testing.assert_allclose(loss, [[4 * 0.8, 0.0], [0.8, 0.0]])
+
+
+def test_power_is_standby_mechanical_and_copper(robot):
+    power = nominal_power(robot, np.array([[18.0, 7.0], [-9.0, 2.0]]), np.array([[0.5, -1.0], [2.0, 0.0]]))
+    np.testing.assert_allclose(power, [40 + 9.0 - 7.0 + 3.2, 40 - 18.0 + 0.8])
+
+
+def test_power_of_a_motion_is_the_power_of_its_torques(arm, robot):
+    q, qd, qdd = truth.motion(seed=8)
+    np.testing.assert_allclose(arm.power(q, qd, qdd), nominal_power(robot, arm.torque(q, qd, qdd), qd))
+
+
+def test_limits_are_the_descriptions_before_the_urdfs(robot):
+    shoulder = SHOULDER.model_copy(update={"upper_limit": 0.5, "velocity_limit": 1.25})
+    limited = Arm.of(robot.model_copy(update={"joints": (shoulder, ELBOW)}))
+    own = limited.body.limits
+    np.testing.assert_array_equal(limited.limits, [[own[0, 0], 0.5], own[1]])
+    assert limited.velocity_limits.tolist() == [1.25, limited.body.velocity_limits[1]]
+    none = Arm.of(robot.model_copy(update={"joints": (SHOULDER.model_copy(update={"lower_limit": 9.0}), ELBOW)}))
+    with pytest.raises(
+        ConfigError, match=r"arm\.urdf: shoulder has no range: write lower_limit and upper_limit, in rad"
+    ):
+        none.finite_limits()
+
+
+def test_what_every_joint_needs_is_told(tmp_path):
+    (tmp_path / "arm.urdf").write_text(truth.urdf())
+    joints = [joint.model_dump(exclude_defaults=True) for joint in (SHOULDER, ELBOW)]
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump({"robot": "planar", "urdf": "arm.urdf", "joints": joints}))
+    assert Arm.load(tmp_path, needs=("coulomb_friction",)).name == "planar"
+    with pytest.raises(ConfigError, match=r"robot\.yaml: elbow has no torque_constant: add it from the motor's data"):
+        Arm.load(str(tmp_path / "robot.yaml"), needs=("torque_constant",))
+
+
+def test_packaged_robots_are_known_by_name():
+    """The wrist of the MH12 at 0: 0.155 + 0.64 m ahead, 0.45 + 0.614 + 0.2 m up."""
+    arm = Arm.load("mh12")
+    assert (arm.name, arm.joints) == ("mh12", 6)
+    np.testing.assert_allclose(arm.forward(np.zeros((1, 6)))[0, 4, :3, 3], [0.795, 0.0, 1.264], atol=1e-9)
+    assert arm.gravity(np.zeros((2, 6))).shape == (2, 6)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("mh21", r"did you mean mh12\?"), ("MH12", r"did you mean mh12\?"), ("scara", "these are packaged: ")],
+)
+def test_an_unknown_robot_is_told_with_the_nearest(name, hint):
+    with pytest.raises(ConfigError, match=f"robot '{name}': no such file or folder, .*{hint}"):
+        Arm.load(name)
