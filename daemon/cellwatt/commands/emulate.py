@@ -120,7 +120,7 @@ def _answer(emulator: Emulator, message: dict[str, Any]) -> dict[str, Any]:
     if "fault" in message:
         emulator.inject(Fault(**message["fault"]))
     elif "disturb" in message:
-        emulator.signals.disturb(message["disturb"])
+        emulator.disturb(message["disturb"])
     elif "counts" in message:
         return {"counts": dict(emulator.counts)}
     else:

@@ -4,6 +4,7 @@ from cellwatt.emulation.arm import ArmSignals
 from cellwatt.emulation.datagrams import Datagrams
 from cellwatt.emulation.emulator import Emulator
 from cellwatt.emulation.faults import FAULT_KINDS, Fault, Injector
+from cellwatt.emulation.options import Options
 from cellwatt.emulation.port import Port, TcpPort
 from cellwatt.emulation.process import EmulatorProcess
 from cellwatt.emulation.signals import RecordedSignals, Signals, load_signals
@@ -16,6 +17,7 @@ __all__ = [
     "EmulatorProcess",
     "Fault",
     "Injector",
+    "Options",
     "Port",
     "RecordedSignals",
     "Signals",

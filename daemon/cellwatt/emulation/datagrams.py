@@ -1,4 +1,4 @@
-"""Datagrams that an emulated device sends by itself, and the faults that strike them."""
+"""The UDP port of an emulated device, and the faults that strike what it sends."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 from cellwatt.emulation.emulator import Emulator
 
+Address: TypeAlias = tuple[str, int]
+
 _LONGEST = 2048
+_EARLY = 0.001
+"""s by which a timer of the loop may be early."""
 
 
 class Datagrams:
-    """Sends one emulator's datagrams ``to`` one listener; ``None``: to nobody.
+    """Sends one emulator's datagrams, and gives ``take`` what comes in, with its sender.
 
     Faults: ``loss``, ``half_frame``, ``reorder`` (held back until after the next), ``delay`` (sent late), ``garbage``
     (random bytes ahead), ``duplicate``, ``stall`` (nothing leaves for a time, then all at once). A half frame is
@@ -23,73 +28,109 @@ class Datagrams:
     """
 
     def __init__(
-        self, emulator: Emulator, cut: Callable[[bytes], int] = len, garbage: Callable[[bytes], bytes] = bytes
+        self,
+        emulator: Emulator,
+        cut: Callable[[bytes], int] = len,
+        garbage: Callable[[bytes], bytes] = bytes,
+        take: Callable[[bytes, Address], object] | None = None,
     ) -> None:
-        self.to: tuple[str, int] | None = None
+        self.to: Address | None = None
+        """Where datagrams go that are put without an address; ``None``: to nobody."""
         self._injector = emulator.injector
         self._tally = emulator.tally
         self._cut = cut
         self._garbage = garbage
+        self._take = take
+        self._place: Address | None = None
         self._socket: socket.socket | None = None
-        self._held: list[bytes] = []
-        self._stalled: list[bytes] = []
+        self._held: list[tuple[bytes, Address | None]] = []
+        self._stalled: list[tuple[bytes, Address | None]] = []
         self._stalled_until = 0.0
 
     @contextmanager
-    def opened(self, host: str) -> Iterator[None]:
-        """Inside, they can be sent, from an address of this PC. Raises ``OSError``."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as self._socket:
-            self._socket.setblocking(False)
-            self._socket.bind((host, 0))
-            try:
-                yield
-            finally:
-                self.to = None
-
-    def heard(self) -> bool:
-        """Whether the listener sent something."""
-        assert self._socket is not None
+    def opened(self, host: str, port: int = 0) -> Iterator[str]:
+        """Open the port (0: any free one) of an address of this PC; its real address. Raises ``OSError``."""
+        self._place = host, port
+        self._open()
         try:
-            self._socket.recvfrom(_LONGEST)
-        except OSError:  # nothing came, or word that nobody listens
-            return False
-        return True
+            yield f"{self._place[0]}:{self._place[1]}"
+        finally:
+            self.to = self._place = None
+            self._close()
 
-    def put(self, frame: bytes) -> None:
-        """Send one that is due now, as the faults have it."""
+    def interrupt(self, seconds: float) -> None:
+        """Close the port for so long."""
+        self._close()
+        asyncio.get_running_loop().call_later(seconds, self._open)
+
+    def _open(self) -> None:
+        if self._place is None or self._socket is not None:
+            return
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind(self._place)
+        self._place = self._socket.getsockname()
+        if self._take is not None:
+            asyncio.get_running_loop().add_reader(self._socket, self._readable, self._socket, self._take)
+
+    def _close(self) -> None:
+        if self._socket is not None:
+            if self._take is not None:
+                asyncio.get_running_loop().remove_reader(self._socket)
+            self._socket.close()
+            self._socket = None
+
+    def _readable(self, opened: socket.socket, take: Callable[[bytes, Address], object]) -> None:
+        try:
+            datagram, sender = opened.recvfrom(_LONGEST)
+        except OSError:  # no datagram after all, or word that an earlier one found nobody
+            return
+        take(datagram, sender)
+
+    def put(self, frame: bytes, to: Address | None = None, after: float = 0.0) -> None:
+        """Send one in ``after`` s, as the faults have it."""
         now, strikes = time.monotonic(), self._injector.strikes
+        to = to or self.to
         if stall := self._injector.once("stall"):
             self._stalled_until = now + stall.seconds
+            asyncio.get_running_loop().call_later(stall.seconds, self._leave, [])
         if strikes("loss", now):
             return
         if strikes("half_frame", now):
-            self._send(frame[: 1 + self._injector.below(self._cut(frame) - 1)], whole=False)
+            self._send([frame[: 1 + self._injector.below(self._cut(frame) - 1)]], to, after, whole=0)
             return
         if strikes("reorder", now):
-            self._held.append(frame)
+            self._held.append((frame, to))
             return
         if late := strikes("delay", now):
-            asyncio.get_running_loop().call_later(late.seconds, self._send, frame)
-            return
+            after += late.seconds
+        frames = [frame]
         if strikes("garbage", now):
-            self._send(self._garbage(self._injector.random_bytes(1, 200)), whole=False)
-        self._send(frame)
+            frames.insert(0, self._garbage(self._injector.random_bytes(1, 200)))
         if strikes("duplicate", now):
-            self._send(frame, whole=False)
-        held, self._held = self._held, []
-        for older in held:
-            self._send(older)
+            frames.append(frame)
+        self._send(frames, to, after, whole=1)
 
-    def _send(self, frame: bytes, whole: bool = True) -> None:
-        self._tally["sent"] += whole
-        if time.monotonic() < self._stalled_until:
-            self._stalled.append(frame)
+    def _send(self, frames: list[bytes], to: Address | None, after: float, whole: int) -> None:
+        if after > 0:
+            asyncio.get_running_loop().call_later(after, self._send, frames, to, 0.0, whole)
+            return
+        if self._socket is None:
+            return
+        held = self._held if whole else []
+        self._held = self._held[len(held) :]
+        self._tally["sent"] += whole + len(held)
+        self._leave([*((frame, to) for frame in frames), *held])
+
+    def _leave(self, datagrams: list[tuple[bytes, Address | None]]) -> None:
+        self._stalled += datagrams
+        if time.monotonic() < self._stalled_until - _EARLY:
             return
         waiting, self._stalled = self._stalled, []
-        for each in (*waiting, frame):
-            if self._socket is None or self.to is None:
-                return
+        for datagram, to in waiting:
+            if self._socket is None or to is None:
+                continue
             try:
-                self._socket.sendto(each, self.to)
+                self._socket.sendto(datagram, to)
             except OSError:  # the listener is gone, or does not keep up
                 self._tally["unheard"] += 1

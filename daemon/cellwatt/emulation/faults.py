@@ -80,6 +80,10 @@ class Injector:
         """Between low and high bytes of garbage."""
         return self._random.randbytes(self._random.randint(low, high))
 
+    def chance(self) -> float:
+        """Return a repeatable random number in 0 … 1."""
+        return self._random.random()
+
     def below(self, n: int) -> int:
         """A repeatable random number in 0 … n-1."""
         return self._random.randrange(n)

@@ -70,15 +70,20 @@ class Port(ABC):
         self._tally["sent"] += 1
 
 
+def host_and_port(address: str) -> tuple[str, int]:
+    """Split ``HOST:PORT``. Raises ``ValueError`` for another text."""
+    host, colon, port = address.rpartition(":")
+    if not (colon and port.isdecimal() and int(port) < 1 << 16):
+        raise ValueError(f"the address is HOST:PORT, like 127.0.0.1:30004, not {address!r}")
+    return host, int(port)
+
+
 class TcpPort(Port):
     """Takes TCP clients at the emulator's address; ``talk`` serves each until it leaves or is hung up on."""
 
     def __init__(self, emulator: Emulator, talk: Talk, tls: ssl.SSLContext | None = None) -> None:
         super().__init__(emulator)
-        host, colon, port = emulator.address.rpartition(":")
-        if not (colon and port.isdecimal() and int(port) < 1 << 16):
-            raise ValueError(f"the address is HOST:PORT, like 127.0.0.1:30004, not {emulator.address!r}")
-        self._place = host, int(port)
+        self._place = host_and_port(emulator.address)
         self._talk = talk
         self._tls = tls
         self._server: asyncio.Server | None = None

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from cellwatt.emulation import Signals
-from cellwatt.emulation.signals import Float
+from cellwatt.emulation.blocks import Blocks
 from cellwatt_drivers.abb.messages import classes
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.wire import DATA
@@ -35,16 +34,13 @@ class EmulatedRobot:
     def __init__(self, signals: Signals, robotware: RobotWare, axes: int, period: float) -> None:
         self.motors_on = True
         self.running = True
-        self._signals = signals
         self._robotware = robotware
         self._axes = axes
-        self._period = period
-        self._first = -1
-        self._block: Mapping[str, Float] = {}
+        self._blocks = Blocks(signals.at, period, _BLOCK)
 
     def packet(self, index: int, stamp: Stamp) -> bytes:
         """The packet of ``index`` periods after the epoch."""
-        row, values = self._row(index)
+        values, row = self._blocks.at(index)
         message = classes()["EgmRobot"]()
         message.header.seqno = stamp.number & 0xFFFFFFFF
         message.header.tm = round(stamp.time * 1e3) & 0xFFFFFFFF
@@ -71,13 +67,6 @@ class EmulatedRobot:
             message.measuredForce.force.extend(wrench)
             return bytes(message.SerializeToString())
         return bytes(message.SerializeToString()) + _force6(wrench)
-
-    def _row(self, index: int) -> tuple[int, Mapping[str, Float]]:
-        first, row = index - index % _BLOCK, index % _BLOCK
-        if first != self._first:
-            self._first = first
-            self._block = self._signals.at(np.arange(first, first + _BLOCK, dtype=np.float64) * self._period)
-        return row, self._block
 
 
 _WRENCH = tuple(f"tool.{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")

@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from cellwatt.emulation import Datagrams, Emulator, Signals, TcpPort
+from cellwatt.emulation import Datagrams, Emulator, Options, TcpPort
 from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.abb import emulated_pages
 from cellwatt_drivers.abb.emulated_pages import Pages
@@ -39,6 +40,7 @@ class AbbEmulator(Emulator):
     """
 
     title: ClassVar[str] = "ABB controller (EGM and Robot Web Services)"
+    usual_address: ClassVar[str] = "127.0.0.1:8080"
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay",
         "reorder",
@@ -51,42 +53,36 @@ class AbbEmulator(Emulator):
         "clock_jump",
     )
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or "127.0.0.1:8080", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        host, _, port = left.pop("egm", f"127.0.0.1:{PORT}").rpartition(":")
-        self._to = (host, int(port))
-        robotware = _robotware(left.pop("robotware", "7"))
-        self._rate = float(left.pop("rate", 1 / CYCLE))
-        axes = int(left.pop("axes", "6"))
-        self._clocked = left.pop("clock", "1") == "1"
-        user, password = left.pop("user", "Default User"), left.pop("password", "robotics")
-        certificate = left.pop("certificate", "")
-        measures = left.pop("energy", "yes") == "yes"
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
-        self.robot = EmulatedRobot(signals, robotware, axes, 1 / self._rate)
-        meter = Meter(signals, axes) if measures else None
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        self._to = host_and_port(options.text("egm", f"127.0.0.1:{PORT}"))
+        robotware: RobotWare = 6 if options.choice("robotware", "7", ("6", "7")) == "6" else 7
+        self._rate = options.number("rate", 1 / CYCLE)
+        axes = options.whole("axes", 6)
+        self._clocked = options.flag("clock", True)
+        user, password = options.text("user", "Default User"), options.text("password", "robotics")
+        certificate = options.text("certificate")
+        measures = options.flag("energy", True)
+        self.robot = EmulatedRobot(self.signals, robotware, axes, 1 / self._rate)
+        meter = Meter(self.signals, axes) if measures else None
         self.pages = Pages(self.robot, meter, robotware, user, password, lambda: time.time() - self.epoch)
-        self.signals = _World(signals, self)
         self._number = 0
         self._shift = 0.0
         self._down_until = 0.0
         self.tally.update(heard=0)
-        self._packets = Datagrams(self, _header, _no_message)
+        self._packets = Datagrams(self, _header, _no_message, lambda *_: self.tally.update(heard=1))
         self._port = TcpPort(self, self._talk, emulated_pages.tls(certificate) if certificate else None)
 
-    def begin_session(self) -> None:
-        """The program starts EGM anew: packets are numbered from 0."""
-        self._number = 0
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """Set motors or program, number packets from 0 again, or change the signals."""
+        if "motors" in change:
+            self.robot.motors_on = change["motors"] == "on"
+        elif "program" in change:
+            self.robot.running = change["program"] == "on"
+        elif "session" in change:
+            self._number = 0
+        else:
+            super().disturb(change)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -101,7 +97,6 @@ class AbbEmulator(Emulator):
         index = 0
         async with Ticker(self._rate) as ticker:
             async for beat in ticker:
-                self.tally["heard"] += self._packets.heard()
                 for _ in range(beat.merged + 1):
                     self._cycle(first + index)
                     index += 1
@@ -140,26 +135,6 @@ class AbbEmulator(Emulator):
         return fields.get("connection", "").lower() != "close"
 
 
-class _World:
-    """The signals, and what can happen to the controller itself."""
-
-    def __init__(self, signals: Signals, emulator: AbbEmulator) -> None:
-        self.at = signals.at
-        self._signals = signals
-        self._emulator = emulator
-
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Motors, program, numbering, or a change of the signals."""
-        if "motors" in change:
-            self._emulator.robot.motors_on = change["motors"] == "on"
-        elif "program" in change:
-            self._emulator.robot.running = change["program"] == "on"
-        elif "session" in change:
-            self._emulator.begin_session()
-        else:
-            self._signals.disturb(change)
-
-
 def _header(packet: bytes) -> int:
     """A half packet ends in the header: one cut between two later fields would be a shorter, good one."""
     return packet[1] + 2
@@ -168,9 +143,3 @@ def _header(packet: bytes) -> int:
 def _no_message(garbage: bytes) -> bytes:
     """With a wire type ahead that protobuf does not have, so that no random datagram is a message by chance."""
     return b"\x07" + garbage
-
-
-def _robotware(text: str) -> RobotWare:
-    if text not in ("6", "7"):
-        raise ValueError(f"robotware is 6 or 7, not {text!r}")
-    return 6 if text == "6" else 7

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pty
-import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from cellwatt.emulation.terminal import raw_terminal
 
 CHUNK = 4096
 
@@ -42,11 +42,11 @@ class Adapter:
             self.write(b"\r")
 
     def send(self, identifier: int, data: bytes) -> bool:
-        """A standard frame to the client; whether it was taken."""
+        """Send a standard frame to the client; true if it was taken."""
         return self.is_open and self.write(f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode())
 
     def write(self, data: bytes) -> bool:
-        """Bytes to the client; whether they were taken, which they are not when it does not read."""
+        """Send bytes to the client; false if it does not read."""
         try:
             return os.write(self._master, data) == len(data)
         except BlockingIOError:
@@ -57,14 +57,10 @@ class Adapter:
 def virtual_adapter() -> Iterator[Adapter]:
     """An adapter at a port of its own; must be entered on a running loop."""
     loop = asyncio.get_running_loop()
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    os.set_blocking(master, False)
-    adapter = Adapter(master, os.ttyname(slave))
-    loop.add_reader(master, adapter.read)
-    try:
-        yield adapter
-    finally:
-        loop.remove_reader(master)
-        os.close(master)
-        os.close(slave)
+    with raw_terminal() as (near, far):
+        adapter = Adapter(near, far)
+        loop.add_reader(near, adapter.read)
+        try:
+            yield adapter
+        finally:
+            loop.remove_reader(near)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import can
 import numpy as np
 
-from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation import Emulator, Options
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.can_sensor import bus_errors
@@ -43,26 +43,16 @@ class CanSensorEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Isabellenhütte IVT-S current sensor (CAN)"
+    usual_address: ClassVar[str] = "pty"
     faults: ClassVar[tuple[FaultKind, ...]] = ("loss", "duplicate", "garbage", "half_frame", "stall", "disconnect")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or "pty", epoch=epoch, seed=seed, options=options)
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
         _, self._decodings = load_decodings("ivt_s", None)
-        left = dict(self.options)
-        self._cycles = _cycles(left.pop("cycles", "current=20,voltage_1=60,voltage_2=60,voltage_3=60"))
+        self._cycles = _cycles(options.text("cycles", "current=20,voltage_1=60,voltage_2=60,voltage_3=60"))
         if unknown := set(self._cycles) - set(self._decodings):
             raise ValueError(f"an IVT-S has no {', '.join(sorted(unknown))}; it has: {', '.join(self._decodings)}")
-        self.status = int(left.pop("status", "0"), 16)
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
+        self.status = int(options.text("status", "0"), 16)
         self._numbers: Counter[str] = Counter()
         self.tally.update(unheard=0, disconnected=0)
         self._energy = 0.0

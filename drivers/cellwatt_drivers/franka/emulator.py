@@ -12,9 +12,12 @@ from contextlib import suppress
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cellwatt.emulation import Datagrams, Emulator, Signals, TcpPort
+from cellwatt.emulation import Datagrams, Emulator, Options, Signals, TcpPort
+from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.signals import Float
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.franka import fci
 
@@ -43,6 +46,7 @@ class FrankaEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Franka robot (FCI)"
+    usual_address: ClassVar[str] = f"127.0.0.1:{fci.PORT}"
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay",
         "reorder",
@@ -54,23 +58,11 @@ class FrankaEmulator(Emulator):
         "clock_jump",
     )
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or f"127.0.0.1:{fci.PORT}", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        self._version = int(left.pop("version", str(fci.VERSION)))
-        self._realtime = left.pop("realtime", "0") == "1"
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
-        self.robot = EmulatedRobot(signals)
-        self.signals = self.robot
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        self._version = options.whole("version", fci.VERSION)
+        self._realtime = options.flag("realtime", False)
+        self.robot = EmulatedRobot(self.signals)
         self._taken = False
         self._shift = 0
         self._left = 0.0
@@ -78,6 +70,15 @@ class FrankaEmulator(Emulator):
         self.tally.update(commanded=0)
         self._states = Datagrams(self)
         self._port = TcpPort(self, self._talk)
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """Set mode and error, or change the signals."""
+        if "mode" in change or "error" in change:
+            self.robot.mode = int(change.get("mode", self.robot.mode))
+            self.robot.error = int(change.get("error", self.robot.error))
+        else:
+            super().disturb(change)
+        self.robot.forget()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -152,34 +153,24 @@ class EmulatedRobot:
     """Signals as the states of a robot; what the signals lack is 0."""
 
     def __init__(self, signals: Signals) -> None:
-        self.at = signals.at
+        self.mode, self.error = 2, 0
         self._signals = signals
-        self._mode, self._error = 2, 0
-        self._first = -1
-        self._states = np.zeros(_AHEAD, fci.STATE)
+        self._blocks = Blocks(self._compute, 1 / _RATE, _AHEAD)
 
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        """See the emulator."""
-        if "mode" in change or "error" in change:
-            self._mode = int(change.get("mode", self._mode))
-            self._error = int(change.get("error", self._error))
-        else:
-            self._signals.disturb(change)
-        self._first = -1
+    def forget(self) -> None:
+        """Make the states anew that were made ahead."""
+        self._blocks.forget()
 
     def state(self, index: int, time: int) -> bytes:
-        """The datagram ``index`` ms after the epoch, at the robot's ``time``, ms since its start."""
-        first = index - index % _AHEAD
-        if first != self._first:
-            self._first = first
-            self._fill(first)
-        row = self._states[index - first : index - first + 1]
-        row["message_id"] = time
-        return row.tobytes()
+        """Return the datagram ``index`` ms after the epoch, at the robot's ``time``, ms since its start."""
+        states, row = self._blocks.at(index)
+        state = states[row : row + 1]
+        state["message_id"] = time
+        return state.tobytes()
 
-    def _fill(self, first: int) -> None:
-        values = self._signals.at(np.arange(first, first + _AHEAD, dtype=np.float64) / _RATE)
-        states = self._states
+    def _compute(self, t: Float) -> NDArray[np.void]:
+        values = self._signals.at(t)
+        states = np.zeros(len(t), fci.STATE)
         for joint in range(7):
             for field, quantity in _JOINTS.items():
                 name = f"joint_{joint + 1}.{quantity}"
@@ -193,8 +184,9 @@ class EmulatedRobot:
             states[field] = np.eye(4).ravel()
         states["m_ee"] = 0.73
         states["control_command_success_rate"] = 1.0
-        states["robot_mode"] = self._mode
-        states["errors"][:, 0] = self._error
+        states["robot_mode"] = self.mode
+        states["errors"][:, 0] = self.error
+        return states
 
 
 _JOINTS = {

@@ -10,9 +10,8 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-import numpy as np
-
-from cellwatt.emulation import Emulator, Signals, TcpPort
+from cellwatt.emulation import Emulator, Options, Signals, TcpPort
+from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.emulation.signals import Float
 from cellwatt_drivers.kinova import registers
@@ -42,27 +41,26 @@ class KinovaEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Kinova Gen3 (Modbus TCP)"
+    usual_address: ClassVar[str] = "127.0.0.1:5020"
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or "127.0.0.1:5020", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        wrap = left.pop("wrap", "1") == "1"
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
-        self.arm = EmulatedArm(signals, wrap)
-        self.signals = self.arm
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        wrap = options.flag("wrap", True)
+        self.arm = EmulatedArm(self.signals, wrap)
         self.asked: Counter[tuple[int, int]] = Counter()
         self.tally.update(refused=0, written=0)
         self._port = TcpPort(self, self._talk)
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """Set state and flags, or change the signals."""
+        arm = self.arm
+        if {"state", "fault_flags", "warning_flags"}.isdisjoint(change):
+            super().disturb(change)
+            return
+        arm.state = int(change.get("state", arm.state))
+        arm.fault = int(change.get("fault_flags", arm.fault))
+        arm.warning = int(change.get("warning_flags", arm.warning))
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -103,43 +101,23 @@ class EmulatedArm:
     """Signals as the registers of an arm; what the signals lack is 0."""
 
     def __init__(self, signals: Signals, wrap: bool) -> None:
-        self.at = signals.at
-        self._signals = signals
+        self.state, self.fault, self.warning = 7, 0, 0
         self._wrap = wrap
-        self._state, self._fault, self._warning = 7, 0, 0
-        self._first = -1
+        self._blocks = Blocks(signals.at, _CYCLE, _BLOCK)
         self._values: Mapping[str, Float] = {}
         self._row = 0
 
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        """See the emulator."""
-        known = {"state", "fault_flags", "warning_flags"}
-        if known.isdisjoint(change):
-            self._signals.disturb(change)
-            return
-        self._state = int(change.get("state", self._state))
-        self._fault = int(change.get("fault_flags", self._fault))
-        self._warning = int(change.get("warning_flags", self._warning))
-
     def block(self, first: int, t: float) -> list[int]:
-        """Registers of the block that begins at ``first``, at t s."""
-        self._go_to(t)
+        """Return the registers of the block that begins at ``first``, at t s."""
+        self._values, self._row = self._blocks.at(math.floor(t / _CYCLE))
         return self._arm() if first == ARM[0] else self._motion()
-
-    def _go_to(self, t: float) -> None:
-        cycle = math.floor(t / _CYCLE)
-        first = cycle - cycle % _BLOCK
-        if first != self._first:
-            self._first = first
-            self._values = self._signals.at(np.arange(first, first + _BLOCK, dtype=np.float64) * _CYCLE)
-        self._row = cycle - first
 
     def _get(self, name: str) -> float:
         return float(self._values[name][self._row]) if name in self._values else 0.0
 
     def _arm(self) -> list[int]:
-        words = [1 << self._state, 0]
-        for flags in (self._fault, self._warning):
+        words = [1 << self.state, 0]
+        for flags in (self.fault, self.warning):
             words += [flags & 0xFFFF, flags >> 16]
         return words + encode([self._get("bus.current"), self._get("bus.voltage"), 45.0, 38.0])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import ClassVar
@@ -15,11 +15,12 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation import Emulator, Fault, Options
 from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.port import host_and_port
 from cellwatt.errors import ConfigError
 from cellwatt_drivers.modbus_meter.emulated_meter import EmulatedMeter
-from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, load_map, packaged_map
+from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.virtual_line import virtual_line
 
 _FUNCTIONS = {"holding": 3, "input": 4}
@@ -39,26 +40,18 @@ class ModbusMeterEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Modbus energy meter"
+    usual_address: ClassVar[str] = "127.0.0.1:5020"
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or "127.0.0.1:5020", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        made = _map(left)
-        energy = float(left.pop("energy", "0")) * 3.6e6
-        self.meters = {int(n): EmulatedMeter(signals, made, energy) for n in left.pop("unit", "1").split(",")}
-        self._framer = {"tcp": FramerType.SOCKET, "rtu": FramerType.RTU}[left.pop("framing", "tcp")]
-        self._strict = left.pop("strict", "no") == "yes"
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        made = _map(options)
+        energy = options.number("energy", 0.0) * 3.6e6
+        self.meters = {int(n): EmulatedMeter(self.signals, made, energy) for n in options.numbers("unit", (1.0,))}
+        self._framer = (
+            FramerType.SOCKET if options.choice("framing", "tcp", ("tcp", "rtu")) == "tcp" else FramerType.RTU
+        )
+        self._strict = options.flag("strict", False)
         if self.address == "pty":
             self._framer = FramerType.RTU
         self._map = made
@@ -97,8 +90,7 @@ class ModbusMeterEmulator(Emulator):
         devices = [self._device(unit, meter) for unit, meter in self.meters.items()]
         if place.startswith("/"):
             return ModbusSerialServer(devices, framer=self._framer, port=place, trace_packet=self._struck)
-        host, _, port = place.rpartition(":")
-        return ModbusTcpServer(devices, framer=self._framer, address=(host, int(port)), trace_packet=self._struck)
+        return ModbusTcpServer(devices, framer=self._framer, address=host_and_port(place), trace_packet=self._struck)
 
     def _device(self, unit: int, meter: EmulatedMeter) -> SimDevice:
         first = min(s.address for s in meter.slots)
@@ -161,17 +153,14 @@ class ModbusMeterEmulator(Emulator):
         return data
 
 
-def _map(options: dict[str, str]) -> MeterMap:
-    file, name = options.pop("map", ""), options.pop("meter", "eastron_sdm630")
-    if file:
-        try:
-            return load_map(Path(file))
-        except ConfigError as error:
-            raise ValueError(str(error)) from error
-    known = {m: m for m in METERS}
-    if name not in known:
-        raise ValueError(f"meter {name!r} is not one of {', '.join(METERS)}")
-    return packaged_map(known[name])
+def _map(options: Options) -> MeterMap:
+    name: MeterName = options.choice("meter", "eastron_sdm630", METERS)
+    if not (file := options.text("map")):
+        return packaged_map(name)
+    try:
+        return load_map(Path(file))
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
 
 
 def _bound(server: ModbusTcpServer | ModbusSerialServer) -> str:

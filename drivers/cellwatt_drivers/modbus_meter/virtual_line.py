@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pty
-import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from cellwatt.emulation.terminal import raw_terminal
 
 CHUNK = 4096
 
@@ -16,20 +16,14 @@ CHUNK = 4096
 def virtual_line() -> Iterator[tuple[str, str]]:
     """Paths of both ends of a serial line; must be entered on a running loop."""
     loop = asyncio.get_running_loop()
-    ends = [pty.openpty() for _ in range(2)]
-    masters = [master for master, _ in ends]
-    for master, slave in ends:
-        tty.setraw(slave)
-        os.set_blocking(master, False)
-    try:
-        for source, sink in (masters, masters[::-1]):
-            loop.add_reader(source, _pass_on, source, sink)
-        yield os.ttyname(ends[0][1]), os.ttyname(ends[1][1])
-    finally:
-        for master, slave in ends:
-            loop.remove_reader(master)
-            os.close(master)
-            os.close(slave)
+    with raw_terminal() as (one, path_one), raw_terminal() as (other, path_other):
+        loop.add_reader(one, _pass_on, one, other)
+        loop.add_reader(other, _pass_on, other, one)
+        try:
+            yield path_one, path_other
+        finally:
+            loop.remove_reader(one)
+            loop.remove_reader(other)
 
 
 def _pass_on(source: int, sink: int) -> None:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.emulation import Emulator, Fault, Signals
+from cellwatt.emulation import Emulator, Fault, Options
 from cellwatt.emulation.faults import FaultKind
 from cellwatt_drivers.power_board import payload, wire, xbee
 from cellwatt_drivers.power_board.modem import JOINED, Modem
@@ -55,6 +55,7 @@ class PowerBoardEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Power board behind an XBee receiver"
+    usual_address: ClassVar[str] = "pty"
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay",
         "reorder",
@@ -67,19 +68,11 @@ class PowerBoardEmulator(Emulator):
         "clock_jump",
     )
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or "pty", epoch=epoch, seed=seed, options=options)
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
         if self.address != "pty":
-            raise ValueError(f"a power board's emulator listens at pty, not at {address!r}")
-        self._set_options(dict(self.options))
+            raise ValueError(f"a power board's emulator listens at pty, not at {self.address!r}")
+        self._set_options(options)
         self._modem = None if self._mode == "transparent" else Modem(escaped=self._mode == "api_escaped")
         self.tally.update(unheard=0, packets=0, heard=0)
         self._began: float | None = None
@@ -94,21 +87,15 @@ class PowerBoardEmulator(Emulator):
         self._line: deque[_Item] = deque()
         self._overtaken: list[_Item] = []
 
-    def _set_options(self, options: dict[str, str]) -> None:
-        mode = options.pop("mode", "api")
-        known = {m: m for m in wire.MODES}
-        if mode not in known:
-            raise ValueError(f"mode {mode!r} is not one of {', '.join(wire.MODES)}")
-        self._mode = known[mode]
-        self._board = int(options.pop("board", "7"))
-        self._phases = int(options.pop("phases", "3"))
-        self._rate = float(options.pop("rate", "123"))
-        self._batch = int(options.pop("batch", "1"))
-        self._explicit = options.pop("explicit", "no") == "yes"
-        link = options.pop("link", "")
+    def _set_options(self, options: Options) -> None:
+        self._mode: wire.Mode = options.choice("mode", "api", wire.MODES)
+        self._board = options.whole("board", 7)
+        self._phases = options.whole("phases", 3)
+        self._rate = options.number("rate", 123.0)
+        self._batch = options.whole("batch", 1)
+        self._explicit = options.flag("explicit", False)
+        link = options.text("link")
         self._link = Path(link) if link else None
-        if options:
-            raise ValueError(f"unknown options {', '.join(options)}")
         if not 0 < self._rate <= 1000:
             raise ValueError(f"rate {self._rate:g} is not within 0 to 1000 Hz")
         zeros = (0,) * (3 * self._phases * self._batch)

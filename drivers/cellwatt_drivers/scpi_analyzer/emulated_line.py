@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import os
-import pty
-import tty
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack
 from typing import Protocol
 
 from cellwatt.emulation import Emulator, Port
+from cellwatt.emulation.terminal import raw_terminal
 
 
 class Writer(Protocol):
@@ -42,17 +41,15 @@ class PtyPort(Port):
 
     async def __aenter__(self) -> str:
         """See ``Port``."""
-        near, far = pty.openpty()
-        self._stack.callback(os.close, far)
-        tty.setraw(far)
+        near, far = self._stack.enter_context(raw_terminal())
         reader = asyncio.StreamReader()
         transport, _ = await asyncio.get_running_loop().connect_read_pipe(
-            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(near, "rb", 0)
+            lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(os.dup(near), "rb", 0)
         )
         self._stack.callback(transport.close)
         serving = asyncio.create_task(self._serve(reader, _Near(near)))
         self._stack.push_async_callback(_ended, serving)
-        return os.ttyname(far)
+        return far
 
     async def __aexit__(self, *_: object) -> None:
         """See ``Port``."""

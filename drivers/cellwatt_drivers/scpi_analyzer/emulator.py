@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Port, Signals, TcpPort
+from cellwatt.emulation import Emulator, Options, Port, TcpPort
 from cellwatt.emulation.faults import FaultKind
 from cellwatt_drivers.scpi_analyzer.emulated_analyzer import EmulatedAnalyzer, known_functions
 from cellwatt_drivers.scpi_analyzer.emulated_line import PtyPort, Writer
@@ -38,30 +38,17 @@ class ScpiAnalyzerEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Power analyzer (SCPI: R&S HMC8015, Yokogawa WT310E, ZES LMG670)"
+    usual_address: ClassVar[str] = f"127.0.0.1:{PORT}"
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or f"127.0.0.1:{PORT}", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        model = left.pop("model", "hmc8015")
-        if model not in _MAKES:
-            raise ValueError(f"model {model!r} is not one of {', '.join(_MAKES)}")
-        make, identification = _MAKES[model]
-        self.analyzer = make(signals, left.pop("idn", identification))
-        overload = [name for name in left.pop("overload", "").split(",") if name]
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        make, identification = _MAKES[options.choice("model", "hmc8015", tuple(_MAKES))]
+        self.analyzer = make(self.signals, options.text("idn", identification))
+        overload = [name for name in options.text("overload").split(",") if name]
         self.analyzer.overload = known_functions(overload)
         if unknown := set(overload) - self.analyzer.overload:
             raise ValueError(f"overload names functions it does not measure: {', '.join(sorted(unknown))}")
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
         self.lines: Counter[str] = Counter()
         self._port: Port = PtyPort(self, self._talk) if self.address == "pty" else TcpPort(self, self._talk)
 

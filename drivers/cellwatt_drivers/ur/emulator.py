@@ -11,8 +11,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Fault, RecordedSignals, Signals
-from cellwatt.emulation.signals import Float
+from cellwatt.emulation import Emulator, Fault, Options, RecordedSignals
+from cellwatt.emulation.port import host_and_port
 from cellwatt.ticker import Ticker
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
@@ -20,7 +20,6 @@ from cellwatt_drivers.ur.listener import Listener, Place
 from cellwatt_drivers.ur.timeline import Cycles, Encoder, Rows, Timeline
 from cellwatt_drivers.ur.wire import ControllerVersion
 
-DEFAULT_ADDRESS = "127.0.0.1:30004"
 AHEAD = 0.05
 """Seconds of packages made at once; a disturbance of the world makes them anew."""
 UNREAD = 10.0
@@ -53,30 +52,17 @@ class UrEmulator(Emulator):
     """
 
     title = "Universal Robots controller (RTDE)"
+    usual_address = "127.0.0.1:30004"
     faults = ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or DEFAULT_ADDRESS, epoch=epoch, seed=seed, options=options)
-        unknown = set(self.options) - {"polyscope", "at_end", "start"}
-        if unknown:
-            raise ValueError(f"{self.title} has the options polyscope, at_end, start, not {', '.join(unknown)}")
-        self.version = _version(self.options.get("polyscope", "5.12.0"))
-        self._at_end = self.options.get("at_end", "pause")
-        self._start = self.options.get("start", "client")
-        if self._at_end not in AT_END or self._start not in ("client", "epoch"):
-            raise ValueError(f"at_end is one of {', '.join(AT_END)}; start is client or epoch")
-        self._host, self._port = _split(self.address)
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        self.version = _version(options.text("polyscope", "5.12.0"))
+        self._at_end = options.choice("at_end", "pause", AT_END)
+        self._start = options.choice("start", "client", ("client", "epoch"))
+        self._place = host_and_port(self.address)
         held = self._at_end == "hold"
-        self._rows = Rows(signals, held) if isinstance(signals, RecordedSignals) else None
-        self.signals = _World(signals, self)
+        self._rows = Rows(self.signals, held) if isinstance(self.signals, RecordedSignals) else None
         self.clients: set[Listener] = set()
         self._places: list[Place] = []
         self._timeline: Timeline | None = None
@@ -96,9 +82,22 @@ class UrEmulator(Emulator):
         super().inject(fault)
         self._wake.set()
 
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """Reboot, send a text message to all clients, or change the signals."""
+        if "reboot" in change:
+            self._reboot(float(change["reboot"]))
+        elif "message" in change:
+            message = wire.TextMessage(str(change["message"]), "emulator", 2)
+            for client in self.clients:
+                client.put(wire.text_message(message))
+                self.tally["message"] += 1
+        else:
+            super().disturb(change)
+            self._remake()
+
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator``."""
-        server = await asyncio.get_running_loop().create_server(lambda: Listener(self), self._host, self._port)
+        server = await asyncio.get_running_loop().create_server(lambda: Listener(self), *self._place)
         try:
             host, port = server.sockets[0].getsockname()[:2]
             if self._rows is None:
@@ -195,7 +194,7 @@ class UrEmulator(Emulator):
         """Whether connections are refused now."""
         return time.monotonic() < self._down_until
 
-    def reboot(self, seconds: float) -> None:
+    def _reboot(self, seconds: float) -> None:
         """Go away for a time; all timestamps start from 0 then, and nobody's losses are counted."""
         self.advance()
         self.tally["reboot"] += 1
@@ -209,13 +208,7 @@ class UrEmulator(Emulator):
             at = np.array([self._timeline.due(elapsed)])
             self._shift = -float(self._timeline.stamps(at)[0])
 
-    def tell(self, text: str) -> None:
-        """A text message to all clients."""
-        for client in self.clients:
-            client.put(wire.text_message(wire.TextMessage(text, "emulator", 2)))
-            self.tally["message"] += 1
-
-    def remake(self) -> None:
+    def _remake(self) -> None:
         """The world changed: packages made ahead are no longer true."""
         for place in self._places:
             place.forget()
@@ -247,7 +240,7 @@ class UrEmulator(Emulator):
     def _strike_once(self, now: float) -> None:
         if fault := self.injector.once("clock_jump"):
             self._shift += fault.seconds
-            self.remake()
+            self._remake()
         if fault := self.injector.once("stall"):
             for client in self.clients:
                 client.hold(now + fault.seconds)
@@ -330,37 +323,8 @@ class UrEmulator(Emulator):
         return forms[self.injector.below(len(forms))]
 
 
-class _World:
-    """The signals, and what can happen to the controller itself."""
-
-    def __init__(self, signals: Signals, emulator: UrEmulator) -> None:
-        self._signals = signals
-        self._emulator = emulator
-
-    def at(self, t: Float) -> Mapping[str, Float]:
-        """See ``Signals``."""
-        return self._signals.at(t)
-
-    def disturb(self, change: Mapping[str, float | str]) -> None:
-        """Reboot, message, or a change of the signals."""
-        if "reboot" in change:
-            self._emulator.reboot(float(change["reboot"]))
-        elif "message" in change:
-            self._emulator.tell(str(change["message"]))
-        else:
-            self._signals.disturb(change)
-            self._emulator.remake()
-
-
 def _version(text: str) -> ControllerVersion:
     if not re.fullmatch(r"([3-9]|1\d)(\.\d{1,9}){1,3}", text):
         raise ValueError(f"polyscope is a version like 5.12.0, not {text!r}")
     major, minor, bugfix, build = (*map(int, text.split(".")), 0, 0)[:4]
     return ControllerVersion(major, minor, bugfix, build)
-
-
-def _split(address: str) -> tuple[str, int]:
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdigit() or int(port) > 0xFFFF:
-        raise ValueError(f"the address is HOST:PORT, like {DEFAULT_ADDRESS}, not {address!r}")
-    return host, int(port)

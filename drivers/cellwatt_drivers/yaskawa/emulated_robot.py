@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.emulation import Signals
+from cellwatt.emulation.blocks import Blocks
+from cellwatt.emulation.signals import Float
 from cellwatt_drivers.yaskawa import payload
 
 PULSES_PER_DEGREE = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
@@ -42,8 +44,7 @@ class EmulatedRobot:
         self._pulses = np.degrees(1.0) * np.asarray(pulses_per_degree)
         self._counts = 100.0 / np.asarray(rated_torque)
         self._answer_axes = answer_axes
-        self._block = -1
-        self._tables: tuple[Counts, Counts, Counts] | None = None
+        self._blocks = Blocks(self._compute, _CYCLE, _BLOCK)
 
     def pulses(self, t: float) -> tuple[int, ...]:
         """Encoder pulses of all axes of an answer at t s."""
@@ -58,15 +59,11 @@ class EmulatedRobot:
         return self._row(2, t)
 
     def _row(self, table: int, t: float) -> tuple[int, ...]:
-        cycle = math.floor(t / _CYCLE)
-        block, row = divmod(cycle, _BLOCK)
-        if self._tables is None or block != self._block:
-            self._block, self._tables = block, self._compute(block)
-        counts: list[int] = self._tables[table][row].tolist()
+        tables, row = self._blocks.at(math.floor(t / _CYCLE))
+        counts: list[int] = tables[table][row].tolist()
         return tuple(counts)
 
-    def _compute(self, block: int) -> tuple[Counts, Counts, Counts]:
-        t = np.arange(block * _BLOCK, (block + 1) * _BLOCK, dtype=np.float64) * _CYCLE
+    def _compute(self, t: Float) -> tuple[Counts, Counts, Counts]:
         values = self._signals.at(t)
 
         def table(names: Sequence[str], scale: NDArray[np.float64]) -> Counts:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import random
-import socket
 import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
-from cellwatt.emulation import Emulator, Signals
+from cellwatt.emulation import Datagrams, Emulator, Options
+from cellwatt.emulation.datagrams import Address
 from cellwatt.emulation.faults import FaultKind
+from cellwatt.emulation.port import host_and_port
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.yaskawa import payload, wire
 from cellwatt_drivers.yaskawa.emulated_memory import NO_COMMAND, NO_INSTANCE, Memory
@@ -31,8 +31,6 @@ _TIMES_DATA = struct.pack("<16s12s", b"2024/01/01 00:00", b"000001:00'00")
 _AXIS_NAMES = ("S", "L", "U", "R", "B", "T", "E", "8")
 _POSE_NAMES = ("X", "Y", "Z", "Rx", "Ry", "Rz")
 _UNDOCUMENTED_BIT = b"\x00\x00\x01\x00"
-
-Address: TypeAlias = tuple[str, int]
 
 
 class YaskawaEmulator(Emulator):
@@ -55,103 +53,42 @@ class YaskawaEmulator(Emulator):
     """
 
     title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
+    usual_address: ClassVar[str] = f"127.0.0.1:{wire.PORT}"
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or f"127.0.0.1:{wire.PORT}", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        model = left.pop("model", "YRC1000")
-        if model not in ANSWER_MS:
-            raise ValueError(f"model must be one of {', '.join(ANSWER_MS)}, not {model!r}")
-        self._answer_ms = float(left.pop("answer_ms", ANSWER_MS[model]))
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        model = options.choice("model", "YRC1000", tuple(ANSWER_MS))
+        self._answer_ms = options.number("answer_ms", ANSWER_MS[model])
         self._jitter_ms = min(_JITTER_MS, self._answer_ms / 2)
-        self._busy = float(left.pop("busy", 0.0))
-        self._noisy = left.pop("status_noise", "0") == "1"
-        torque = left.pop("torque", "int32")
-        if torque not in ("int32", "float"):
-            raise ValueError(f"torque is int32 or float, not {torque!r}")
-        self._floats = torque == "float"
-        self.alarm = _alarm(left.pop("alarm", ""))
+        self._busy = options.number("busy", 0.0)
+        self._noisy = options.flag("status_noise", False)
+        self._floats = options.choice("torque", "int32", ("int32", "float")) == "float"
+        self.alarm = _alarm(options.text("alarm"))
         self.robot = EmulatedRobot(
-            signals,
-            _numbers(left.pop("pulses_per_degree", ""), PULSES_PER_DEGREE),
-            _numbers(left.pop("rated_torque", ""), RATED_TORQUE),
-            int(left.pop("answer_axes", 8)),
+            self.signals,
+            options.numbers("pulses_per_degree", PULSES_PER_DEGREE),
+            options.numbers("rated_torque", RATED_TORQUE),
+            options.whole("answer_axes", 8),
         )
-        if left:
-            raise ValueError(f"unknown options: {', '.join(left)}")
         self.system = payload.System("EMULATED", model, "0")
         self.memory = Memory()
         self.asked: Counter[wire.Request] = Counter()
-        self._random = random.Random(seed)
-        self._held: list[tuple[bytes, Address]] = []
-        self._socket: socket.socket | None = None
-        self._serving = False
+        self._datagrams = Datagrams(self, take=self._take)
         self._reads = self._tables()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        host, _, port = self.address.rpartition(":")
-        self._serving = True
-        bound = self._open((host, int(port)))
-        ready(f"{bound[0]}:{bound[1]}")
-        try:
+        with self._datagrams.opened(*host_and_port(self.address)) as address:
+            ready(address)
             await asyncio.get_running_loop().create_future()
-        finally:
-            self._serving = False
-            self._close()
-
-    def _reopen(self, address: Address) -> None:
-        if self._serving:
-            self._open(address)
-
-    def _open(self, address: Address) -> Address:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._socket.bind(address)
-        self._listen(self._socket)
-        host, port = self._socket.getsockname()
-        return host, port
-
-    def _close(self) -> None:
-        if self._socket is not None:
-            asyncio.get_running_loop().remove_reader(self._socket)
-            self._socket.close()
-            self._socket = None
-
-    def _listen(self, opened: socket.socket) -> None:
-        if self._socket is opened:
-            asyncio.get_running_loop().add_reader(opened, self._readable, opened)
-
-    def _readable(self, opened: socket.socket) -> None:
-        try:
-            datagram, peer = opened.recvfrom(2048)
-        except OSError:  # no datagram after all, or word that an earlier answer found nobody
-            return
-        loop = asyncio.get_running_loop()
-        if outage := self.injector.once("disconnect"):
-            address = opened.getsockname()
-            self._close()
-            loop.call_later(outage.seconds, self._reopen, address)
-            return
-        if stall := self.injector.once("stall"):
-            loop.remove_reader(opened)
-            loop.call_later(stall.seconds, self._listen, opened)
-            loop.call_later(stall.seconds, self._take, datagram, peer)
-            return
-        self._take(datagram, peer)
 
     def _take(self, datagram: bytes, peer: Address) -> None:
+        if outage := self.injector.once("disconnect"):
+            self._datagrams.interrupt(outage.seconds)
+            return
         try:
             request, number = wire.decode_request(datagram)
         except ProtocolError:
@@ -159,43 +96,13 @@ class YaskawaEmulator(Emulator):
             return
         self.tally["made"] += 1
         self.asked[request] += 1
-        if self._random.random() < self._busy:
+        if self.injector.chance() < self._busy:
             self.tally["busy"] += 1
             answer = _refusal(request, number, _BUSY)
         else:
             answer = self._answer(request, number, datagram[wire.HEADER_SIZE :])
-        self._dispatch(wire.encode_answer(answer), peer)
-
-    def _dispatch(self, frame: bytes, peer: Address) -> None:
-        now = time.monotonic()
-        strikes = self.injector.strikes
-        after = (self._answer_ms + self._random.uniform(-1, 1) * self._jitter_ms) * 1e-3
-        if strikes("loss", now):
-            return
-        if strikes("half_frame", now):
-            self._later(after, [frame[: 1 + self.injector.below(len(frame) - 1)]], peer, whole=0)
-            return
-        if strikes("reorder", now):
-            self._held.append((frame, peer))
-            return
-        if late := strikes("delay", now):
-            after += late.seconds
-        frames = [frame, frame] if strikes("duplicate", now) else [frame]
-        whole = len(frames)
-        if strikes("garbage", now):
-            frames.insert(0, self.injector.random_bytes(1, 64))
-        self._later(after, frames, peer, whole)
-
-    def _later(self, seconds: float, frames: list[bytes], peer: Address, whole: int) -> None:
-        asyncio.get_running_loop().call_later(seconds, self._send, frames, peer, whole)
-
-    def _send(self, frames: list[bytes], peer: Address, whole: int) -> None:
-        if self._socket is None:
-            return
-        held, self._held = self._held, []
-        for frame, to in [*((f, peer) for f in frames), *held]:
-            self._socket.sendto(frame, to)
-        self.tally["sent"] += whole + len(held)
+        after = self._answer_ms + (2 * self.injector.chance() - 1) * self._jitter_ms
+        self._datagrams.put(wire.encode_answer(answer), peer, after * 1e-3)
 
     def _answer(self, request: wire.Request, number: int, asked: bytes) -> wire.Answer:
         if request.service == wire.GET_PLURAL:
@@ -265,10 +172,6 @@ class YaskawaEmulator(Emulator):
 
 def _refusal(request: wire.Request, number: int, added: int) -> wire.Answer:
     return wire.Answer(number, request.service | wire.ANSWER, _GENERAL_ERROR, added)
-
-
-def _numbers(text: str, default: tuple[float, ...]) -> tuple[float, ...]:
-    return tuple(float(x) for x in text.split(",")) if text else default
 
 
 def _alarm(text: str) -> payload.Alarm:

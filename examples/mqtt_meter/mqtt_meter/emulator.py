@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Signals, TcpPort
+from cellwatt.emulation import Emulator, Options, TcpPort
 from cellwatt.ticker import Ticker
 from mqtt_meter import payload
 from mqtt_meter.broker import Client, publication
@@ -26,23 +26,13 @@ class MqttMeterEmulator(Emulator):
     """
 
     title = "Meter that publishes over MQTT"
+    usual_address = "127.0.0.1:1883"
     faults = ("loss", "half_frame", "garbage", "delay", "stall", "disconnect")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or "127.0.0.1:1883", epoch=epoch, seed=seed, options=options)
-        left = dict(self.options)
-        self._topic = left.pop("topic", "shellypro3em/status/em:0")
-        self._rate = float(left.pop("rate", "2"))
-        if left:
-            raise ValueError(f"{self.title} has the options topic and rate, not {', '.join(left)}")
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        self._topic = options.text("topic", "shellypro3em/status/em:0")
+        self._rate = options.number("rate", 2.0)
         self._clients: set[Client] = set()
         self._port = TcpPort(self, self._serve)
 

@@ -12,5 +12,8 @@ class Device(Emulator):
     def __init__(self, address: str = "127.0.0.1:0") -> None:
         super().__init__(None, address, seed=4)
 
+    def set_up(self, options):
+        pass
+
     async def serve(self, ready):
         raise NotImplementedError

@@ -83,7 +83,7 @@ def test_half_a_frame_is_shorter_than_cut_says_and_garbage_is_fit() -> None:
     assert device.counts["sent"] == 1
 
 
-def test_a_stall_keeps_them_and_lets_all_go_at_once() -> None:
+async def test_a_stall_keeps_them_and_lets_all_go_at_once() -> None:
     device = Device()
     device.inject(Fault("stall", seconds=3600.0))
     with listened(device) as (made, listener):
@@ -104,14 +104,14 @@ async def test_a_late_one_leaves_later() -> None:
         assert await asyncio.get_running_loop().sock_recv(listener, 2048) == FRAMES[0]
 
 
-def test_nobody_listens_and_somebody_speaks() -> None:
+async def test_nobody_listens_and_somebody_speaks() -> None:
     device = Device()
-    with listened(device) as (made, listener):
-        assert not made.heard()
+    heard: asyncio.Queue[tuple[bytes, object]] = asyncio.Queue()
+    with listened(device, take=lambda *told: heard.put_nowait(told)) as (made, listener):
         made.put(FRAMES[0])
         _, place = listener.recvfrom(2048)
         listener.sendto(b"?", place)
-        assert made.heard()
+        assert await heard.get() == (b"?", listener.getsockname())
         made.to = None
         made.put(FRAMES[1])
         assert come(listener) == []

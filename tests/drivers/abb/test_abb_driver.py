@@ -101,9 +101,9 @@ async def test_a_stall_loses_nothing_and_a_set_clock_is_noticed():
 async def test_states_that_change_are_reported():
     async with emulated() as (emulator, place), running(place | {"web_rate": "10 Hz"}) as (outlet, _):
         await outlet.until(lambda o: len(of(o, "controller")) > 1)
-        emulator.signals.disturb({"motors": "off"})
+        emulator.disturb({"motors": "off"})
         await outlet.until(lambda o: "controller_state" in o.kinds())
-        emulator.signals.disturb({"program": "off"})
+        emulator.disturb({"program": "off"})
         await outlet.until(lambda o: "program_state" in o.kinds())
     assert ("controller_state", "controller: motoron → motoroff") in [(k, t) for k, t, _ in outlet.events]
 

@@ -118,7 +118,7 @@ async def test_a_jump_of_the_robots_time_is_another_time_base():
 async def test_the_mode_is_told():
     async with emulated("127.0.41.6") as emulator, running("127.0.41.6") as (outlet, _):
         await outlet.until(lambda o: o.account.received > 100)
-        emulator.signals.disturb({"mode": 5, "error": 1})
+        emulator.disturb({"mode": 5, "error": 1})
         await outlet.until(lambda o: "mode" in o.kinds())
         await outlet.until(lambda o: o.readings[-1].values[-1, -2] == 1.0)
     assert outlet.events[0][1] == "robot mode: move → user stopped"

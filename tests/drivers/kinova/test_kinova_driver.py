@@ -46,7 +46,7 @@ async def test_angles_do_not_jump():
 async def test_states_and_faults_are_reported():
     async with emulated() as (emulator, port), running(port) as (outlet, _):
         await outlet.until(lambda o: len(of(o, "arm")) > 2)
-        emulator.signals.disturb({"state": 4, "fault_flags": 1 << 23})
+        emulator.disturb({"state": 4, "fault_flags": 1 << 23})
         await outlet.until(lambda o: {"state", "fault"} <= set(o.kinds()))
     texts = [text for _, text, _ in outlet.events]
     assert texts == ["arm: fault flags 0x00000000 → 0x00800000", "arm: ready → fault"]

@@ -96,7 +96,11 @@ async def test_nothing_can_be_written():
 
 @pytest.mark.parametrize(
     ("options", "why"),
-    [({"meter": "nobody"}, "not one of eastron_sdm630"), ({"speed": "1"}, "unknown options"), ({"map": "/x"}, "/x")],
+    [
+        ({"meter": "nobody"}, "meter is one of eastron_sdm630"),
+        ({"speed": "1"}, "unknown options"),
+        ({"map": "/x"}, "/x"),
+    ],
 )
 def test_wrong_options_are_refused(options, why):
     with pytest.raises(ValueError, match=why):

@@ -58,14 +58,14 @@ async def test_digi_library_opens_it_and_receives_our_payloads(mode: str) -> Non
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"mode": "AP1"}, "mode 'AP1' is not one of api, api_escaped, transparent"),
+        ({"mode": "AP1"}, "mode is one of api, api_escaped, transparent, not 'AP1'"),
         ({"phases": "4"}, "no such form"),
         ({"phases": "many"}, "many"),
         ({"batch": "0"}, "no such form"),
         ({"batch": "11"}, "do not fit 255 bytes"),
         ({"board": "300"}, "out of range"),
         ({"rate": "0"}, "rate 0 is not within"),
-        ({"colour": "red"}, "unknown options colour"),
+        ({"colour": "red"}, "unknown options: colour"),
     ],
 )
 def test_options_mistakes_are_refused(options: dict[str, str], words: str) -> None:

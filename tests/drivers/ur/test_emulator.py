@@ -262,14 +262,14 @@ async def test_a_disturbance_of_the_world_and_messages():
     async with serving(ArmSignals(noise=0.0)) as (emulator, connect):
         peer = await connect()
         await peer.start()
-        emulator.signals.disturb({"encoder": 1, "offset": 10.0})
-        emulator.signals.disturb({"message": "hello"})
+        emulator.disturb({"encoder": 1, "offset": 10.0})
+        emulator.disturb({"message": "hello"})
         found = [await peer.frame() for _ in range(300)]
         texts = [f for f in found if f[2:3] == b"M"]
         assert texts == [b"\x00\x13M\x05hello\x08emulator\x02"]
         assert struct.unpack_from(">d", found[-1], 12)[0] > 5.0
         with pytest.raises(ValueError, match="spring"):
-            emulator.signals.disturb({"nonsense": 1})
+            emulator.disturb({"nonsense": 1})
 
 
 async def test_a_client_that_is_no_rtde_client_is_thrown_out():
@@ -299,7 +299,7 @@ async def test_a_client_that_does_not_read_is_thrown_out():
         ("", {"polyscope": "2.1"}, "like 5.12.0"),
         ("", {"at_end": "stop"}, "at_end"),
         ("", {"start": "now"}, "start"),
-        ("", {"colour": "red"}, "not colour"),
+        ("", {"colour": "red"}, "unknown options: colour"),
     ],
 )
 def test_wrong_options_are_named(address, options, message):

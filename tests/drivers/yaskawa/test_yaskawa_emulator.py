@@ -132,12 +132,12 @@ async def test_what_is_no_request_gets_no_answer():
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"model": "XRC"}, "model must be one of FS100, DX200, YRC1000"),
+        ({"model": "XRC"}, "model is one of FS100, DX200, YRC1000"),
         ({"answer_axes": "5"}, "6, 7 or 8"),
         ({"pulses_per_degree": "1,2"}, "same number of values"),
         ({"speed": "1"}, "unknown options: speed"),
-        ({"answer_ms": "soon"}, "could not convert"),
-        ({"torque": "double"}, "int32 or float"),
+        ({"answer_ms": "soon"}, "answer_ms is a number"),
+        ({"torque": "double"}, "torque is one of int32, float"),
     ],
 )
 def test_wrong_options_are_refused(options, why):

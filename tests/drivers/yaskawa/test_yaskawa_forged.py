@@ -11,10 +11,11 @@ from itertools import pairwise
 
 import pytest
 
+from cellwatt.emulation import Options
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.watch import Watch
 from cellwatt_drivers.yaskawa import YaskawaDriver, wire
-from cellwatt_drivers.yaskawa.emulator import Address, YaskawaEmulator
+from cellwatt_drivers.yaskawa.emulator import YaskawaEmulator
 from cellwatt_drivers.yaskawa.link import Exchange, Link, open_link
 from tests.patience import eventually
 
@@ -135,17 +136,22 @@ class Attacked(YaskawaEmulator):
 
     attack = ""
 
-    def _later(self, seconds: float, frames: list[bytes], peer: Address, whole: int) -> None:
-        real = wire.decode_answer(frames[0])
+    def set_up(self, options: Options) -> None:
+        super().set_up(options)
+        send = self._datagrams.put
+        self._datagrams.put = lambda frame, *how: [send(each, *how) for each in self._sent(frame)]
+
+    def _sent(self, frame: bytes) -> list[bytes]:
+        real = wire.decode_answer(frame)
         if self.attack == "duplicates":
-            frames = frames * 20
-        elif self.attack == "every number":
+            return [frame] * 20
+        if self.attack == "every number":
             numbers = [n for n in range(256) if n != real.number]
-            frames = [wire.encode_answer(replace(real, number=n)) for n in numbers] + frames
-        elif self.attack == "faster than the controller":
+            return [wire.encode_answer(replace(real, number=n)) for n in numbers] + [frame]
+        if self.attack == "faster than the controller":
             forged = bytes([real.data[0] ^ 1]) + real.data[1:]
-            frames = [wire.encode_answer(replace(real, data=forged)), *frames]
-        super()._later(seconds, frames, peer, whole)
+            return [wire.encode_answer(replace(real, data=forged)), frame]
+        return [frame]
 
 
 @pytest.mark.parametrize(

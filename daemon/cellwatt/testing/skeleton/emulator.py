@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
-from cellwatt.emulation import Emulator, Signals, TcpPort
+from cellwatt.emulation import Emulator, Options, TcpPort
 from cellwatt.testing.skeleton import wire
 
 
@@ -21,20 +21,11 @@ class SkeletonEmulator(Emulator):
     """
 
     title = "Skeleton meter"
+    usual_address = f"127.0.0.1:{wire.PORT}"
     faults = ("loss", "half_frame", "garbage", "delay", "stall", "disconnect")
 
-    def __init__(
-        self,
-        signals: Signals,
-        address: str,
-        *,
-        epoch: float | None = None,
-        seed: int = 0,
-        options: Mapping[str, str] | None = None,
-    ) -> None:
-        super().__init__(signals, address or f"127.0.0.1:{wire.PORT}", epoch=epoch, seed=seed, options=options)
-        if self.options:
-            raise ValueError(f"{self.title} has no options, found {', '.join(self.options)}")
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
         self._port = TcpPort(self, self._talk)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
