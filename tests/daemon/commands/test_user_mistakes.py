@@ -110,7 +110,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("demo", "--cell", "all", "--seconds", "0.5"), USAGE, "at least 1 s is needed"),
         (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column t, timestamp or time for the time"),
         (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
-        (("emulate", "skeleton", "--option", "noise=1"), USAGE, "has no options, found noise"),
+        (("emulate", "skeleton", "--option", "noise=1"), USAGE, "unknown options: noise; there are none"),
         (("emulate", "skeleton", "--fault", "loss"), USAGE, "found 'loss' as a fault, expected a JSON object"),
         (("emulate", "skeleton", "--fault", '["loss"]'), USAGE, "expected a JSON object with kind"),
         (("emulate", "skeleton", "--fault", '{"kind": "fire"}'), USAGE, "cannot inject fire; it can:"),
