@@ -14,13 +14,12 @@ from cellwatt_plugins.energy.drive import bus_power, features, supply_power
 from cellwatt_plugins.energy.known import Known
 from cellwatt_plugins.energy.way import way_energy, way_seconds
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 
 SCALES = np.round(np.geomspace(0.5, 3.0, 37), 3)
 """Lengths of the motion that are tried, against its present length."""
-SMOOTH = 5
-"""Frames over which acceleration is taken."""
 CHANGE = 0.1
 """Share of a change of energy by which the model may miss it, one standard deviation."""
 WORTH = 0.01
@@ -88,7 +87,7 @@ def motion_energy(arm: Arm, known: Known, motion: Stretch, scale: float) -> floa
     Velocities go with 1/scale and accelerations with 1/scale². Torque changes by what rigid bodies and viscous friction
     change; the rest of the measured torque (gravity, payload's weight, Coulomb friction) stays.
     """
-    acceleration = _acceleration(motion)
+    acceleration = rates(motion.velocity, motion.step)[1]
     still = np.zeros_like(motion.velocity)
     inertial = arm.body.inverse_dynamics(motion.position, motion.velocity, acceleration)
     inertial = inertial - arm.body.inverse_dynamics(motion.position, still, still)
@@ -201,10 +200,3 @@ def least_gravity(arm: Arm, near: Float) -> Float:
 
 def _limited(arm: Arm) -> bool:
     return all(joint.velocity_limit for joint in arm.description.joints)
-
-
-def _acceleration(motion: Stretch) -> Float:
-    kernel = np.ones(SMOOTH) / SMOOTH
-    padded = np.pad(motion.velocity, ((SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
-    smooth = np.stack([np.convolve(column, kernel, "valid") for column in padded.T], axis=1)
-    return np.asarray(np.gradient(smooth, motion.step, axis=0))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
-from cellwatt_plugins.energy.rests import encoder_noise, rests, spans
+from cellwatt_plugins.energy.rests import rests, signal_noise, spans
 
 Float = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def find_repetitions(motion: Motion) -> tuple[list[Repetition], list[str]]:
     The start pose is where the arm rests for the longest in all. What begins or ends away from it, or
     takes longer or shorter than the others, was cut or interrupted and is left out.
     """
-    noise = encoder_noise(motion.position)
+    noise = signal_noise(motion.position)
     stays = _stays(motion, noise)
     if len(stays) < 2:
         raise RecordingError(
@@ -104,7 +104,7 @@ def _between(motion: Motion, before: tuple[int, int], after: tuple[int, int], no
     middle = (before[1] + after[0]) // 2
     first = max(before[0], before[1] - round(1.0 / motion.step))
     last = min(after[1], after[0] + round(1.0 / motion.step))
-    speed_noise = encoder_noise(motion.velocity)
+    speed_noise = signal_noise(motion.velocity)
     there, back = slice(first, middle), slice(middle, last)
     start, e0 = onset(motion.time[there], motion.position[there], motion.velocity[there], (noise, speed_noise))
     backwards = (motion.position[back][::-1], -motion.velocity[back][::-1])

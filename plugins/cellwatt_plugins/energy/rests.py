@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.recordings import Motion
+from cellwatt_plugins.robot.motion import white_noise
 
 Float = NDArray[np.float64]
 
@@ -17,18 +18,16 @@ NOISY: Final = 8.0
 """So many standard deviations of the encoders are noise."""
 
 
-def encoder_noise(position: Float) -> float:
-    """Noise of the encoders (one standard deviation, rad) from third differences, in which slow motion cancels."""
-    third = np.diff(position, n=3, axis=0)
-    scale = np.median(np.abs(third), axis=0) / (0.6745 * np.sqrt(20.0))
-    return max(float(np.median(scale)), 1e-7)
+def signal_noise(values: Float) -> float:
+    """Return the white noise of positions (rad) or velocities (rad/s) ``values`` (N, n): the median over the joints."""
+    return max(float(np.median(white_noise(values))), 1e-7)
 
 
 def rests(motion: Motion, creep: float = 0.0) -> list[tuple[int, int]]:
     """First and last sample (exclusive) of each rest: no joint moves beyond noise, or ``creep`` rad, in ``STILL``."""
     lag = max(1, round(STILL / motion.step))
     moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
-    return [(a, b + lag) for a, b in spans(moved < max(creep, NOISY * encoder_noise(motion.position)))]
+    return [(a, b + lag) for a, b in spans(moved < max(creep, NOISY * signal_noise(motion.position)))]
 
 
 def spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
-from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.motion import direction, rates, smooth
 from cellwatt_plugins.robot.priors import body_prior, links_prior
 from cellwatt_plugins.robot.regression import Prior, solve
 
@@ -30,7 +29,9 @@ Float = NDArray[np.float64]
 SAMPLES = 250
 """Samples taken of each run: more say little more and cost time."""
 WINDOW = (7, 41)
-"""Shortest and longest smoothing, samples."""
+"""Shortest and longest smoothing, samples …"""
+CYCLES = 1.6
+"""… of which so many cycles are kept."""
 MISSED = 0.01
 """Share of the torque that rigid bodies and friction (7) do not explain, as the first guess."""
 LEAST = 0.003
@@ -108,11 +109,10 @@ def _gather(runs: Sequence[Recorded]) -> _Samples:
             continue
         window = int(np.clip(len(moving) // 200, *WINDOW)) | 1
         chosen = moving[np.linspace(0, len(moving) - 1, SAMPLES).astype(int)]
-        smooth = [
-            savgol_filter(s, window, 3, axis=0)[chosen] for s in (motion.position, motion.velocity, motion.torque)
-        ]
-        acceleration = savgol_filter(motion.velocity, window, 3, deriv=1, delta=motion.step, axis=0)[chosen]
-        parts.append((smooth[0], smooth[1], acceleration, smooth[2], np.full(len(chosen), run.payload)))
+        bandwidth = CYCLES / (window * motion.step)
+        q, tau = (smooth(s, motion.step, bandwidth)[chosen] for s in (motion.position, motion.torque))
+        qd, qdd, _ = (s[chosen] for s in rates(motion.velocity, motion.step, bandwidth))
+        parts.append((q, qd, qdd, tau, np.full(len(chosen), run.payload)))
     return _Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ TURNS = 0.0004
 CLEAR = 1.0
 """Times its noise from which an octave that is not kept is doubt."""
 OWN_BANDWIDTH = 10.0
-"""Hz kept where a file's derivatives are missing."""
+"""Hz kept where derivatives are taken from encoders alone, and no doubt of them is asked for."""
 SHORTEST_WINDOW, PERIODS = 0.4, 1.0
 """s, and periods of an octave, over which it is judged to be there or to be encoder noise."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
@@ -144,12 +145,31 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
     return mean, square
 
 
+def white_noise(values: Float, order: int = 3) -> Float:
+    """Return the standard deviation (c,) of white noise in evenly sampled ``values`` (N, c) or (N,).
+
+    From the median of their differences of this ``order``, in which motion cancels; NaN where all are NaN.
+    """
+    size = np.abs(np.diff(values, order, axis=0)).reshape(len(values) - order, -1)
+    known = (column[np.isfinite(column)] for column in size.T)
+    middle = np.array([np.median(column) if len(column) else np.nan for column in known])
+    return np.asarray(middle / 0.6745 / np.sqrt(comb(2 * order, order)))
+
+
 def encoder_noise(position: Float) -> Float:
-    """White noise (n,) of positions (N, n), from third differences; at least a rounding error."""
-    third = np.diff(position, n=3, axis=0)
-    rms = np.sqrt(np.mean(np.square(third), axis=0)) / np.sqrt(20.0)
-    middle = np.median(np.abs(third), axis=0) / 0.6745 / np.sqrt(20.0)
+    """Return the white noise (n,) of positions (N, n); at least a rounding error, where most of them repeat."""
+    rms = np.sqrt(np.mean(np.square(np.diff(position, n=3, axis=0)), axis=0)) / np.sqrt(20.0)
+    middle = white_noise(position)
     return np.asarray(np.maximum(np.where(middle > 0, middle, rms), 1e-9))
+
+
+def rates(position: Float, step: float, bandwidth: float = OWN_BANDWIDTH) -> tuple[Float, Float, Float]:
+    """Return positions, velocities and accelerations (N, n) of encoders ``position`` (N, n) rad every ``step`` s.
+
+    Without what is above ``bandwidth`` Hz; ``from_encoders`` says beside it how far they may be off.
+    """
+    kept = smooth(position, step, bandwidth)
+    return kept, *differentiate(kept, step)
 
 
 def smooth(values: Float, step: float, bandwidth: float) -> Float:

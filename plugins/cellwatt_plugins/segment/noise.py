@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.robot.motion import white_noise
+
 Float = NDArray[np.float64]
 
 CHUNK = 64
 """Frames that give one estimate."""
 MEMORY = 8
 """Estimates of which the smallest counts, so that jerky motion does not pass for noise."""
-MEDIAN_TO_SIGMA = 1.0 / (0.6745 * np.sqrt(70.0))
-"""From the median of absolute fourth differences of white noise (variance 1 + 16 + 36 + 16 + 1 = 70) to sigma."""
 
 
 @dataclass
@@ -40,5 +40,5 @@ class NoiseEstimate:
         self.filled += len(positions)
         if self.filled == CHUNK:
             self.filled = 0
-            self._estimates.append(np.median(np.abs(np.diff(self._chunk, 4, axis=0)), axis=0) * MEDIAN_TO_SIGMA)
+            self._estimates.append(white_noise(self._chunk, 4))
             self.sigma = np.min(self._estimates, axis=0)

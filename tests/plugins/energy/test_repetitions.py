@@ -7,7 +7,7 @@ from energy.plant import _timing
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import find_repetitions
-from cellwatt_plugins.energy.rests import encoder_noise
+from cellwatt_plugins.energy.rests import signal_noise
 
 NOISE = 2e-5
 RATE = 100.0
@@ -73,4 +73,4 @@ def test_no_repetition_says_what_to_do():
 
 def test_encoder_noise_is_found_beside_motion():
     recorded, _ = motion("quintic", [1, 1], 3.0)
-    assert encoder_noise(recorded.position) == pytest.approx(NOISE, rel=0.1)
+    assert signal_noise(recorded.position) == pytest.approx(NOISE, rel=0.1)

@@ -5,7 +5,17 @@ from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
-from cellwatt_plugins.robot.motion import Plan, _by_nodes, differentiate, encoder_noise, exact, expected_sign, smooth
+from cellwatt_plugins.robot.motion import (
+    Plan,
+    _by_nodes,
+    differentiate,
+    encoder_noise,
+    exact,
+    expected_sign,
+    rates,
+    smooth,
+    white_noise,
+)
 from tests.plugins.mismatch import plant
 
 STEP = 0.008
@@ -92,6 +102,31 @@ def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
     step = 1e-3
     rounded = step * np.round(np.sin(t)[:, None] / step)
     assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
+
+
+@pytest.mark.parametrize("order", [3, 4])
+def test_white_noise_is_found_in_motion_and_beside_gaps(order):
+    t = np.arange(4000) * STEP
+    noise = 1e-3 * np.random.default_rng(4).standard_normal(len(t))
+    values = np.sin(t) + noise
+    assert white_noise(values, order) == pytest.approx([1e-3], rel=0.1)
+    values[::50] = np.nan
+    silent = np.full(len(t), np.nan)
+    found = white_noise(np.column_stack([values, silent]), order)
+    assert found[0] == pytest.approx(1e-3, rel=0.1)
+    assert np.isnan(found[1])
+
+
+def test_rates_are_the_derivatives_of_what_is_slow_enough():
+    t = np.arange(2000) * STEP
+    noise = 1e-5 * np.random.default_rng(5).standard_normal((len(t), 1))
+    q, qd, qdd = rates(np.sin(4 * t)[:, None] + noise, STEP)
+    inner = slice(100, -100)
+    assert q[inner, 0] == pytest.approx(np.sin(4 * t)[inner], abs=3e-5)
+    assert qd[inner, 0] == pytest.approx(4 * np.cos(4 * t)[inner], abs=5e-3)
+    assert qdd[inner, 0] == pytest.approx(-16 * np.sin(4 * t)[inner], abs=0.3)
+    hum = rates(np.sin(2 * np.pi * 60 * t)[:, None], STEP)
+    assert np.abs(hum[0][inner]).max() < 0.01
 
 
 def test_noise_is_never_nothing():

@@ -15,7 +15,8 @@ from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.robot import Arm
-from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power, smooth_motion
+from cellwatt_plugins.robot.meter import Course, Meter, Readings, Windows, find, kinds_of_power
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ def with_meter(recording: Recording, arm: Arm) -> Recording:
     readings = recording.readings_every(None)
     if readings is None:
         return recording
-    q, qd, qdd = smooth_motion(without_jumps(recording.position), recording.step)
+    q, qd, qdd = rates(without_jumps(recording.position), recording.step)
     # Rotors and friction are not as described: what they take has weights of its own.
     kinds = np.column_stack([kinds_of_power(arm.torque(q, qd, qdd), qd), qd * qdd, qd**2])
     meter = find([readings], [Course(recording.time, kinds)])

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 
@@ -63,8 +64,7 @@ class Pattern:
     @cached_property
     def rates(self) -> tuple[Float, Float]:
         """Velocity and acceleration (T, n) along the pattern's own time, rad/s and rad/s²."""
-        velocity = np.gradient(self.position, self.step, axis=0)
-        return velocity, np.gradient(velocity, self.step, axis=0)
+        return rates(self.position, self.step)[1:]
 
     @cached_property
     def slope(self) -> Float:

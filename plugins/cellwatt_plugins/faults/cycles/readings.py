@@ -23,6 +23,7 @@ from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
 from cellwatt_plugins.faults.cycles.samples import DOUBT, Samples
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 
@@ -40,8 +41,8 @@ RUBBING, RUBBING_DOUBT = 0.5, 0.3
 UNMODELLED = 0.5
 """Of what the fitted arm misses of healthy power, as of a part that it holds, a joint may have had so much of its share
 (one sigma: between nothing and all)."""
-SMOOTH = 0.12
-"""s over which a shown path is smoothed before its acceleration is taken."""
+MARGIN = 0.25
+"""s beyond the times that are asked for in which a shown path is smoothed, too."""
 LEAST_KNOWN = 1.5
 """W by which the model may miss what a joint takes, however little it is (one sigma)."""
 OFFSET = math.radians(0.4)
@@ -152,13 +153,7 @@ def _rows(recording: Recording, time: Float, margin: int) -> slice:
 
 def _shown(recording: Recording, joint: int, time: Float) -> tuple[Float, Float, Float]:
     """Angle, speed and acceleration of an encoder at times (N,) s."""
-    margin = round(SMOOTH / recording.step)
-    rows = _rows(recording, time, 2 * margin)
-    kernel = np.hanning(margin + 3)[1:-1]
-    way = without_jumps(recording.position[rows][:, [joint]])[:, 0]
-    path = np.pad(way, (len(kernel) // 2, len(kernel) - 1 - len(kernel) // 2), mode="edge")
-    smooth = np.convolve(path, kernel / kernel.sum(), mode="valid")
-    speed = np.gradient(smooth, recording.step)
-    rates = (smooth, speed, np.gradient(speed, recording.step))
-    angle, velocity, acceleration = (np.interp(time, recording.time[rows], rate) for rate in rates)
+    rows = _rows(recording, time, round(MARGIN / recording.step))
+    shown = rates(without_jumps(recording.position[rows][:, [joint]]), recording.step)
+    angle, velocity, acceleration = (np.interp(time, recording.time[rows], rate[:, 0]) for rate in shown)
     return angle, velocity, acceleration

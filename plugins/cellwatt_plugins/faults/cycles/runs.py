@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt_plugins.robot.motion import white_noise
 
 Float = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ def find_runs(recording: Recording) -> list[Run]:
     half = max(1, round(WINDOW / 2 / step))
     speed = np.zeros_like(smooth)
     speed[half:-half] = (smooth[2 * half :] - smooth[: -2 * half]) / (2 * half * step)
-    limit: Float = np.maximum(MOVING, NOISE * position_noise(smooth) * math.sqrt(2) / (2 * half * step))
+    limit: Float = np.maximum(MOVING, NOISE * white_noise(smooth, 4) * math.sqrt(2) / (2 * half * step))
     moving = np.asarray(np.any(np.abs(speed) > limit, axis=1))
     spans = _spans(moving, max(1, round(SHORTEST_REST / step)))
     settled = max(1, round(SETTLED / step))
@@ -64,12 +65,6 @@ def find_runs(recording: Recording) -> list[Run]:
         if (last - first) * step >= SHORTEST_RUN and way > LEAST_WAY:
             out.append(Run(first, last, before, after))
     return out
-
-
-def position_noise(position: Float) -> Float:
-    """Standard deviation (n,) rad of white noise in positions (N, n), by fourth differences."""
-    fourth = np.abs(np.diff(position, 4, axis=0))
-    return np.asarray(np.median(fourth, axis=0) / (0.6745 * math.sqrt(70.0)))
 
 
 def jumps(position: Float) -> Float:

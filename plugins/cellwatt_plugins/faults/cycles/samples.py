@@ -14,6 +14,7 @@ from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot.meter import Meter, Readings
+from cellwatt_plugins.robot.motion import white_noise
 
 Float = NDArray[np.float64]
 
@@ -63,7 +64,7 @@ def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm,
     faster = healthy.power - usual.power
     unsure = DOUBT * (healthy.slope(arm.parameters) - usual.slope(arm.parameters)) @ arm.deviations
     expected = np.interp(tau, pattern.time, pattern.power) + faster
-    noise = max(0.05, _noise(watts) if group == 1 else float(np.quantile(pattern.spread, 0.2)))
+    noise = max(0.05, float(white_noise(watts)[0]) if group == 1 else float(np.quantile(pattern.spread, 0.2)))
     spread = np.interp(tau, pattern.time, _spread(pattern))
     slope = np.gradient(expected, time) if group == 1 else pace * np.interp(tau, pattern.time, pattern.slope)
     late = 0.0 if recording.meter is None else recording.meter.late_spread
@@ -71,11 +72,6 @@ def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm,
     harmless = np.column_stack([shared, 0.1 * faster, unsure])
     sigma = np.sqrt(noise**2 + spread**2)
     return Samples(time, tau, watts - expected, sigma, harmless, healthy, expected - healthy.power, group)
-
-
-def _noise(watts: Float) -> float:
-    """Standard deviation of white noise in power (N,), by third differences."""
-    return float(np.median(np.abs(np.diff(watts, 3)))) / (0.6745 * float(np.sqrt(20.0)))
 
 
 def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool_]:

@@ -25,6 +25,7 @@ from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.recordings import frames_of_table
 from cellwatt_plugins.faults.trace import Trace
 from cellwatt_plugins.robot.drive import drive_power
+from cellwatt_plugins.robot.motion import differentiate
 
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -101,8 +102,7 @@ def column_of(cycles: Sequence[Codes]) -> Codes:
 
 
 def _motion(readings: Readings) -> Motion:
-    velocity = np.gradient(readings.q, readings.t, axis=0)
-    return Motion(readings.q, velocity, np.gradient(velocity, readings.t, axis=0))
+    return Motion(readings.q, *differentiate(readings.q, float(readings.t[1] - readings.t[0])))
 
 
 def _with_spring(

@@ -14,7 +14,7 @@ from cellwatt.tables import Table, listed, read_table, usual
 from cellwatt_plugins.mismatch.input.grid import EVEN, even
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import held, onto
-from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -86,10 +86,10 @@ class Signals:
         """Velocity and acceleration; differentiated where the file lacks them."""
         speed = self.joints.get(velocity)
         if speed is None:
-            speed = differentiate(smooth(self.joints[position], self.step, OWN_BANDWIDTH), self.step)[0]
+            speed = rates(self.joints[position], self.step)[1]
         gain = self.joints.get(acceleration)
         if gain is None:
-            gain = differentiate(smooth(speed, self.step, OWN_BANDWIDTH), self.step)[0]
+            gain = rates(speed, self.step)[1]
         return speed, gain
 
 

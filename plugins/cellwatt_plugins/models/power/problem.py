@@ -62,7 +62,7 @@ class Problem:
             inertial = np.concatenate([inertial, CARRIED_AS_STATED])
         design = Design.of(rows, arm.body, inertial, tuning.width, all_terms(able))
         scale = _scale(rows, design, inertial, constant)
-        noise = np.nan_to_num(noise_of(moves, moves.current * constant), nan=1e-6)
+        noise = np.nan_to_num(noise_of(moves.current * constant), nan=1e-6)
         variance = np.broadcast_to((0.05 * scale) ** 2 + noise**2, rows.q.shape)
         stated = Stated(
             arm.description.standby_power, arm.column("winding_resistance"), arm.description.tolerances.supply

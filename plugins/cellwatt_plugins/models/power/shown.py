@@ -13,6 +13,7 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Course, Readings, find, held, kinds_of_power
+from cellwatt_plugins.robot.motion import differentiate
 
 Float = NDArray[np.float64]
 
@@ -86,7 +87,7 @@ def through_its_meter(moves: Moves, arm: Arm) -> Moves:
         return moves
     torque = moves.current * arm.column("torque_constant")
     if not np.isfinite(torque).all():
-        torque = arm.body.inverse_dynamics(moves.q, moves.qd, np.gradient(moves.qd, moves.step, axis=0))
+        torque = arm.body.inverse_dynamics(moves.q, moves.qd, differentiate(moves.qd, moves.step)[0])
     kinds = kinds_of_power(torque, moves.qd)
     meter = find(readings, [Course(moves.time[a:b], kinds[a:b]) for a, b in bounds])
     if meter is None:

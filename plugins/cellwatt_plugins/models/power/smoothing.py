@@ -7,13 +7,14 @@ numbers: a product with the window in the model file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb, factorial
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.models.graph import Graph, Tensor
 from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.robot.motion import white_noise
 
 Float = NDArray[np.float64]
 
@@ -34,16 +35,12 @@ class Noise:
     @classmethod
     def of(cls, moves: Moves) -> Noise:
         """From the data: the median over all joints."""
-        return cls(float(np.median(noise_of(moves, moves.q))), float(np.median(noise_of(moves, moves.qd))))
+        return cls(float(np.median(noise_of(moves.q))), float(np.median(noise_of(moves.qd))))
 
 
-def noise_of(moves: Moves, values: Float) -> Float:
-    """White noise of columns (N, c): (c,), robust; NaN where a column has too few numbers."""
-    coefficients = np.array([comb(DIFFERENCES, k) for k in range(DIFFERENCES + 1)])
-    within = np.concatenate([np.diff(values[a:b], DIFFERENCES, axis=0) for a, b in moves.bounds()])
-    to_one = 1 / 0.6745 / np.sqrt(np.sum(coefficients**2))
-    known = [column[np.isfinite(column)] for column in np.abs(within).T]
-    return np.array([max(to_one * np.median(column), LEAST_NOISE) if len(column) else np.nan for column in known])
+def noise_of(values: Float) -> Float:
+    """Return the standard deviation (c,) of white noise in columns (N, c) of moves; NaN where nothing was measured."""
+    return np.maximum(white_noise(values, DIFFERENCES), LEAST_NOISE)
 
 
 @dataclass(frozen=True)

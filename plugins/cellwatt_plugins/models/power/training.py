@@ -93,8 +93,8 @@ def train(moves: Moves, arm: Arm, seed: int = 0, advance: Advance | None = None)
         scores=_scores(moves, predictions, np.ones(len(moves), bool)),
         faster=_scores(moves, predictions, fold == TURNS + 1) if many else {},
         slower=_scores(moves, predictions, fold == TURNS) if many else {},
-        power_noise=float(noise_of(moves, moves.power[:, None])[0]) if moves.meter is None else np.nan,
-        current_noise=noise_of(moves, moves.current),
+        power_noise=float(noise_of(moves.power)[0]) if moves.meter is None else np.nan,
+        current_noise=noise_of(moves.current),
         meter=moves.meter,
     )
 

@@ -6,7 +6,7 @@ Whatever is compared with measured power is first put through the meter: average
 from cellwatt_plugins.robot.meter.file import power_beside, with_meters
 from cellwatt_plugins.robot.meter.find import find
 from cellwatt_plugins.robot.meter.held import held, onto
-from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power, smooth_motion
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power
 from cellwatt_plugins.robot.meter.model import Meter, Readings, Windows
 
 __all__ = [
@@ -20,6 +20,5 @@ __all__ = [
     "kinds_of_power",
     "onto",
     "power_beside",
-    "smooth_motion",
     "with_meters",
 ]

@@ -7,12 +7,11 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 
-SMOOTH: Final = 0.12
-"""s over which positions are differentiated."""
 MOVES: Final = 0.01
 """rad/s above which a joint moves."""
 
@@ -27,16 +26,9 @@ class Course:
     """(N, k)."""
 
 
-def smooth_motion(position: Float, step: float) -> tuple[Float, Float, Float]:
-    """Positions (N, n) every ``step`` s without their noise, with velocities and accelerations: local cubics."""
-    rows = max(5, round(SMOOTH / step) | 1)
-    q, qd, qdd = (savgol_filter(position, rows, 3, order, step, axis=0) for order in range(3))
-    return q, qd, qdd
-
-
 def kinds_of_motion(position: Float, step: float) -> Float:
     """Kinds (N, 4 n + 1) from positions (N, n) rad every ``step`` s alone: what lifts and what drives each joint."""
-    _, qd, qdd = smooth_motion(position, step)
+    _, qd, qdd = rates(position, step)
     moving = np.any(np.abs(qd) > MOVES, axis=1)
     return np.column_stack([qd, np.abs(qd), qd**2, qd * qdd, moving])
 

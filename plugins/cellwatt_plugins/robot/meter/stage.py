@@ -19,8 +19,9 @@ from cellwatt.quantity import Seconds
 from cellwatt.results import Alarm, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
 from cellwatt_plugins.robot.meter.find import find
-from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power, smooth_motion
+from cellwatt_plugins.robot.meter.kinds import Course, kinds_of_motion, kinds_of_power
 from cellwatt_plugins.robot.meter.model import Meter, Readings
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 
@@ -208,7 +209,7 @@ def _course(time: NDArray[np.int64], positions: Float, efforts: Float) -> Course
     step = float(t[1] - t[0])
     if not efforts.shape[1] or np.isnan(efforts).any():
         return Course(t, kinds_of_motion(positions, step))
-    _, qd, qdd = smooth_motion(positions, step)
+    _, qd, qdd = rates(positions, step)
     return Course(t, np.column_stack([kinds_of_power(efforts, qd), qd * qdd, qd**2]))
 
 

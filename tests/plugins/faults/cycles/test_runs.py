@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.cycles.runs import find_runs, jumps, position_noise, without_jumps
+from cellwatt_plugins.faults.cycles.runs import find_runs, jumps, without_jumps
 from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
 
 
@@ -34,9 +34,3 @@ def test_jumps_are_told_from_fast_motion():
     assert np.flatnonzero(jumps(way)[:, 0]).size == 0
     assert np.flatnonzero(jumps(way)[:, 1]).tolist() == [9]
     assert np.allclose(without_jumps(way)[:, 1], 0.0)
-
-
-def test_noise_is_measured_in_motion():
-    random = np.random.default_rng(0)
-    way = np.sin(np.linspace(0, 6, 2000))[:, None] + 1e-3 * random.standard_normal((2000, 1))
-    assert position_noise(way)[0] == pytest.approx(1e-3, rel=0.1)

@@ -67,7 +67,7 @@ def test_noise_is_read_off_a_smooth_motion():
     noise = Noise.of(moves)
     assert noise.position == pytest.approx(3e-5, rel=0.1)
     assert noise.velocity == pytest.approx(1e-3, rel=0.1)
-    assert np.isnan(noise_of(moves, moves.current)).all()
+    assert np.isnan(noise_of(moves.current)).all()
 
 
 @pytest.mark.parametrize("ahead", [True, False])

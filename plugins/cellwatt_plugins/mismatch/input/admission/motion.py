@@ -13,7 +13,7 @@ from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm, RobotDescription
-from cellwatt_plugins.robot.motion import OWN_BANDWIDTH, differentiate, smooth
+from cellwatt_plugins.robot.motion import rates
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -83,7 +83,7 @@ def check_limits(run: Run, arm: Arm) -> None:
     One joint alone may turn without end.
     """
     reached = np.percentile(np.abs(run.position), 99, axis=0)
-    speed = np.percentile(np.abs(_own_velocity(run)), 99, axis=0)
+    speed = np.percentile(np.abs(rates(run.position, run.step)[1]), 99, axis=0)
     beyond = (reached > BEYOND * np.maximum(np.abs(arm.limits).max(axis=1), np.pi)) | (speed > FASTEST)
     if beyond.sum() >= max(1, np.ceil((travel(run) > MOVES).sum() / 2)):
         worst = int(np.argmax(np.where(beyond, reached, 0)))
@@ -99,7 +99,10 @@ def check_velocity(run: Run, robot: RobotDescription) -> None:
         return
     kept = usable(run)
     # A slow log's central differences are means over two steps: so must be what they are compared with.
-    velocity, own = convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[kept], _own_velocity(run)[kept]
+    velocity, own = (
+        convolve1d(run.velocity, SIMPSON, axis=0, mode="nearest")[kept],
+        rates(run.position, run.step)[1][kept],
+    )
     wide = np.flatnonzero(travel(run) > WIDE)
     if not len(wide):
         return
@@ -152,11 +155,6 @@ def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None
     if len(stays):
         names = ", ".join(f"{stem}_{i + 1}" for i in stays)
         raise RecordingError(f"{run.name}: {names} stays at one value in every sample although {why}: was it recorded?")
-
-
-def _own_velocity(run: Run) -> Float:
-    velocity, _ = differentiate(smooth(run.position, run.step, OWN_BANDWIDTH), run.step)
-    return velocity
 
 
 def _correlations(a: Float, b: Float) -> Float:
