@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,15 @@ LEAST_MASS = 1e-6
 
 TURNS = 2 * np.pi
 """rad each way that a joint without limits is taken to turn."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A solid ``shape`` of coal on a ``link`` (0: the base), placed (4, 4) m in its frame."""
+
+    link: int
+    placement: Float
+    shape: Any
 
 
 class Body:
@@ -178,6 +188,28 @@ class Body:
             pin.forwardKinematics(model, data, row)
             out[k] = [data.oMi[i + 1].homogeneous for i in range(self.joints)]
         return out
+
+    def distances(self, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]) -> Callable[[Float], Float]:
+        """Return a function of positions ``q`` (N, n) rad that gives the distances (N, P) m of ``pairs`` of ``solids``.
+
+        Negative where two are inside each other. Computed by coal for one pose after the other.
+        """
+        geometry = pin.GeometryModel()
+        for i, solid in enumerate(solids):
+            place = pin.SE3(solid.placement)
+            geometry.addGeometryObject(pin.GeometryObject(str(i), solid.link, place, solid.shape))
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(*pair))
+        model, data, found = self._model, self._model.createData(), geometry.createData()
+
+        def distances(q: Float) -> Float:
+            out = np.empty((len(q), len(pairs)))
+            for i, row in enumerate(q):
+                pin.computeDistances(model, data, geometry, found, row)
+                out[i] = [result.min_distance for result in found.distanceResults]
+            return out
+
+        return distances
 
     def _rows(self, algorithm: Callable[..., Float], q: Float, *shape: int) -> Float:
         """What an algorithm of Pinocchio gives at each row of ``q``."""

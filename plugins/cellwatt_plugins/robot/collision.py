@@ -1,13 +1,15 @@
-"""Clearance of an arm from itself and from the floor; its links are rods with round ends."""
+"""Clearance of an arm from itself and from the floor, by coal; its links are rods with round ends."""
 
 from __future__ import annotations
 
 from typing import Final
 
+import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.arm import Arm
+from cellwatt_plugins.robot.body import Solid
 from cellwatt_plugins.robot.description import Capsule
 
 Float = NDArray[np.float64]
@@ -26,21 +28,18 @@ class Checker:
 
     def __init__(self, arm: Arm, limits: Float) -> None:
         every = arm.description.capsules or rods(arm)
-        self._body, self._floor = arm.body, arm.description.floor
-        self._links = np.array([capsule.link for capsule in every], np.intp)
-        self._points = np.array([(capsule.start, capsule.end) for capsule in every])
-        self._radii = np.array([capsule.radius for capsule in every])
-        # The base and what turns on it stand on the floor.
-        self._above = np.flatnonzero(self._links > 1)
+        floor = coal.Halfspace(np.array([0.0, 0.0, 1.0]), arm.description.floor)
+        solids = [*map(solid, every), Solid(0, np.eye(4), floor)]
         apart = [(i, j) for i in range(len(every)) for j in range(i) if abs(every[i].link - every[j].link) > 1]
-        pairs = np.array(apart, np.intp).reshape(-1, 2)
-        self._pairs = pairs[self._between(self._ends(limits.mean(axis=1)[None]), pairs)[0] > CLEARANCE]
+        middle = arm.body.distances(solids, apart)(limits.mean(axis=1)[None])[0]
+        pairs = [pair for pair, gap in zip(apart, middle, strict=True) if gap > CLEARANCE]
+        # The base and what turns on it stand on the floor.
+        above = [(i, len(every)) for i, capsule in enumerate(every) if capsule.link > 1]
+        self._distances = arm.body.distances(solids, [*pairs, *above])
 
     def gaps(self, q: Float) -> Float:
         """Clearance (N, k) m of each pair, then of each rod above the floor, in poses ``q`` (N, n) rad."""
-        ends = self._ends(q)
-        lowest = ends[:, self._above].min(axis=2)[:, :, 2] - self._radii[self._above]
-        return np.hstack([self._between(ends, self._pairs), lowest - self._floor])
+        return self._distances(q)
 
     def safe(self, q: Float) -> NDArray[np.bool_]:
         """(N,) true where all gaps are ``CLEARANCE`` or more in poses ``q`` (N, n) rad."""
@@ -51,34 +50,19 @@ class Checker:
         count = max(2, int(np.ceil(np.max(np.abs(end - start)) / step)))
         return bool(self.safe(start + np.linspace(0, 1, count + 1)[:, None] * (end - start)).all())
 
-    def _ends(self, q: Float) -> Float:
-        """Both ends of each of K capsules in the base's frame: (N, K, 2, 3)."""
-        frames = np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), self._body.forward(q)], axis=1)
-        own = frames[:, self._links]
-        return np.asarray(self._points @ own[..., :3, :3].swapaxes(-1, -2) + own[..., None, :3, 3])
 
-    def _between(self, ends: Float, pairs: NDArray[np.intp]) -> Float:
-        """Gaps (N, P) of pairs (P, 2)."""
-        one, other = pairs.T
-        apart = distance(ends[:, one].reshape(-1, 2, 3), ends[:, other].reshape(-1, 2, 3))
-        return np.asarray(apart.reshape(len(ends), len(pairs)) - self._radii[one] - self._radii[other])
-
-
-def distance(a: Float, b: Float) -> Float:
-    """Distance (N,) between segments ``a`` and ``b`` (N, 2, 3); Ericson, Real-Time Collision Detection, 5.1.9."""
-    start, along, across = a[:, 0] - b[:, 0], a[:, 1] - a[:, 0], b[:, 1] - b[:, 0]
-
-    def dot(x: Float, y: Float) -> Float:
-        return np.asarray(np.sum(x * y, axis=1))
-
-    tiny = 1e-12
-    aa, bb, ab = dot(along, along) + tiny, dot(across, across) + tiny, dot(along, across)
-    c, f = dot(along, start), dot(across, start)
-    parallel = aa * bb - ab**2
-    s = np.clip(np.where(parallel > tiny, (ab * f - c * bb) / np.maximum(parallel, tiny), 0.0), 0.0, 1.0)
-    t = np.clip((ab * s + f) / bb, 0.0, 1.0)
-    s = np.clip((t * ab - c) / aa, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(start + s[:, None] * along - t[:, None] * across, axis=1))
+def solid(capsule: Capsule) -> Solid:
+    """The rod as coal has it: along z, about its middle."""
+    start, end = np.array(capsule.start), np.array(capsule.end)
+    length = float(np.linalg.norm(end - start))
+    placement = np.eye(4)
+    placement[:3, 3] = 0.5 * (start + end)
+    if length > 0:
+        along = (end - start) / length
+        across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+        across /= np.linalg.norm(across)
+        placement[:3, :3] = np.column_stack([across, np.cross(along, across), along])
+    return Solid(capsule.link, placement, coal.Capsule(capsule.radius, length))
 
 
 def rods(arm: Arm) -> tuple[Capsule, ...]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.robot import Arm, Joint, RobotDescription
-from cellwatt_plugins.robot.collision import CLEARANCE, Checker, distance, rods
+from cellwatt_plugins.robot.collision import CLEARANCE, Checker, rods, solid
 from cellwatt_plugins.robot.description import Capsule
 from tests.plugins.models.static import arms
 from tests.plugins.robot.planar_arm import L1, urdf
@@ -53,15 +53,27 @@ def test_a_way_through_the_floor_between_two_safe_poses_is_not_safe(mh12):
 
 @given(seed=st.integers(0, 1000))
 @settings(max_examples=40, deadline=None)
-def test_distances_between_rods(seed):
+def test_distances_between_rods(seed, planar):
+    """Of a rod on the base and one on the last link, against all pairs of 201 points along their axes."""
     rng = np.random.default_rng(seed)
-    a, b = rng.normal(size=(2, 3, 2, 3))
+    fixed, moved = (
+        Capsule(link=link, start=a, end=b, radius=0.01) for link, (a, b) in enumerate(rng.normal(size=(2, 2, 3)))
+    )
+    moved = moved.model_copy(update={"link": 2})
+    q = rng.uniform(-3, 3, (1, 2))
+    frame = planar.forward(q)[0, -1]
     share = np.linspace(0, 1, 201)[:, None]
-    for k in range(3):
-        points = [end[k, 0] + share * (end[k, 1] - end[k, 0]) for end in (a, b)]
-        brute = np.linalg.norm(points[0][:, None] - points[1], axis=2).min()
-        assert distance(a, b)[k] == pytest.approx(brute, abs=0.02)
-        assert distance(a, b)[k] <= brute + 1e-9
+    one, other = (np.array(rod.start) + share * (np.array(rod.end) - rod.start) for rod in (fixed, moved))
+    brute = np.linalg.norm(one[:, None] - (other @ frame[:3, :3].T + frame[:3, 3]), axis=2).min() - 0.02
+    (found,) = planar.body.distances([solid(fixed), solid(moved)], [(0, 1)])(q)[0]
+    assert found == pytest.approx(brute, abs=0.02)
+    assert found <= brute + 1e-9
+
+
+def test_a_rod_without_length_is_a_ball(planar):
+    ball = Capsule(link=2, start=(0.2, 0.0, 0.0), end=(0.2, 0.0, 0.0), radius=0.1)
+    gaps = Checker(outlined(planar, ball, floor=-1.0), WIDE).gaps(np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
+    np.testing.assert_allclose(gaps[:, 0], [0.9, 0.7], atol=1e-9)
 
 
 def test_a_robot_without_an_outline_has_rods(tmp_path):
