@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import time
-from importlib import import_module
 from typing import ClassVar
 
 from pydantic import Field, SecretStr, field_validator, model_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
-from cellwatt.errors import ConfigError, ConnectError, SourceError
+from cellwatt.errors import ConnectError, SourceError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.abb import wire
@@ -20,8 +19,10 @@ from cellwatt_drivers.abb.egm import listening
 from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.rws import RobotWare
 from cellwatt_drivers.abb.web import Access, session
+from cellwatt_drivers.shared.requirements import require
 
 FASTEST = 250.0
+_INSTALL = "pip install 'cellwatt[abb]'"
 _LONGEST_PAUSE = 30.0  # s between tries of web pages that cannot be read
 _CHECK = 0.25  # s between looks at whether anything comes
 
@@ -120,11 +121,11 @@ class AbbDriver(Driver[AbbSettings]):
         self._controller: Controller | None = None
         streams: list[Stream] = []
         if settings.egm:
-            _require(name, "google.protobuf.message_factory", "protobuf", "egm")
+            require(name, "egm", {"google.protobuf": "the package protobuf"}, f"{_INSTALL}, or set egm: []")
             self._intake = self._make_intake()
             streams.append(self._intake.stream)
         if settings.web:
-            _require(name, "aiohttp", "aiohttp", "web")
+            require(name, "web", {"aiohttp": "the package aiohttp"}, f"{_INSTALL}, or set web: []")
             self._controller, web_streams = self._make_controller()
             streams += web_streams
         self._streams = tuple(streams)
@@ -242,13 +243,3 @@ class AbbDriver(Driver[AbbSettings]):
 
 def _listened() -> Identity:
     return Identity("ABB", "EGM stream")
-
-
-def _require(source: str, module: str, package: str, setting: str) -> None:
-    """Load a library of the extra ``abb``; raises ``ConfigError`` where it is missing."""
-    try:
-        import_module(module)
-    except ImportError as error:
-        raise ConfigError(
-            f"source {source}: {setting} needs the package {package}: pip install 'cellwatt[abb]', or set {setting}: []"
-        ) from error

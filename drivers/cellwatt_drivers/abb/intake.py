@@ -6,8 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from cellwatt.account import Losses
 from cellwatt.batch import Reading
 from cellwatt.channel import Stream
+from cellwatt.clock import unwrapped
 from cellwatt.driver import Outlet
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.abb.wire import Columns, Packet, decode
@@ -42,13 +44,12 @@ class Intake:
         self._time = 0
         self._arrival = 0
         self._clocked = False
-        self._wraps = 0
-        self._sent = 0
-        self._reason = "gap"
+        self._sent: int | None = None
+        self._losses = Losses(outlet.account)
 
     def opened(self) -> None:
         """Losses before the next packet are those of an outage."""
-        self._reason = "outage"
+        self._losses.resumed = True
 
     def take(self, datagrams: list[bytes], waited: int = 0) -> None:
         """Decode and hand over what came ``waited`` ns ago; what is not EGM is counted as ``malformed``."""
@@ -87,9 +88,8 @@ class Intake:
         if fault is not None:
             self._flush(times, rows, arrival)
             self._outlet.clock_reset(self.stream, fault)
-        account.expect(1 + missing)
-        account.miss(missing, self._reason)
-        self._reason = "gap"
+        self._losses.before_next(missing)
+        account.expect()
         self._number, self._time, self._arrival, self._clocked = packet.sequence, time, arrival, clocked
         self._newest = packet
         return time
@@ -112,11 +112,9 @@ class Intake:
         return "the controller's time jumped" if strange else None
 
     def _unwrapped(self, sent: int) -> int:
-        """Header time, ns, continued over its wrap at 2³² ms."""
-        if sent < self._sent - _WRAP // 2:
-            self._wraps += 1
-        self._sent = sent
-        return (self._wraps * _WRAP + sent) * 1_000_000
+        """Return the header's time, ns, continued over its wrap at 2³² ms."""
+        self._sent = sent if self._sent is None else unwrapped(sent, _WRAP, self._sent)
+        return self._sent * 1_000_000
 
     def _flush(self, times: list[int], rows: list[list[float]], arrival: int) -> None:
         if not rows:

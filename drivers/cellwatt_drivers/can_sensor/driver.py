@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AbstractAsyncContextManager
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, FilePath, field_validator, model_validator
@@ -17,6 +16,7 @@ from cellwatt_drivers.can_sensor.bus_errors import BusState, decode_error
 from cellwatt_drivers.can_sensor.intake import Intake
 from cellwatt_drivers.can_sensor.listening import BusPlace, Interface, Listening, open_listening
 from cellwatt_drivers.can_sensor.sensor_map import SensorMap, SensorName, load_decodings
+from cellwatt_drivers.shared.requirements import require
 
 if TYPE_CHECKING:
     from can import Message
@@ -91,7 +91,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     def __init__(self, name: str, settings: CanSensorSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
-        _need_extras(name, settings.interface)
+        packages = _EXTRAS | ({"msgpack": "msgpack"} if settings.interface == "udp_multicast" else {})
+        require(name, "driver can_sensor", packages, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
         self._intakes: dict[tuple[int, bool], Intake] = {}
         for stream in _chosen(self._map, settings):
@@ -231,16 +232,6 @@ _STATES: dict[BusState, str] = {
     "passive": "the controller sees so many errors that it is error-passive",
     "off": "the controller is bus-off: it takes no part until it is restarted",
 }
-
-
-def _need_extras(name: str, interface: Interface) -> None:
-    missing = [package for module, package in _EXTRAS.items() if find_spec(module) is None]
-    if interface == "udp_multicast" and find_spec("msgpack") is None:
-        missing.append("msgpack")
-    if missing:
-        raise ConfigError(
-            f"source {name}: driver can_sensor needs {' and '.join(missing)}: pip install 'cellwatt[can]'"
-        )
 
 
 def _chosen(made: SensorMap, settings: CanSensorSettings) -> tuple[str, ...]:

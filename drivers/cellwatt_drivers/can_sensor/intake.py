@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cellwatt.account import Losses
 from cellwatt.batch import Reading
 from cellwatt.channel import Quality, Stream
 from cellwatt.driver import Outlet
@@ -37,7 +38,7 @@ class Intake:
         wanted = decoding.wanted
         self._needed = frozenset((*wanted.signals, *wanted.flags, *([wanted.counter] if wanted.counter else [])))
         self._cycle = Cycle(period, decoding.counts_to)
-        self._resumed = False
+        self._losses = Losses(outlet.account, "disconnected")
         self._bracketed = 0
         self._flags: frozenset[str] = frozenset()
         self._times: list[int] = []
@@ -51,7 +52,7 @@ class Intake:
 
     def resume(self) -> None:
         """The bus was opened anew: what is missing now was lost while it was closed."""
-        self._resumed = True
+        self._losses.resumed = True
 
     def take(self, frame: Message) -> None:
         """A frame of this message came."""
@@ -67,13 +68,11 @@ class Intake:
             return
         wanted = self._decoding.wanted
         count = int(signals[wanted.counter]) if wanted.counter else 0
-        lost = self._cycle.lost(frame.timestamp, count, self._resumed)
+        lost = self._cycle.lost(frame.timestamp, count, self._losses.resumed)
         if lost == DUPLICATE:
             self._outlet.account.anomaly("duplicates")
             return
-        self._outlet.account.expect(lost)
-        self._outlet.account.miss(lost, "disconnected" if self._resumed else "gap")
-        self._resumed = False
+        self._losses.before_next(lost)
         self._add(frame.timestamp, signals)
 
     def _add(self, timestamp: float, signals: Mapping[str, float]) -> None:

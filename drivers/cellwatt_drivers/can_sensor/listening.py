@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError
+from cellwatt_drivers.shared.aside import opened_aside
 
 if TYPE_CHECKING:
     from can import BusABC, Message
@@ -60,7 +61,7 @@ class Listening:
         return int(getattr(self._bus, "malformed", 0))
 
     async def frames(self, seconds: float) -> list[Message]:
-        """Frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
+        """Return frames in order; after at most ``seconds``, then perhaps none. Raises ``ConnectError``."""
         try:
             async with asyncio.timeout(seconds):
                 await self._news.wait()
@@ -104,19 +105,11 @@ class Listening:
 
 @asynccontextmanager
 async def open_listening(place: BusPlace) -> AsyncIterator[Listening]:
-    """A bus, opened in a thread because some adapters take their time. Raises ``ConnectError``."""
-    opening = asyncio.ensure_future(asyncio.to_thread(_open, place))
-    try:
-        bus = await asyncio.shield(opening)
-    except asyncio.CancelledError:
-        opening.add_done_callback(_discard)
-        raise
-    listening = Listening(place, bus)
-    try:
+    """Open a bus, in a thread because some adapters take their time. Raises ``ConnectError``."""
+    async with opened_aside(lambda: _open(place), _close) as bus:
+        listening = Listening(place, bus)
         async with _receiving(listening, bus):
             yield listening
-    finally:
-        await asyncio.shield(asyncio.to_thread(_close, bus))
 
 
 def _open(place: BusPlace) -> BusABC:
@@ -138,11 +131,6 @@ def _advice(interface: Interface) -> str:
     if interface == "slcan":
         return "; is it the adapter's port, in a group of this user (dialout), and not in use?"
     return ""
-
-
-def _discard(opening: asyncio.Future[BusABC]) -> None:
-    if not opening.cancelled() and opening.exception() is None:
-        _close(opening.result())
 
 
 def _close(bus: BusABC) -> None:

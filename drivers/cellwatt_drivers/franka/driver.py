@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from typing import ClassVar
 
 import numpy as np
@@ -10,12 +9,12 @@ from pydantic import Field, field_validator
 
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
-from cellwatt.errors import ConfigError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt_drivers.franka import library
 from cellwatt_drivers.franka.fields import Group, Selection
 from cellwatt_drivers.franka.intake import Intake
+from cellwatt_drivers.shared.requirements import require
 
 FASTEST = 1000.0
 
@@ -62,11 +61,8 @@ class FrankaDriver(Driver[FrankaSettings]):
 
     def __init__(self, name: str, settings: FrankaSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
-        if find_spec("pylibfranka") is None:
-            raise ConfigError(
-                f"source {name}: franka needs the package pylibfranka: pip install 'cellwatt[franka]' "
-                "(Linux on x86-64, Python 3.11 or 3.12)"
-            )
+        how = "pip install 'cellwatt[franka]' (Linux on x86-64, Python 3.11 or 3.12)"
+        require(name, "franka", {"pylibfranka": "the package pylibfranka"}, how)
         self._selection = Selection.of(settings.read)
         self._every = round(FASTEST / settings.rate)
         stream = Stream("fci", self._selection.channels, settings.rate, "device")

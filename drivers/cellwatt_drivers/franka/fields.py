@@ -16,9 +16,8 @@ from cellwatt.channel import Channel, Kind
 
 JOINTS = 7
 Group = Literal["joints", "targets", "motors", "external", "tool", "torque_rate", "state", "payload"]
-Modes = Mapping[float, str]
 
-MODES: Modes = {
+MODES: Mapping[int, str] = {
     0: "other",
     1: "idle",
     2: "move",

@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Reading
+from cellwatt.account import Losses
+from cellwatt.batch import Float, Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Outlet
 from cellwatt.slots import HOST
 from cellwatt_drivers.franka.fields import MODE, MODES
-
-Float = NDArray[np.float64]
+from cellwatt_drivers.shared.states import State, StateWatch
 
 _SETTLED, _FORGOTTEN = 100, 1000
 """ms without a loss after which what was lost is told, and after which what kept the reader no longer counts: the
@@ -35,15 +35,14 @@ class Intake:
         self._every = every
         self._last: int | None = None
         self._arrival = 0
-        self._outage = False
+        self._losses = Losses(outlet.account)
         self._missing, self._held, self._since = 0, 0.0, 0
-        self._mode_column = stream.names.index(MODE) if MODE in stream.names else None
-        self._mode: float | None = None
+        self._states = StateWatch(outlet, stream, {MODE: State("mode", "robot mode", MODES)})
 
     def opened(self) -> None:
         """Losses before the next state are those of an outage."""
         self.settle()
-        self._outage = True
+        self._losses.resumed = True
 
     def take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
         """States with the robot's times (n,) ms and values (n, channels).
@@ -58,7 +57,6 @@ class Intake:
     def _take(self, stamps: NDArray[np.int64], held: Float, values: Float) -> None:
         """States of one time base, rising."""
         arrival = self._outlet.now()
-        account = self._outlet.account
         first = int(stamps[0])
         if self._last is not None and self._strange(first, arrival):
             self._outlet.clock_reset(self.stream, "the robot's time began anew")
@@ -66,16 +64,14 @@ class Intake:
         before = first - self._every if self._last is None else self._last
         steps = np.diff(stamps, prepend=before)
         missing = steps // self._every - 1
-        if self._outage:
-            self._outage = False
-            account.miss(int(missing[0]), "outage")
-            account.expect(int(missing[0]))
+        if self._losses.resumed:
+            self._losses.before_next(int(missing[0]))
             missing[0] = 0
-        account.expect(len(stamps))
+        self._outlet.account.expect(len(stamps))
         self._tell(missing, held, stamps)
         self._last, self._arrival = int(stamps[-1]), arrival
         self._outlet.emit(Reading(self.stream, values, arrival, stamps * 1_000_000))
-        self._compare(values)
+        self._states.see(values)
 
     def _tell(self, missing: NDArray[np.int64], held: Float, stamps: NDArray[np.int64]) -> None:
         """Note what is missing before each state, and say what it is due to once nothing more is lost."""
@@ -90,24 +86,11 @@ class Intake:
     def settle(self) -> None:
         """Count what is missing: as many states as the reader was kept from are the host's."""
         host = min(self._missing, round(self._held / self._every))
-        self._outlet.account.miss(host, HOST)
-        self._outlet.account.miss(self._missing - host, "gap")
-        self._outlet.account.expect(self._missing)
+        self._outlet.account.lose(host, HOST)
+        self._outlet.account.lose(self._missing - host, "gap")
         self._missing, self._held = 0, 0.0
 
     def _strange(self, first: int, arrival: int) -> bool:
         assert self._last is not None
         passed = first - self._last
         return passed <= 0 or passed - (arrival - self._arrival) / 1e6 > _STRANGE
-
-    def _compare(self, values: Float) -> None:
-        """Report changes of the robot's mode."""
-        if self._mode_column is None:
-            return
-        modes = values[:, self._mode_column]
-        before = modes[0] if self._mode is None else self._mode
-        self._mode = float(modes[-1])
-        for mode in modes[np.flatnonzero(np.diff(modes, prepend=before))]:
-            old, new = (MODES.get(m, f"{m:g}") for m in (before, mode))
-            before = mode
-            self._outlet.event("mode", f"robot mode: {old} → {new}", before=old, after=new)

@@ -95,7 +95,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         self._turns = Turns()
         self._last: dict[str, list[int]] = {}
         self._flags: dict[str, int] = {}
-        states = {"robot.state": State("state", name, registers.STATES)}
+        states = {"robot.state": State("state", name, registers.STATES, "unknown")}
         self._watches = {read.stream.name: StateWatch(outlet, read.stream, states) for read in self._reads}
 
     @property

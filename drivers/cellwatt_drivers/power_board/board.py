@@ -84,8 +84,8 @@ class Board:
         if not released:
             return
         for gap, placed in released:
-            account.expect(gap + placed.packet.samples)
-            account.miss(gap, "gap")
+            account.lose(gap, "gap")
+            account.expect(placed.packet.samples)
         values, quality = measured([x for _, p in released for x in p.packet.raw], self._phases)
         total = np.stack([values[..., 0].mean(axis=1), values[..., 1].sum(axis=1), values[..., 2].sum(axis=1)], axis=1)
         rows = np.concatenate([total, values.reshape(len(values), -1)], axis=1)

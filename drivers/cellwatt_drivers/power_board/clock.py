@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from cellwatt.clock import unwrapped
 from cellwatt_drivers.power_board.payload import SEQUENCE_WRAP, TIME_WRAP, Packet
 
 EARLY = 1e6
@@ -62,7 +63,7 @@ class BoardClock:
             return self._start(packet, now, "follows")
         elapsed = now - self._arrival
         expected = now + self._ahead
-        time = _nearest(packet.time, TIME_WRAP, expected)
+        time = unwrapped(packet.time, TIME_WRAP, expected)
         span = time - self._time
         steps = self._steps(packet, span)
         if -EARLY - DRIFT * elapsed <= expected - time <= OLDEST and self._fits(steps, span):
@@ -77,7 +78,7 @@ class BoardClock:
             and not self._fresh(packet)
             and elapsed - OLDEST <= steps * self._step <= 1.02 * elapsed + 2 * EARLY
         ):
-            jump = _nearest(packet.time, TIME_WRAP, expected) - self._time - steps * self._step
+            jump = unwrapped(packet.time, TIME_WRAP, expected) - self._time - steps * self._step
             return self._start(packet, now, "jumped", self._sequence + steps, jump)
         return self._start(packet, now, "restarted")
 
@@ -88,7 +89,7 @@ class BoardClock:
     def _steps(self, packet: Packet, span: float) -> int:
         """Samples from the newest to this one, given about how many µs lie between them."""
         assert self._sequence is not None
-        return _nearest(packet.sequence, SEQUENCE_WRAP, self._sequence + span / self._step) - self._sequence
+        return unwrapped(packet.sequence, SEQUENCE_WRAP, self._sequence + span / self._step) - self._sequence
 
     def _fits(self, steps: int, span: float) -> bool:
         """Whether ``steps`` samples take ``span`` µs; until the period is known, whether they could."""
@@ -133,8 +134,3 @@ class BoardClock:
         self._period = float(packet.step) if packet.step else None
         self._behind = 0
         return Place(self._sequence, self._time, verdict, jump)
-
-
-def _nearest(value: int, wrap: int, target: float) -> int:
-    """The number that is ``value`` modulo ``wrap`` and nearest to ``target``."""
-    return value + wrap * round((target - value) / wrap)

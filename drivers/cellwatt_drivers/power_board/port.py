@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
 import os
-from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import serial
 
 from cellwatt import ConnectError
+from cellwatt_drivers.shared.aside import opened_aside
 
 MOST_READ = 4096
 """Bytes dealt with in one turn of the loop, so that other sources have theirs."""
@@ -35,7 +35,7 @@ class ListeningPort:
         self._device.close()
 
     async def read(self, seconds: float) -> bytes:
-        """Bytes that came, after at most ``seconds``; empty when none did.
+        """Return the bytes that came, after at most ``seconds``; empty when none did.
 
         Raises ``ConnectError`` when the port is gone.
         """
@@ -63,27 +63,9 @@ class ListeningPort:
         return data
 
 
-@contextlib.asynccontextmanager
-async def listening_port(path: str, baud: int) -> AsyncIterator[ListeningPort]:
-    """Open a port for this process alone and close it at the end; both block, so both happen in a thread.
-
-    Raises ``ConnectError`` that says why it cannot be opened.
-    """
-    opening = asyncio.ensure_future(asyncio.to_thread(_open, path, baud))
-    try:
-        port = await asyncio.shield(opening)
-    except asyncio.CancelledError:
-        opening.add_done_callback(_discard)
-        raise
-    try:
-        yield port
-    finally:
-        await asyncio.shield(asyncio.to_thread(port.close))
-
-
-def _discard(opening: asyncio.Future[ListeningPort]) -> None:
-    if not opening.cancelled() and opening.exception() is None:
-        opening.result().close()
+def listening_port(path: str, baud: int) -> AbstractAsyncContextManager[ListeningPort]:
+    """Open a port for this process alone and close it at the end. Raises ``ConnectError`` that says why it cannot."""
+    return opened_aside(lambda: _open(path, baud), ListeningPort.close)
 
 
 def _open(path: str, baud: int) -> ListeningPort:

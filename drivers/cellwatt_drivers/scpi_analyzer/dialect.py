@@ -94,19 +94,28 @@ class Dialect:
         return self.read.format(functions=self.separator.join(items))
 
 
+_URMS, _IRMS = Channel("supply.voltage", "V"), Channel("supply.current", "A")
+_FACTOR, _FREQUENCY = Channel("supply.power_factor", "1"), Channel("supply.frequency", "Hz")
+_POWERS = {
+    "P": Function(Channel("supply.power", "W")),
+    "S": Function(Channel("supply.apparent_power", "VA")),
+    "Q": Function(Channel("supply.reactive_power", "var")),
+}
+_FURTHER = {
+    "LAMB": Function(_FACTOR, long="LAMBDA"),
+    "PHI": Function(Channel("supply.phase", "rad"), scale=math.radians(1.0)),
+    "FU": Function(_FREQUENCY),
+    "WH": Function(Channel("supply.energy", "J", "counter"), scale=3600.0),
+}
+
 HMC8015 = Dialect(
     maker="Rohde & Schwarz",
     model="HMC8015",
     functions={
-        "URMS": Function(Channel("supply.voltage", "V")),
-        "IRMS": Function(Channel("supply.current", "A")),
-        "P": Function(Channel("supply.power", "W")),
-        "S": Function(Channel("supply.apparent_power", "VA")),
-        "Q": Function(Channel("supply.reactive_power", "var")),
-        "LAMB": Function(Channel("supply.power_factor", "1"), long="LAMBDA"),
-        "PHI": Function(Channel("supply.phase", "rad"), scale=math.radians(1.0)),
-        "FU": Function(Channel("supply.frequency", "Hz")),
-        "WH": Function(Channel("supply.energy", "J", "counter"), scale=3600.0),
+        "URMS": Function(_URMS),
+        "IRMS": Function(_IRMS),
+        **_POWERS,
+        **_FURTHER,
     },
     select=("CHAN1:MEAS:FORM ASC", "CHAN1:MEAS:FUNC {functions}"),
     selected="CHAN1:MEAS:FUNC?",
@@ -121,15 +130,10 @@ WT300 = Dialect(
     model="WT300",
     known=",WT3",
     functions={
-        "URMS": Function(Channel("supply.voltage", "V"), word="U"),
-        "IRMS": Function(Channel("supply.current", "A"), word="I"),
-        "P": Function(Channel("supply.power", "W")),
-        "S": Function(Channel("supply.apparent_power", "VA")),
-        "Q": Function(Channel("supply.reactive_power", "var")),
-        "LAMB": Function(Channel("supply.power_factor", "1"), long="LAMBDA"),
-        "PHI": Function(Channel("supply.phase", "rad"), scale=math.radians(1.0)),
-        "FU": Function(Channel("supply.frequency", "Hz")),
-        "WH": Function(Channel("supply.energy", "J", "counter"), scale=3600.0),
+        "URMS": Function(_URMS, word="U"),
+        "IRMS": Function(_IRMS, word="I"),
+        **_POWERS,
+        **_FURTHER,
     },
     select=(":NUM:FORM ASC", ":NUM:NORM:NUM {count}", ":NUM:NORM:ITEM{number} {item}"),
     selected=":NUM:NORM:ITEM{number}?",
@@ -147,13 +151,11 @@ LMG600 = Dialect(
     model="LMG600",
     known=",LMG6",
     functions={
-        "URMS": Function(Channel("supply.voltage", "V"), word="UTRMS"),
-        "IRMS": Function(Channel("supply.current", "A"), word="ITRMS"),
-        "P": Function(Channel("supply.power", "W")),
-        "S": Function(Channel("supply.apparent_power", "VA")),
-        "Q": Function(Channel("supply.reactive_power", "var")),
-        "LAMB": Function(Channel("supply.power_factor", "1"), word="PF"),
-        "FU": Function(Channel("supply.frequency", "Hz"), word="FCYC"),
+        "URMS": Function(_URMS, word="UTRMS"),
+        "IRMS": Function(_IRMS, word="ITRMS"),
+        **_POWERS,
+        "LAMB": Function(_FACTOR, word="PF"),
+        "FU": Function(_FREQUENCY, word="FCYC"),
     },
     prepare=("*ZLANG SHORT",),
     read="INIM;{functions}",

@@ -19,10 +19,11 @@ class State:
     kind: str
     title: str
     names: Mapping[int, str]
+    unknown: str = "nan"
 
     def name(self, value: float) -> str:
-        """Return the name of a value, or its digits."""
-        return "unknown" if np.isnan(value) else self.names.get(int(value), f"{value:g}")
+        """Return the name of a value, or its digits; ``unknown`` for NaN."""
+        return self.unknown if np.isnan(value) else self.names.get(value, f"{value:g}")  # type: ignore[call-overload]
 
 
 class StateWatch:

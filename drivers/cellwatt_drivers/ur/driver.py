@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AbstractAsyncContextManager
-from importlib.util import find_spec
 from typing import Literal, NoReturn
 
 from pydantic import Field, field_validator, model_validator
@@ -12,9 +11,9 @@ from pydantic import Field, field_validator, model_validator
 from cellwatt.account import Account
 from cellwatt.channel import Stream
 from cellwatt.driver import Driver, Identity, Outlet, SourceSettings
-from cellwatt.errors import ConfigError
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
+from cellwatt_drivers.shared.requirements import require
 from cellwatt_drivers.ur import library, native, wire
 from cellwatt_drivers.ur.comparison import compare
 from cellwatt_drivers.ur.continuity import Policy
@@ -104,11 +103,9 @@ class UrDriver(Driver[UrSettings]):
 
     def __init__(self, name: str, settings: UrSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
-        if settings.client == "ur_rtde" and find_spec("rtde_receive") is None:
-            raise ConfigError(
-                f"source {name}: client ur_rtde needs the package ur-rtde: pip install 'cellwatt[ur-rtde]' "
-                "(Python 3.11 or 3.12), or use client native"
-            )
+        if settings.client == "ur_rtde":
+            how = "pip install 'cellwatt[ur-rtde]' (Python 3.11 or 3.12), or use client native"
+            require(name, "client ur_rtde", {"rtde_receive": "the package ur-rtde"}, how)
         self._selection = Selection.of(settings.channels)
         self._stream = Stream("rtde", self._selection.channels, settings.rate, "device")
         self._intake = Intake(outlet, self._stream, settings.gaps)

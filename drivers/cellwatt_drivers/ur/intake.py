@@ -8,13 +8,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.batch import Reading
+from cellwatt.account import Losses
+from cellwatt.batch import Float, Reading
 from cellwatt.channel import Stream
 from cellwatt.driver import Identity, Outlet
 from cellwatt.errors import ProtocolError
+from cellwatt_drivers.shared.states import State, StateWatch
 from cellwatt_drivers.ur.continuity import Grid, Policy, TimeBase
 from cellwatt_drivers.ur.fields import ROBOT_MODES, RUNTIME_STATES, SAFETY_MODES
-from cellwatt_drivers.ur.recipe import Float
 from cellwatt_drivers.ur.wire import TextMessage
 
 LATEST = 9e9
@@ -23,9 +24,9 @@ QUIET = 0.25
 """Seconds without a package, at the least, after which a stream is said to have stopped."""
 
 _STATES = {
-    "robot.mode": ("robot mode", ROBOT_MODES),
-    "robot.safety_mode": ("safety mode", SAFETY_MODES),
-    "robot.runtime_state": ("program", RUNTIME_STATES),
+    "robot.mode": State("robot mode", "robot mode", ROBOT_MODES),
+    "robot.safety_mode": State("safety mode", "safety mode", SAFETY_MODES),
+    "robot.runtime_state": State("program", "program", RUNTIME_STATES),
 }
 _LEVELS = ("exception", "error", "warning", "info")
 
@@ -45,14 +46,11 @@ class Intake:
         self._grid = Grid(gaps)
         self._base = TimeBase()
         self._last: int | None = None  # controller time of the last package taken, ns
-        self._reason = "gap"
+        self._losses = Losses(outlet.account)
         self._identity: Identity | None = None
         self._heard = 0.0  # monotonic, s
         self._quiet = False
-        watched = [(i, *_STATES[n]) for i, n in enumerate(stream.names) if n in _STATES]
-        self._watched = watched
-        self._columns = np.array([i for i, _, _ in watched], dtype=np.intp)
-        self._states: Float | None = None
+        self._states = StateWatch(outlet, stream, _STATES)
         self.resets = 0
         """How often the controller's time had a new base."""
 
@@ -65,7 +63,7 @@ class Intake:
         self._cycle = round(1e9 / loop)
         self._rate = rate
         self._grid.ask(1e9 / rate)
-        self._reason = "outage"
+        self._losses.resumed = True
         self._heard = clock.monotonic()
         self._quiet = False
 
@@ -97,7 +95,7 @@ class Intake:
 
     def _next(self, time: float, values: Float, arrival: int) -> bool:
         """Take one package one step after the last: nearly all of them, without the cost of arrays."""
-        if self._last is None or self._reason != "gap" or not 0 <= time < LATEST:
+        if self._last is None or self._losses.resumed or not 0 <= time < LATEST:
             return False
         device = round(time * 1e9)
         if not self._grid.keeps(device - self._last) or not self._base.arrived(device, arrival):
@@ -173,36 +171,31 @@ class Intake:
         self.resets += 1
         self._base.forget()
         self._last = None
-        self._reason = "gap"
+        self._losses.resumed = False
         self._outlet.clock_reset(self._stream, reason)
 
     def _emit(self, device: NDArray[np.int64], values: Float, steps: NDArray[np.int64], arrival: int) -> None:
         steps = steps[1:] if self._last is None else steps
-        missing = self._count(steps) if len(steps) else 0
-        self._outlet.account.expect(len(device) + missing)
+        if len(steps):
+            self._count(steps)
+        self._outlet.account.expect(len(device))
         self._deliver(device, values, arrival)
 
     def _deliver(self, device: NDArray[np.int64], values: Float, arrival: int) -> None:
         self._last = int(device[-1])
         self._outlet.emit(Reading(self._stream, values, arrival, device))
-        if len(self._columns):
-            self._compare(values)
+        self._states.see(values)
 
-    def _count(self, steps: NDArray[np.int64]) -> int:
-        """Losses before and between the packages; the first step after a reconnection is an outage's."""
+    def _count(self, steps: NDArray[np.int64]) -> None:
+        """Count losses before and between the packages; the first step after a reconnection is an outage's."""
         before = self._grid.step
-        missing = 0
-        if self._reason != "gap":
-            missing = self._grid.missing(steps[:1])
-            self._outlet.account.miss(missing, self._reason)
-            self._reason, steps = "gap", steps[1:]
+        if self._losses.resumed:
+            self._losses.before_next(self._grid.missing(steps[:1]))
+            steps = steps[1:]
         if len(steps):
-            lost = self._grid.missing(steps)
-            self._outlet.account.miss(lost, "gap")
-            missing += lost
+            self._losses.before_next(self._grid.missing(steps))
         if self._grid.step != before:
             self._tell_grid()
-        return missing
 
     def _tell_grid(self) -> None:
         """Say when packages do not come on the grid that was asked for."""
@@ -212,16 +205,3 @@ class Intake:
         elif abs(step * self._rate / 1e9 - 1) > 0.02:
             text = f"asked for {self._rate:g} Hz, packages are made at {1e9 / step:g} Hz"
             self._outlet.event("rate", text, rate=1e9 / step)
-
-    def _compare(self, values: Float) -> None:
-        """Report changes of the robot's states."""
-        states = values.take(self._columns, axis=1)
-        before = states[0] if self._states is None else self._states
-        self._states = states[-1]
-        if states.tobytes() == before.tobytes() * len(states):
-            return
-        rows = np.vstack((before, states))
-        for row, column in np.argwhere(np.diff(rows, axis=0) != 0):
-            _, kind, names = self._watched[column]
-            old, new = (names.get(v, f"{v:g}") for v in rows[row : row + 2, column])
-            self._outlet.event(kind, f"{kind}: {old} → {new}", before=old, after=new)

@@ -1,4 +1,4 @@
-"""The ur-rtde library in a process of its own: ``python -m cellwatt_drivers.ur.receive HOST RATE FIELD …``.
+"""The ur-rtde library in a process of its own: ``python receive.py HOST RATE FIELD …`` (see ``shared.child``).
 
 Its constructor holds the GIL and may block for ever, so it cannot live in the daemon. Writes each new state to
 standard output as an RTDE data package whose fields all are doubles, timestamp first; ends with a line on
@@ -7,12 +7,13 @@ standard error when the library fails or the connection is gone.
 
 from __future__ import annotations
 
-import os
 import struct
 import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from cellwatt_drivers.shared.child import take_stdout, write_all
 
 RECIPE = 1
 
@@ -58,8 +59,7 @@ def main(host: str, rate: float, fields: Sequence[str]) -> None:
     """Pass on every state that is newer than the one before, until the connection is gone."""
     from rtde_receive import RTDEReceiveInterface
 
-    pipe = os.dup(1)
-    os.dup2(2, 1)  # the library prints to standard output
+    pipe = take_stdout()
     library = RTDEReceiveInterface(host, rate, ["timestamp", *fields])
     read = [getattr(library, GETTERS[f]) for f in fields]
     pause = 0.25 / rate
@@ -86,9 +86,7 @@ def _row(read: Sequence[Callable[[], Any]]) -> list[float]:
 
 def _write(pipe: int, now: float, row: list[float]) -> None:
     size = 4 + 8 * (1 + len(row))
-    data = struct.pack(f">HBB{1 + len(row)}d", size, ord("U"), RECIPE, now, *row)
-    while data:
-        data = data[os.write(pipe, data) :]
+    write_all(pipe, struct.pack(f">HBB{1 + len(row)}d", size, ord("U"), RECIPE, now, *row))
 
 
 if __name__ == "__main__":

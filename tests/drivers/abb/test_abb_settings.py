@@ -4,7 +4,8 @@ import pytest
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
-from cellwatt_drivers.abb import AbbDriver, AbbSettings, driver
+from cellwatt_drivers.abb import AbbDriver, AbbSettings
+from cellwatt_drivers.shared import requirements
 
 from ..outlet import CollectingOutlet
 
@@ -35,10 +36,7 @@ def test_the_password_is_not_shown():
 
 
 def test_a_missing_library_is_named(monkeypatch):
-    def absent(name: str):
-        raise ModuleNotFoundError(name)
-
-    monkeypatch.setattr(driver, "import_module", absent)
+    monkeypatch.setattr(requirements, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"egm needs the package protobuf: pip install 'cellwatt\[abb\]'"):
         streams()
     with pytest.raises(ConfigError, match="web needs the package aiohttp"):

@@ -6,7 +6,8 @@ import pytest
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError
-from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings, driver
+from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
+from cellwatt_drivers.shared import requirements
 
 from ..outlet import CollectingOutlet
 
@@ -62,6 +63,6 @@ def test_a_missing_extra_is_named(monkeypatch, package):
     def nothing(name: str) -> object:
         return None if name == package else PathFinder.find_spec(name)
 
-    monkeypatch.setattr(driver, "find_spec", nothing)
+    monkeypatch.setattr(requirements, "find_spec", nothing)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[can\]'"):
         make(interface="udp_multicast", channel="239.74.163.2")

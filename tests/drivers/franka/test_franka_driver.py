@@ -15,9 +15,9 @@ from cellwatt.channel import UNITS
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConfigError, ConnectError, DeviceError, WrongDeviceError
 from cellwatt.slots import HOST
-from cellwatt_drivers.franka import driver as module
 from cellwatt_drivers.franka.driver import FrankaSettings
 from cellwatt_drivers.franka.fields import GROUPS
+from cellwatt_drivers.shared import requirements
 from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
@@ -196,7 +196,7 @@ async def test_who_is_there():
 
 
 def test_a_missing_library_is_named(monkeypatch):
-    monkeypatch.setattr(module, "find_spec", lambda name: None)
+    monkeypatch.setattr(requirements, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"pip install 'cellwatt\[franka\]'"):
         driver("192.0.2.1", CollectingOutlet())
 
