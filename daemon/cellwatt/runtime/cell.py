@@ -1,24 +1,20 @@
-"""A whole cell in one process: its sources, frames, stages and sinks on one event loop."""
+"""Sources, frames and record of a cell in one process, without stages: ``cellwatt record``."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from typing import Any
 
 from cellwatt.cell_clock import CellClock
 from cellwatt.config import CellConfig
-from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
-from cellwatt.results import Event, Result
-from cellwatt.runtime.assemble import Prepared, prepare
-from cellwatt.runtime.chain import BEGINS_ANEW
-from cellwatt.runtime.change import Change
+from cellwatt.results import Event
+from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
 from cellwatt.runtime.framer import Framer
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
-from cellwatt.runtime.worker import Worker
 from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
@@ -27,7 +23,7 @@ HEALTH_RATE = 1.0  # Hz
 
 
 class Cell:
-    """One running cell. ``run`` serves until ``stop`` is called; ``reload`` applies what changed in the settings."""
+    """One cell whose sources are recorded. ``run`` serves until ``stop`` is called."""
 
     def __init__(self, config: CellConfig) -> None:
         self._config = config
@@ -36,50 +32,30 @@ class Cell:
         self.view = Teller(config, self.session, self.clock.now)
         self._collector = Collector(config, self.clock, self._take)
         self._framer = Framer({}, config.frames)
-        self._workers: list[Worker] = []
         self._lag = 0.0
         self._stopping = asyncio.Event()
-        self._changing = asyncio.Lock()
-        """Held while parts are started, changed or ended."""
 
-    # life -----------------------------------------------------------------------------------------
-
-    async def run(self, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until ``stop``; then drain and close. ``ready`` is called once everything is started.
-
-        Raises ``CellwattError`` where a part cannot be started.
-        """
+    async def run(self) -> None:
+        """Serve until ``stop``; then drain and close. Raises ``CellwattError`` where a part cannot be started."""
         with plain_errors():
-            await self._serve(ready)
-
-    async def _serve(self, ready: Callable[[], None]) -> None:
-        async with asyncio.TaskGroup() as group:
-            self._tasks = Tasks(group)
-            async with self._changing:
-                prepared = await asyncio.to_thread(prepare, self._config)
+            async with asyncio.TaskGroup() as group:
+                tasks = Tasks(group)
+                streams, layout = declared(self._config)
                 load_libraries(self._config)
-                await self.view.start(self._tasks, prepared.streams, prepared.layout)
-                self._collector.start(self._tasks)
-                self._begin_frames(prepared)
+                await self.view.start(tasks, streams, layout)
+                self._framer.change(streams, self._config.frames)
+                self._collector.start(tasks)
                 heart = group.create_task(self._heart(), name="heart")
+                await self._stopping.wait()
+                await self._collector.close(tasks)
+                self._flush()
                 self._look()
-            ready()
-            await self._stopping.wait()
-            async with self._changing:
-                await self._shut_down()
-            heart.cancel()
+                await self.view.close(tasks)
+                heart.cancel()
 
     def stop(self) -> None:
-        """End ``run`` in order: sources first, then what is queued, then sinks and record."""
+        """End ``run`` in order: sources first, then what is queued, then the record."""
         self._stopping.set()
-
-    async def _shut_down(self) -> None:
-        await self._collector.close(self._tasks)
-        await self._end_frames()
-        self._look()
-        await self.view.close(self._tasks)
-
-    # data -----------------------------------------------------------------------------------------
 
     def _take(self, entry: Entry) -> None:
         self.view.take(entry)
@@ -89,34 +65,10 @@ class Cell:
 
     def _give_frames(self, frames: Frames) -> None:
         self.view.take(frames)
-        for worker in self._workers:
-            worker.offer(frames)
-
-    def _give_results(self, results: Sequence[Result]) -> None:
-        for result in results:
-            self.view.take(result)
-
-    def _begin_frames(self, prepared: Prepared) -> None:
-        self._framer.change(prepared.streams, self._config.frames)
-        for chain in prepared.chains:
-            self.view.withdraw(chain.names, BEGINS_ANEW)
-            worker = Worker(chain, self._give_results)
-            self._workers.append(worker)
-            self._tasks.spawn(f"stages {'+'.join(chain.names)}", worker.run())
-
-    async def _end_frames(self) -> None:
-        self._flush()
-        workers, self._workers = self._workers, []
-        for worker in workers:
-            worker.finish()
-        await self._tasks.finish(f"stages {'+'.join(worker.chain.names)}" for worker in workers)
-        self._flush()  # what sources that stay gave meanwhile
 
     def _flush(self) -> None:
         for frames in self._framer.flush():
             self._give_frames(frames)
-
-    # health ---------------------------------------------------------------------------------------
 
     async def _heart(self) -> None:
         async with Ticker(HEALTH_RATE) as ticker:
@@ -130,44 +82,14 @@ class Cell:
                     log.exception("the look at the cell's health failed")
 
     def _look(self) -> None:
-        self.view.look(
-            {
-                "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
-                "loop_lag_ms": round(1e3 * self._lag, 3),
-                "sources": self._collector.status(),
-                "frames": self._framer.status(),
-                "stages": {name: figures for w in self._workers for name, figures in w.status().items()},
-            }
-        )
+        self.view.look(self._parts())
 
-    # reload ---------------------------------------------------------------------------------------
-
-    async def reload(self, config: CellConfig) -> str:
-        """Apply what changed and nothing else; gives a line that says what was done.
-
-        Raises ``CellwattError`` for changes that need a restart (site, cell, record), ``ConfigError`` where a part
-        cannot be made; nothing is changed then.
-        """
-        async with self._changing:
-            if self._stopping.is_set():
-                raise CellwattError("the cell is being stopped; nothing was changed")
-            change = Change.between(self._config, config)
-            prepared = await asyncio.to_thread(prepare, config) if change else None
-            if prepared is None:
-                self._config = config
-            else:
-                await self._apply(change, config, prepared)
-        return str(change)
-
-    async def _apply(self, change: Change, config: CellConfig, prepared: Prepared) -> None:
-        await self._collector.stop(self._tasks, change.sources)
-        await self.view.stop(self._tasks, change.sinks)
-        if change.frames:
-            await self._end_frames()
-        self._config = config
-        self._collector.change(self._tasks, config, change.sources)
-        self.view.change(self._tasks, config, change.sinks)
-        if change.frames:
-            self._begin_frames(prepared)
-            self.view.redeclare(prepared.streams, prepared.layout)
-        self._collector.tell("reloaded", str(change))
+    def _parts(self) -> dict[str, Any]:
+        """Figures of the parts for health."""
+        return {
+            "utc_error_ms": round(self.clock.utc_error_ns * 1e-6, 3),
+            "loop_lag_ms": round(1e3 * self._lag, 3),
+            "sources": self._collector.status(),
+            "frames": self._framer.status(),
+            "stages": {},
+        }

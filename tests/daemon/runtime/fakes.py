@@ -33,7 +33,7 @@ from cellwatt import (
 from cellwatt.config import CellConfig, FrameSettings, SinkConfig, SourceConfig, StageConfig
 from cellwatt.record import RecordSettings
 from cellwatt.results import Prediction, Result
-from cellwatt.runtime.cell import Cell
+from tests.daemon.runtime.one_process import Cell
 
 STEP = 20_000_000
 """ns between samples and between frames: 50 Hz."""

@@ -136,22 +136,6 @@ async def test_a_stage_that_breaks_is_an_alarm_and_the_data_go_on():
         assert RECEIVERS["bus"].values == list(range(10))
 
 
-async def test_a_stage_that_is_too_slow_is_an_alarm_and_the_data_go_on():
-    JUDGES["judge"].gate.clear()
-    async with running(config_of(stages=stages("judge"))) as cell:
-        DEVICES["arm"].tell(answer, give(3))
-        await until(JUDGES["judge"].inside.is_set)
-        DEVICES["arm"].tell(give(600))
-        await DEVICES["arm"].done()
-        await until(lambda: RECEIVERS["bus"].of(Alarm))
-        figures = (await look(cell))["stages"]["judge"]
-        assert RECEIVERS["bus"].of(Alarm)[0].statement.startswith("Stage judge is too slow: ")
-        assert RECEIVERS["bus"].values == list(range(603))
-        JUDGES["judge"].gate.set()
-    assert figures["waiting"] == 500
-    assert len(JUDGES["judge"].seen) + figures["dropped"] == len(RECEIVERS["bus"].frames)
-
-
 async def test_what_is_recorded_is_what_was_given(tmp_path):
     async with running(config_of(record=tmp_path)):
         DEVICES["arm"].tell(answer, give(25), fail(NOBODY), answer, give(5))

@@ -9,7 +9,6 @@ import pytest
 
 from cellwatt import Alarm, Frames
 from cellwatt.record import Recording
-from cellwatt.runtime import cell as runtime_cell
 from cellwatt.runtime import tasks as runtime_tasks
 from tests.daemon.runtime.fakes import (
     DEVICES,
@@ -28,6 +27,7 @@ from tests.daemon.runtime.fakes import (
     stages,
     until,
 )
+from tests.daemon.runtime.one_process import Cell
 
 
 async def test_everything_accepted_is_judged_published_and_recorded(tmp_path):
@@ -195,7 +195,7 @@ def test_stopped_while_a_source_pauses(at_once):
 
 def test_stopped_before_it_is_ready(at_once):
     async def main():
-        cell = runtime_cell.Cell(config_of())
+        cell = Cell(config_of())
         cell.stop()
         await cell.run()
         assert (DEVICES["arm"].open, RECEIVERS["bus"].open) == (0, 0)

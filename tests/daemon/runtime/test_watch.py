@@ -154,6 +154,8 @@ def test_frames_dropped_once_before_a_stage_are_over_when_no_more_are() -> None:
         stages = {"power": {"state": "ok", "error": None, "dropped": 7 * min(second, 5)}}
         alarms += watch.look(status() | {"stages": stages}, now)
     assert [(a.kind, a.active) for a in alarms] == [("stage_slow", True), ("stage_slow", False)]
+    assert alarms[0].statement.startswith("Stage power is too slow: ")
+    assert alarms[1].statement == "Resolved: stage power keeps up again."
 
 
 def process(skipped: int) -> dict[str, Any]:

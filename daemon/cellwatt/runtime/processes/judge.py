@@ -17,10 +17,11 @@ from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared, make_chain
 from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
-from cellwatt.runtime.worker import QUEUED_FRAMES
 
 log = logging.getLogger(__name__)
 
+QUEUED_FRAMES: Final = 500
+"""Frames that may wait in front of a chain (10 s at 50 Hz); then the oldest are dropped and counted."""
 NICE: Final = 5
 """Niceness by which who judges gives way to who collects, aligns and tells."""
 MEMORY: Final = 2 << 30

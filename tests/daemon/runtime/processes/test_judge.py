@@ -1,19 +1,20 @@
-"""The process that judges: what it makes of alarms whose stage is gone."""
+"""The process that judges: its word when its stages begin, alarms of stages that go, frames it is too slow for."""
 
 from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cellwatt import Alarm, Frames
+from cellwatt import Alarm, Frames, Prediction
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared
-from cellwatt.runtime.processes.judge import judge
+from cellwatt.runtime.processes.judge import QUEUED_FRAMES, judge
 from cellwatt.runtime.processes.shared import OTHERS, TELL, Assignment, Shared
-from tests.daemon.runtime.fakes import JUDGES, alarm, config_of, stages
+from tests.daemon.runtime.fakes import JUDGES, alarm, config_of, prediction, stages
 from tests.patience import PATIENCE
 
 CONFIG = config_of(stages=stages("heat"))
@@ -26,15 +27,16 @@ def frames_of(layout, first: int, n: int) -> Frames:
     return Frames(layout, first, time, np.zeros(shape), np.zeros(shape, np.uint8), np.zeros(shape, np.int64))
 
 
-def said_by_a_judge(*, held: bool = False, replaced: bool = False) -> list[Alarm | Status]:
-    """Alarms and words of a judge that is given ten frames, after the mark of its settings where it is held."""
+def said_by_a_judge(*, held: bool = False, replaced: bool = False, blocks: int = 1) -> list[Any]:
+    """All that a judge gives for blocks of ten frames, after the mark of its settings where it is held."""
     streams, layout = declared(CONFIG)
     shared = Shared.of(streams, layout)
     shared.frames.settle(OTHERS, shared.frames.head)
     frames = ItemWriter(shared.frames)
     if held:
         frames.put(Mark(1))
-    frames.put(frames_of(layout, 0, 10))
+    for block in range(blocks):
+        frames.put(frames_of(layout, 10 * block, 10))
     if replaced:
         frames.put(Mark(2))
     shared.frames.end()
@@ -45,10 +47,10 @@ def said_by_a_judge(*, held: bool = False, replaced: bool = False) -> list[Alarm
     process.start()
     process.join(PATIENCE)
     assert process.exitcode == 0
-    return [i for i in ItemReader(shared.results[0], TELL).items() if isinstance(i, Alarm | Status)]
+    return list(ItemReader(shared.results[0], TELL).items())
 
 
-def alarms_in(said: Sequence[Alarm | Status]) -> list[Alarm]:
+def alarms_in(said: Sequence[Any]) -> list[Alarm]:
     return [i for i in said if isinstance(i, Alarm)]
 
 
@@ -71,3 +73,12 @@ def test_alarms_of_stages_that_others_replace_are_taken_back() -> None:
 def test_at_the_end_of_the_daemon_alarms_stay() -> None:
     JUDGES["heat"].give = lambda *_: [alarm("heat")]
     assert [a.active for a in alarms_in(said_by_a_judge())] == [True]
+
+
+def test_a_judge_that_is_behind_drops_the_oldest_and_counts_them() -> None:
+    JUDGES["heat"].give = lambda frames, _: [prediction("heat", frames.sequence)]
+    said = said_by_a_judge(blocks=QUEUED_FRAMES // 10 + 30)
+    judged = [i.sequence for i in said if isinstance(i, Prediction)]
+    assert judged == list(range(290, QUEUED_FRAMES + 300, 10)), "all that was waiting when it came up to date, in order"
+    last = [i for i in said if isinstance(i, Status)][-1].figures["stages"]["heat"]
+    assert (last["dropped"], last["frames"], last["waiting"]) == (290, QUEUED_FRAMES + 10, 0)

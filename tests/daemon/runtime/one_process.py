@@ -1,0 +1,136 @@
+"""A whole cell in one process: the parts of the daemon on one event loop, so that a test can hold each by the hand."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from cellwatt.config import CellConfig
+from cellwatt.errors import CellwattError
+from cellwatt.frames import Frames
+from cellwatt.results import Result
+from cellwatt.runtime import cell
+from cellwatt.runtime.assemble import Prepared, prepare
+from cellwatt.runtime.chain import BEGINS_ANEW, Chain
+from cellwatt.runtime.change import Change
+from cellwatt.runtime.collector import load_libraries
+from cellwatt.runtime.tasks import Tasks, plain_errors
+
+
+class Worker:
+    """Feeds a chain block by block in a thread; ``take`` gets its results on the event loop."""
+
+    def __init__(self, chain: Chain, take: Callable[[Sequence[Result]], None]) -> None:
+        self.chain = chain
+        self._take = take
+        self._queue: asyncio.Queue[Frames | None] = asyncio.Queue()
+        self._thread = ThreadPoolExecutor(1)
+
+    def offer(self, frames: Frames | None) -> None:
+        """Take one block; None ends ``run`` when all before it is done."""
+        self._queue.put_nowait(frames)
+
+    async def run(self) -> None:
+        """Process what comes until the end, then close the chain."""
+        loop = asyncio.get_running_loop()
+        try:
+            while (frames := await self._queue.get()) is not None:
+                self._take(await loop.run_in_executor(self._thread, self.chain.process, frames))
+            self._take(await loop.run_in_executor(self._thread, self.chain.close))
+        finally:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+class Cell(cell.Cell):
+    """Adds stages, and ``reload``, which applies what changed in the settings."""
+
+    def __init__(self, config: CellConfig) -> None:
+        super().__init__(config)
+        self._workers: list[Worker] = []
+        self._changing = asyncio.Lock()
+        """Held while parts are started, changed or ended."""
+
+    async def run(self, ready: Callable[[], None] = lambda: None) -> None:
+        """As in the product; ``ready`` is called once everything is started."""
+        with plain_errors():
+            await self._serve(ready)
+
+    async def _serve(self, ready: Callable[[], None]) -> None:
+        async with asyncio.TaskGroup() as group:
+            self._tasks = Tasks(group)
+            async with self._changing:
+                prepared = await asyncio.to_thread(prepare, self._config)
+                load_libraries(self._config)
+                await self.view.start(self._tasks, prepared.streams, prepared.layout)
+                self._collector.start(self._tasks)
+                self._begin_frames(prepared)
+                heart = group.create_task(self._heart(), name="heart")
+                self._look()
+            ready()
+            await self._stopping.wait()
+            async with self._changing:
+                await self._shut_down()
+            heart.cancel()
+
+    async def _shut_down(self) -> None:
+        await self._collector.close(self._tasks)
+        await self._end_frames()
+        self._look()
+        await self.view.close(self._tasks)
+
+    def _give_frames(self, frames: Frames) -> None:
+        super()._give_frames(frames)
+        for worker in self._workers:
+            worker.offer(frames)
+
+    def _give_results(self, results: Sequence[Result]) -> None:
+        for result in results:
+            self.view.take(result)
+
+    def _begin_frames(self, prepared: Prepared) -> None:
+        self._framer.change(prepared.streams, self._config.frames)
+        for chain in prepared.chains:
+            self.view.withdraw(chain.names, BEGINS_ANEW)
+            worker = Worker(chain, self._give_results)
+            self._workers.append(worker)
+            self._tasks.spawn(f"stages {'+'.join(chain.names)}", worker.run())
+
+    async def _end_frames(self) -> None:
+        self._flush()
+        workers, self._workers = self._workers, []
+        for worker in workers:
+            worker.offer(None)
+        await self._tasks.finish(f"stages {'+'.join(worker.chain.names)}" for worker in workers)
+        self._flush()  # what sources that stay gave meanwhile
+
+    def _parts(self) -> dict[str, Any]:
+        stages = {name: figures for w in self._workers for name, figures in w.chain.status().items()}
+        return super()._parts() | {"stages": stages}
+
+    async def reload(self, config: CellConfig) -> str:
+        """Apply what changed and nothing else; gives a line that says what was done."""
+        async with self._changing:
+            if self._stopping.is_set():
+                raise CellwattError("the cell is being stopped; nothing was changed")
+            change = Change.between(self._config, config)
+            prepared = await asyncio.to_thread(prepare, config) if change else None
+            if prepared is None:
+                self._config = config
+            else:
+                await self._apply(change, config, prepared)
+        return str(change)
+
+    async def _apply(self, change: Change, config: CellConfig, prepared: Prepared) -> None:
+        await self._collector.stop(self._tasks, change.sources)
+        await self.view.stop(self._tasks, change.sinks)
+        if change.frames:
+            await self._end_frames()
+        self._config = config
+        self._collector.change(self._tasks, config, change.sources)
+        self.view.change(self._tasks, config, change.sinks)
+        if change.frames:
+            self._begin_frames(prepared)
+            self.view.redeclare(prepared.streams, prepared.layout)
+        self._collector.tell("reloaded", str(change))
