@@ -1,7 +1,5 @@
 """The plant against figures that it did not make."""
 
-import ast
-
 import numpy as np
 import pytest
 from concealed.arms import draw_arm
@@ -12,7 +10,7 @@ from concealed.mechanics import Dahl, Joints, Moment, Push
 from concealed.motion import STYLES, excite
 from concealed.plant import Body, Grip, Run, TwoMass, simulate, tune
 
-FORBIDDEN = {"cellwatt", "cellwatt_drivers", "cellwatt_plugins", "pinocchio"}
+from tests.bench.independent import assert_shares_no_code
 
 
 def arm_of(family: str = "compact6", seed: int = 3):
@@ -20,11 +18,7 @@ def arm_of(family: str = "compact6", seed: int = 3):
 
 
 def test_shares_no_code_with_the_product(bench):
-    for file in (bench / "concealed").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not {n.split(".")[0] for n in names} & FORBIDDEN, file
+    assert_shares_no_code(bench / "concealed")
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -1,6 +1,5 @@
 """The user's file is the arm that the benchmark's law describes; figures and tables are those of what was measured."""
 
-import ast
 import xml.etree.ElementTree as ET
 
 import mujoco
@@ -12,7 +11,7 @@ from concealed.families import FAMILIES
 from concealed.law import joint_torque
 from mend import arms, judge, numbers, page, picture, runner
 
-FORBIDDEN = {"cellwatt", "cellwatt_drivers", "cellwatt_plugins", "pinocchio"}
+from tests.bench.independent import assert_shares_no_code
 
 
 def model_of(family, arm):
@@ -20,11 +19,7 @@ def model_of(family, arm):
 
 
 def test_shares_no_code_with_the_product(bench):
-    for file in (bench / "mend").rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not {n.split(".")[0] for n in names} & FORBIDDEN, file
+    assert_shares_no_code(bench / "mend")
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm as DescribedArm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Plan, exact
+from tests.plugins.mismatch.robot_file import write_description
 
 JOINTS = 3
 G = 9.81
@@ -266,14 +266,7 @@ def write_robot(folder: Path, **changes: object) -> Path:
         "standby_power": arm.standby,
         "tolerances": TOLERANCES,
     }
-    for key, value in changes.items():
-        if key in joints[0]:
-            for joint in joints:
-                joint[key] = value
-        else:
-            content[key] = value
-    (folder / "robot.yaml").write_text(yaml.safe_dump({**content, "joints": joints}))
-    return folder / "robot.yaml"
+    return write_description(folder, content, joints, changes)
 
 
 def load(path: Path) -> DescribedArm:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Plan
+from tests.plugins.mismatch.robot_file import write_description
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
 OFFSETS = ("0 0 0.3", "0.1 0 0.1", "0 0 0.6", "0.3 0 0.1", "0.3 0 0", "0.08 0 0")
@@ -55,14 +55,7 @@ def write_robot(folder: Path, **changes: object) -> Path:
         for i in range(JOINTS)
     ]
     content: dict[str, object] = {"robot": "bench", "urdf": "bench.urdf", "standby_power": STANDBY}
-    for key, value in changes.items():
-        if key in joints[0]:
-            for joint in joints:
-                joint[key] = value
-        else:
-            content[key] = value
-    (folder / "robot.yaml").write_text(yaml.safe_dump({**content, "joints": joints}))
-    return folder / "robot.yaml"
+    return write_description(folder, content, joints, changes)
 
 
 def load(path: Path) -> Arm:

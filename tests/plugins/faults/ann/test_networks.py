@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
@@ -20,7 +18,7 @@ from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.network_file import MOTION, Ends, Opened, perceptron
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
-from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, describe, run
+from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, describe, run, write_table
 
 pytestmark = pytest.mark.timeout(300)  # networks are trained once, for all tests here
 HEALTHY = [Cycle(task) for task in "ABBAABBA"]
@@ -37,12 +35,6 @@ SPRING, RUBS = Fault("spring", 0, 50.0), Fault("friction", 2, 1.2)
 
 def called(command, *arguments):
     return CliRunner().invoke(command, [str(a) for a in arguments])
-
-
-def write_table(path, measured):
-    columns = {f"q_{j + 1}": measured.position[:, j] for j in range(4)}
-    pq.write_table(pa.table({"t": measured.time, **columns, "power": measured.power}), path)
-    return path
 
 
 @pytest.fixture(scope="module")

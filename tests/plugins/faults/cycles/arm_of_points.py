@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
 
 RATE = 100.0
@@ -248,3 +250,10 @@ def describe(folder: Path, off: float = 1.05) -> Path:
     content = {"robot": "points", "urdf": "robot.urdf", "joints": joints, "standby_power": STANDBY + 2.0}
     (folder / "robot.yaml").write_text(yaml.safe_dump(content))
     return folder / "robot.yaml"
+
+
+def write_table(path: Path, measured: Run) -> Path:
+    """The recording as a table with t, q_1 … q_4 and power."""
+    columns = {f"q_{j + 1}": measured.position[:, j] for j in range(4)}
+    pq.write_table(pa.table({"t": measured.time, **columns, "power": measured.power}), path)
+    return path

@@ -1,8 +1,6 @@
 import json
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
@@ -10,22 +8,16 @@ from cellwatt.errors import ModelError, RecordingError
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.cycles.known import restored, stored
 from cellwatt_plugins.faults.reference import load
-from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run
+from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
-
-
-def table(path, measured):
-    columns = {f"q_{j + 1}": measured.position[:, j] for j in range(4)}
-    pq.write_table(pa.table({"t": measured.time, **columns, "power": measured.power}), path)
-    return path
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     where = tmp_path_factory.mktemp("cell")
     describe(where)
-    table(where / "reference.parquet", run(HEALTHY, seed=1))
-    table(where / "test.parquet", run([Cycle("A"), Cycle("B", faults=(Fault("spring", 0, 50.0),))], seed=5))
+    write_table(where / "reference.parquet", run(HEALTHY, seed=1))
+    write_table(where / "test.parquet", run([Cycle("A"), Cycle("B", faults=(Fault("spring", 0, 50.0),))], seed=5))
     learned = called(
         reference, where / "reference.parquet", "--robot", where / "robot.yaml", "--out", where / "reference.yaml"
     )
