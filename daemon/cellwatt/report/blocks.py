@@ -28,7 +28,7 @@ class Part(Protocol):
 
 Block = str | Part
 _TAG = re.compile("<[^>]*>")
-_NUMBER = re.compile(r"[−<>×]?\s?\d|–$|not told$")
+_NUMBER = re.compile(r"[(−<>×\s]*\d|–$|not told$")
 
 
 def markup(content: Block) -> Html:
@@ -91,7 +91,9 @@ class Bars:
         known = [v for v in (*(v for _, _, v in self.rows), self.floor) if math.isfinite(v)]
         top = max([*known, 0.0]) * 1.04 or 1.0
         marked = math.isfinite(self.floor)
-        digits = decimals_for(self.floor if marked and self.floor > 0 else top)
+        digits = decimals_for(
+            self.floor if marked and self.floor > 0 else min((v for v in known if v > 0), default=top)
+        )
         text = escape(unit(self.unit))
         drawn = "".join(
             f"<span>{escape(label)}</span>{bar(value / top if math.isfinite(value) else 0, role)}"

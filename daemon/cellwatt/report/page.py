@@ -16,6 +16,8 @@ from cellwatt.report.figure import pack
 from cellwatt.report.provenance import Provenance
 from cellwatt.report.theme import custom_properties
 
+PAGE = "Page to write: pictures, tables and what they were made from, as one HTML file."
+"""Help of ``--report``."""
 Tone = Literal["good", "found", "part", "open"]
 
 

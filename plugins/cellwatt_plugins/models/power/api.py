@@ -16,6 +16,7 @@ from cellwatt_plugins.models.power.training import Trained, train
 from cellwatt_plugins.models.power.wording import as_json
 from cellwatt_plugins.models.progress import Advance
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.description import robot_file
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class PowerModel:
     trained: Trained
     moves: Moves
     arm: Arm
+    inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``power.json``, which ``cellwatt train power --json`` prints."""
@@ -43,6 +45,13 @@ class PowerModel:
         (out / "power.json").write_text(json.dumps(self.as_json()))
         return [out / name for name in ("model.onnx", *published, "power.json")]
 
+    def report(self, path: Place) -> None:
+        """Write the page of the training. Raises ``CellwattError`` where that fails or plotly is missing."""
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.models.power.report import report
+
+        report(self.trained, self.moves, self.arm.name, Provenance.here(self.inputs)).write(Path(path))
+
 
 def train_power(
     recordings: Places, *, robot: Place, meter: Places = (), seed: int = 0, progress: Advance | None = None
@@ -56,6 +65,8 @@ def train_power(
     ``ConfigError`` where the description lacks what it needs.
     """
     arm = Arm.load(robot)
-    moves = read_moves(paths_of(recordings), arm.joints, paths_of(meter))
+    recorded, metered = paths_of(recordings), paths_of(meter)
+    moves = read_moves(recorded, arm.joints, metered)
     with threadpool_limits(1):
-        return PowerModel(train(moves, arm, seed, progress), moves, arm)
+        trained = train(moves, arm, seed, progress)
+    return PowerModel(trained, moves, arm, (*recorded, *metered, robot_file(robot), arm.description.urdf))

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from cellwatt.report.page import PAGE
+
 FILE = click.Path(exists=True, path_type=Path)
 
 
@@ -18,9 +20,16 @@ FILE = click.Path(exists=True, path_type=Path)
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
 @click.option("--seed", default=0, show_default=True, help="Of the networks' first weights.")
+@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 def train_power(
-    recordings: tuple[Path, ...], robot: Path, meters: tuple[Path, ...], out: Path, seed: int, as_json: bool
+    recordings: tuple[Path, ...],
+    robot: Path,
+    meters: tuple[Path, ...],
+    out: Path,
+    seed: int,
+    page: Path | None,
+    as_json: bool,
 ) -> None:
     """Make a model of the currents and the supply power of a moving arm, from RECORDINGs of its moves.
 
@@ -35,4 +44,7 @@ def train_power(
     with progress_bar(1.0, quiet=as_json) as advance:
         model = api.train_power(recordings, robot=robot, meter=meters, seed=seed, progress=advance)
     files = [str(file) for file in model.save(out)]
+    if page is not None:
+        model.report(page)
+        files.append(str(page))
     click.echo(json.dumps(model.as_json()) if as_json else in_words(model.trained, model.moves, files))

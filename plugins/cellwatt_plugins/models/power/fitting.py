@@ -58,6 +58,8 @@ class Fitted:
 
     model: Hybrid
     structure: Structure
+    errors: Float
+    """(p,) standard errors, see ``fit_together``; none where no power was measured."""
     rows: int
 
 
@@ -117,8 +119,9 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
         problem = problem.reweighed(structure.effects)
     chosen = problem.chosen(structure.effects)
     torque, supply = problem.solution(structure.effects), None
+    errors: Float = np.empty(0)
     if len(problem.rows.shown.power):
-        torque, supply = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
+        torque, supply, errors = fit_together(problem, chosen, torque, structure.losses, structure.sharing)
     warmth = moves.temperature if WARM in structure.effects else None
     model = Hybrid(
         smoother=tuning.smoother,
@@ -134,4 +137,4 @@ def fit(moves: Moves, arm: Arm, tuning: Tuning, structure: Structure) -> Fitted:
     if structure.network:
         motion = model.motion(problem.rows, problem.design.shared)
         model = replace(model, leftover=Leftover.train(motion, problem.rows.torque - model.torque(motion), SEED))
-    return Fitted(model, structure, len(problem.rows))
+    return Fitted(model, structure, errors, len(problem.rows))

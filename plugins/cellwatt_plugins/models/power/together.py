@@ -26,8 +26,11 @@ STILL: Final = 1e-5
 
 def fit_together(
     problem: Problem, chosen: list[int], start: Solution, losses: tuple[str, ...], sharing: Sharing
-) -> tuple[Solution, Supply]:
-    """From separate fits of both; rows without power count for the currents only."""
+) -> tuple[Solution, Supply, Float]:
+    """Torque, supply and standard errors (p,) of ``Solution.row`` and ``Supply.vector``, from separate fits of both.
+
+    Rows without power count for the currents only.
+    """
     rows, shown, known = problem.rows, problem.rows.shown, problem.rows.shown.rows
     qd, count, shared = rows.qd[known], len(start.row), len(start.shared)
     columns = _columns(problem, chosen, shared)
@@ -48,8 +51,9 @@ def fit_together(
 
     first = np.concatenate([start.row, supplies.fit(drive, shown.power, belief, shown.matrix)[0].vector()])
     rounds = ROUNDS if np.isfinite(rows.torque).any() else ROUNDS_BLIND
-    x, _ = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
-    return Solution.of(x[:count], shared, problem.arm.joints, chosen), belief.mean.with_vector(x[count:])
+    x, last = gauss_newton(linearised, prior, first, rounds, STILL, lambda x: supplies.possible(x, count))
+    torque = Solution.of(x[:count], shared, problem.arm.joints, chosen)
+    return torque, belief.mean.with_vector(x[count:]), last.deviations
 
 
 def _columns(problem: Problem, chosen: list[int], shared: int) -> Float:

@@ -74,7 +74,7 @@ def in_words(trained: Trained, moves: Moves, files: list[str]) -> str:
         for method, score in trained.scores.items():
             if score.energy_mean is not None and moves.count > 1:
                 console.print(_poses(method, PoseTable.of(moves, score.energy)))
-        console.print("\n".join(_findings(trained)))
+        console.print("\n".join(findings(trained)))
         console.print(f"written: {', '.join(files)}", soft_wrap=True)
     return capture.get().rstrip()
 
@@ -111,7 +111,8 @@ def _poses(method: str, poses: PoseTable) -> Table:
     return table
 
 
-def _findings(trained: Trained) -> list[str]:
+def findings(trained: Trained) -> list[str]:
+    """Effects, losses, supply and doubts of the models, a line each."""
     structure, model = trained.fitted.structure, trained.fitted.model
     lines = [f"{BEST}: rigid bodies, rotors, Coulomb and viscous friction of each joint"]
     lines += [f"  + {effect}" for effect in (*structure.effects, *structure.losses)]

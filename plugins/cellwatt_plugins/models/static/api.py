@@ -14,6 +14,7 @@ from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import read_poses
 from cellwatt_plugins.models.static.training import Trained, steps, train, write
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.description import robot_file
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class StaticModel:
 
     trained: Trained
     arm: HeldArm
+    inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The report that ``cellwatt train static --json`` prints."""
@@ -30,6 +32,13 @@ class StaticModel:
     def save(self, folder: Place) -> list[Path]:
         """Write model.onnx (the best) and paper/*.onnx; return the files. Raises ``ModelError``."""
         return write(self.trained, self.arm, Path(folder))
+
+    def report(self, path: Place) -> None:
+        """Write the page of the training. Raises ``CellwattError`` where that fails or plotly is missing."""
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.models.static.report import report
+
+        report(self.trained, self.arm.arm.name, Provenance.here(self.inputs)).write(Path(path))
 
 
 def train_static(recordings: Places, *, robot: Place, progress: Advance = lambda share, text: None) -> StaticModel:
@@ -41,7 +50,9 @@ def train_static(recordings: Places, *, robot: Place, progress: Advance = lambda
     the description lacks what it needs, ``ModelError`` where there are too few poses.
     """
     described = Arm.load(robot)
-    poses = read_poses(paths_of(recordings), described.description)
+    recorded = paths_of(recordings)
+    poses = read_poses(recorded, described.description)
     arm = HeldArm.of(described, poses.q)
     with threadpool_limits(1):
-        return StaticModel(train(poses, arm, lambda: progress(1 / steps(len(poses)), "training")), arm)
+        trained = train(poses, arm, lambda: progress(1 / steps(len(poses)), "training"))
+    return StaticModel(trained, arm, (*recorded, robot_file(robot), described.description.urdf))

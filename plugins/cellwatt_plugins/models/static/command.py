@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from cellwatt.report.page import PAGE
+
 FILE = click.Path(exists=True, path_type=Path)
 
 
@@ -14,8 +16,9 @@ FILE = click.Path(exists=True, path_type=Path)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
 @click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
+@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
-def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, as_json: bool) -> None:
+def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Path | None, as_json: bool) -> None:
     """Make a model of the torque that an arm needs to hold still, from RECORDINGs of held poses.
 
     RECORDINGs are tables (Parquet, CSV) with q_i and torque_percent_i or torque_i and a column pose, what
@@ -30,6 +33,9 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, as_json: 
     with progress_bar(1.0, quiet=as_json) as advance:
         model = api.train_static(recordings, robot=robot, progress=advance)
     files = model.save(out)
+    if page is not None:
+        model.report(page)
+        files.append(page)
     report = {**model.as_json(), "files": [str(file) for file in files]}
     click.echo(json.dumps(report) if as_json else in_words(model.trained, files))
 

@@ -62,6 +62,8 @@ class Trained:
     curve: Curve
     findings: tuple[Finding, ...]
     poses: Poses
+    residual: Float
+    """(N, n) Nm: measured less modelled torque, of all poses."""
     networks: tuple[Perceptron, Perceptron]
     """The paper's plain network, and that of its hybrid."""
 
@@ -111,7 +113,8 @@ def train(poses: Poses, arm: HeldArm, step: Callable[[], None]) -> Trained:
     step()
     curve = learning_curve(poses, basis, effects, floor, scores.rmse, SEED, step)
     told_of = tuple(findings(checked.model, arm, basis))
-    return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, networks)
+    residual = poses.torque - checked.model.torque(basis)
+    return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, residual, networks)
 
 
 def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:

@@ -11,7 +11,7 @@ import numpy as np
 from cellwatt_plugins.models.static.conformal import COVERAGE
 from cellwatt_plugins.models.static.training import PUBLISHED, Method, Trained
 
-_TITLES: Final = {
+TITLES: Final = {
     "gravity": "gravity of the CAD model",
     "network": "network, 6 angles",
     "hybrid": "network on top of gravity",
@@ -44,7 +44,7 @@ def in_words(trained: Trained, files: Sequence[Path]) -> str:
 def _row(method: Method) -> str:
     scores = method.scores
     rmse, r2, mape = PUBLISHED.get(method.name, (None, None, None))
-    title = _TITLES[method.name] + (f" ({method.neurons})" if method.neurons else "")
+    title = TITLES[method.name] + (f" ({method.neurons})" if method.neurons else "")
     cells = (
         f"{scores.rmse:.2f} Nm" + ("" if rmse is None else f" ({rmse:.2f})"),
         f"{scores.r2:.4f}" + ("" if r2 is None else f" ({r2:.3f})"),

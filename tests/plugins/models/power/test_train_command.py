@@ -18,12 +18,37 @@ from cellwatt_plugins.models.command import predict, train
 from cellwatt_plugins.models.power import scg_network
 from cellwatt_plugins.models.predict import predict_file
 from cellwatt_plugins.models.seal import sealed
+from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.power.emulated_arm import write_case
+
+RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
     return write_case(tmp_path_factory.mktemp("case"), "six axes", 3, moves=3, unseen=2)
+
+
+def check_page(page, report):
+    check(page)
+    assert len(page.figures) == 5  # three moves, errors of all, residuals
+    for row in page.tables["Moves held out"][1:]:
+        told = report["held_out"][row[0]]
+        scores = [told[name] for name in ("energy_error_mean_percent", "energy_error_worst_percent", "power_rmse_watt")]
+        assert [numbers(cell)[0] for cell in row[1:4]] == pytest.approx(scores, abs=0.006)
+        currents = [100 * share for share in told["current_relative_rmse"]]
+        assert [numbers(cell)[0] for cell in row[4:]] == pytest.approx(currents, abs=0.06)
+    average = page.tables["Energy error of best"][-1][1:]
+    assert [numbers(c)[0] for c in average] == pytest.approx(report["tables"]["best"]["average_percent"], abs=0.006)
+    parameters = report["best"]["parameters"]
+    for name, *cells in page.tables["Torque"][1:]:
+        for cell, value in zip(cells, parameters[name], strict=True):
+            shown, *unsure = numbers(cell.split(")·")[0])[:2]
+            assert unsure, f"{name} has no uncertainty"
+            scale = 10.0 ** int(cell.split("·10")[1].translate(RAISED)) if "·10" in cell else 1.0
+            assert value == pytest.approx(scale * shown, abs=scale * unsure[0] + 1e-5)
+    standby = numbers(page.tables["Supply"][1][1])
+    assert standby[0] == pytest.approx(parameters["standby_watt"], abs=standby[1])
 
 
 def called(*words):
@@ -34,9 +59,11 @@ def called(*words):
 def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
     monkeypatch.setattr(scg_network, "ITERATIONS", 10)
     robot, table, unseen = case
-    done = called(table, "--robot", robot, "--out", tmp_path, "--json")
+    page = tmp_path / "page.html"
+    done = called(table, "--robot", robot, "--out", tmp_path, "--json", "--report", page)
     assert done.exit_code == 0, done.output
     report = json.loads(done.stdout)
+    check_page(read(page), report)
     assert report == json.loads((tmp_path / "power.json").read_text())
     assert set(report["held_out"]) == {"NLS", "SCG", "best"}
     assert report["held_out"]["best"]["energy_error_mean_percent"] < 5

@@ -21,6 +21,7 @@ from cellwatt_plugins.models.static import identify, learning, paper
 from cellwatt_plugins.models.static.conformal import half_width
 from cellwatt_plugins.models.static.learning import Curve, Point
 from cellwatt_plugins.models.static.scores import Scores
+from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.models.static import arms
 
 
@@ -35,7 +36,7 @@ def case(tmp_path_factory):
         patch.setattr(identify, "FOLDS", 3)
         patch.setattr(learning, "REPEATS", 1)
         given = ("static", folder / "samples.parquet", "--robot", robot, "--out")
-        report = json.loads(call(train, *given, folder / "a", "--json"))
+        report = json.loads(call(train, *given, folder / "a", "--json", "--report", folder / "page.html"))
         text = call(train, *given, folder / "b")
     return folder, unseen, report, text
 
@@ -46,6 +47,30 @@ def call(command, *words):
         raise done.exception
     assert done.exit_code == 0, done.output
     return done.output
+
+
+def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
+    folder, _, report, _ = case
+    page = read(folder / "page.html")
+    check(page)
+    assert page.title == "mh12: torque to hold still"
+    assert [text for tag, text in page.headings if tag == "h2"][:5] == [
+        "Measured beside predicted",
+        "Residual of each joint",
+        "Learning curve",
+        "Rivals",
+        "What the arm has and its CAD model lacks",
+    ]
+    assert len(page.figures) == 3
+    assert [len(trace["x"]) for trace in page.figures[1]["data"]] == [48] * 6
+    for row, method in zip(page.tables["Rivals"][1:], report["methods"], strict=True):
+        told = [numbers(cell)[0] for cell in row[2:]]
+        assert told == pytest.approx([method[name] for name in ("rmse", "r2", "mape", "accuracy")], abs=0.006)
+    figures = [figure for finding in report["findings"] for figure in finding["figures"]]
+    for row, figure in zip(page.tables["Figures of the arm"][1:], figures, strict=True):
+        assert numbers(row[3])[0] == pytest.approx(figure["value"], abs=figure["deviation"])
+    assert str(folder / "samples.parquet") in [row[0] for row in page.tables["Files"]]
+    assert ["page", str(folder / "page.html")] in page.tables["Settings"]
 
 
 def test_poses_never_collected_are_predicted(case, tmp_path):

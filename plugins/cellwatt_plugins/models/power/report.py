@@ -1,0 +1,209 @@
+"""The page of ``train power``: power beside predictions, residuals, rivals, and the model's numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.report import (
+    Axis,
+    Block,
+    Figure,
+    Folded,
+    Notes,
+    Panel,
+    Provenance,
+    Report,
+    Section,
+    Switch,
+    Table,
+    Tile,
+    heading,
+)
+from cellwatt.report.drawing import curve, dots, line
+from cellwatt.report.numbers import fixed, measured, number
+from cellwatt.report.theme import GOOD, MEASURED, MODEL, SIMULATION
+from cellwatt_plugins.models.power.moves import Moves
+from cellwatt_plugins.models.power.nls import JOINT_NUMBERS, Nls
+from cellwatt_plugins.models.power.scores import PoseTable, Score
+from cellwatt_plugins.models.power.training import BEST, Trained
+from cellwatt_plugins.models.power.wording import findings
+
+Float = NDArray[np.float64]
+
+COLOURS: Final = {"NLS": SIMULATION, "SCG": GOOD, BEST: MODEL}
+ROLES: Final = {"NLS": "simulation", "SCG": "good", BEST: "model"}
+ACROSS, SHOWN = 3, 3
+"""Joints side by side; moves drawn over time."""
+CURRENTS = "Currents: root mean square error of each joint, in per cent of the current's spread."
+OVER_TIME = "Each move predicted by models that had not seen it: the slowest, a middling and the fastest move."
+ERRORS = "Energy error of each move held out, %; and the power, predicted over measured."
+
+
+def report(trained: Trained, moves: Moves, robot: str, provenance: Provenance) -> Report:
+    """The page of a training."""
+    best = trained.scores[BEST]
+    if best.energy_mean is None:
+        said = "The model predicts the currents of moves that it has not seen; no power was measured."
+    else:
+        said = f"The model predicts the energy of moves that it has not seen to {best.energy_mean:.2f} % in the mean"
+        said += f", {best.energy_worst:.2f} % at worst."
+    known = [(name, score) for name, score in trained.scores.items() if score.energy_mean is not None]
+    groups = (
+        ("Moves held out", trained.scores),
+        ("Fastest moves, trained on slower ones", trained.faster),
+        ("Slowest moves, trained on faster ones", trained.slower),
+    )
+    return Report(
+        name=robot,
+        subject="current and power in motion",
+        facts=["current and power in motion", f"{moves.count} moves", f"{len(moves)} rows at {1 / moves.step:.4g} Hz"],
+        verdict=said,
+        tiles=[
+            Tile(name, f"{fixed(score.energy_mean, 2)} %", f"power {fixed(score.power, 2)} W rms", ROLES[name])
+            for name, score in known
+        ],
+        tiles_remark="Mean energy error of a move held out." if known else "",
+        sections=[
+            Section("Measured beside predicted", _over_time(trained, moves), OVER_TIME),
+            Section("Errors of the moves", _errors(trained, moves), ERRORS),
+            Section(
+                "Residual of each joint", _residuals(trained, moves), "Measured less predicted current over speed."
+            ),
+            Section(
+                "Rivals",
+                [b for title, scores in groups if scores for b in (heading(title), _rivals(title, scores))],
+                CURRENTS,
+            ),
+            Section("Energy error by start position and pose", _poses(trained, moves), "%, absolute."),
+            Section("The best model", [Notes([text.strip() for text in findings(trained)]), *_parameters(trained)]),
+            Section(
+                "NLS", [] if trained.nls is None else [_nls(trained.nls)], "The paper's numbers, with standard errors."
+            ),
+        ],
+        provenance=provenance,
+    )
+
+
+def _over_time(trained: Trained, moves: Moves) -> list[Block]:
+    """Power of three moves, and what is left of it; nothing without power."""
+    bounds = [(a, b) for a, b in moves.bounds() if np.isfinite(moves.power[a:b]).any()]
+    speeds = [float(np.sqrt(np.mean(moves.qd[a:b] ** 2))) for a, b in bounds]
+    order = np.argsort(speeds)
+    picked = dict.fromkeys(order[[0, len(order) // 2, -1]].tolist()) if bounds else {}
+    drawn = [_move(trained, moves, bounds[i], n) for n, i in enumerate(picked)]
+    names = [f"move {int(moves.move[bounds[i][0]]) + 1}, {speeds[i]:.2f} rad/s rms" for i in picked]
+    return [Switch("move", names), *drawn]
+
+
+def _move(trained: Trained, moves: Moves, bounds: tuple[int, int], which: int) -> Figure:
+    part = slice(*bounds)
+    power, step = moves.power[part], moves.step
+    upper = [curve("measured", power, MEASURED, step=step, width=2.4)]
+    lower = []
+    for name, (watts, _) in trained.predictions.items():
+        upper.append(curve(name, watts[part], COLOURS[name], step=step))
+        lower.append(curve(name, power - watts[part], COLOURS[name], step=step, width=1.1))
+    rows = [[Panel(upper, Axis("s"), Axis("power, W"))], [Panel(lower, Axis("s"), Axis("measured −, W"))]]
+    label = f"Power of move {which + 1} of {SHOWN}: measured and predicted, and what is left"
+    return Figure(label, rows, (190, 110), "x", layout={"hovermode": "x unified"}, when=("move", which))
+
+
+def _errors(trained: Trained, moves: Moves) -> list[Block]:
+    """Energy error of each move by method, and predicted over measured power."""
+    if not np.isfinite(moves.power).any():
+        return []
+    numbers = np.arange(1, moves.count + 1)
+    errors = [
+        dots(name, numbers, [np.nan if e is None else e for e in score.energy], COLOURS[name], size=6, opacity=0.8)
+        for name, score in trained.scores.items()
+    ]
+    known = moves.power[np.isfinite(moves.power)]
+    ends = [float(known.min()), float(known.max())]
+    powers = [dots(name, moves.power, watts, COLOURS[name]) for name, (watts, _) in trained.predictions.items()]
+    left = Panel(errors, Axis("move"), Axis("energy error, %"))
+    right = Panel([*powers, line("", ends, ends, MEASURED, dash="dash")], Axis("measured, W"), Axis("predicted, W"))
+    return [Figure("Energy error of each move, and power predicted over measured", [[left, right]], (260,))]
+
+
+def _residuals(trained: Trained, moves: Moves) -> list[Block]:
+    """Measured less predicted current of each joint over its velocity."""
+    if not np.isfinite(moves.current).any():
+        return []
+    panels = [
+        Panel(
+            [dots(BEST, moves.qd[:, j], moves.current[:, j] - trained.predictions[BEST][1][:, j], MODEL)],
+            Axis("rad/s"),
+            Axis("A" if j % ACROSS == 0 else ""),
+            title=f"joint {j + 1}",
+        )
+        for j in range(moves.joints)
+    ]
+    rows = [panels[i : i + ACROSS] for i in range(0, len(panels), ACROSS)]
+    return [Figure("Residual of each joint's current over its speed", rows, [170] * len(rows), legend=False)]
+
+
+def _rivals(title: str, scores: dict[str, Score]) -> Table:
+    joints = len(next(iter(scores.values())).current)
+    heads = ["method", "energy error, mean, %", "worst, %", "power RMSE, W"]
+    heads += [f"current {j + 1}, %" for j in range(joints)]
+    rows = [
+        [
+            name,
+            *(fixed(value, 2) for value in (score.energy_mean, score.energy_worst, score.power)),
+            *(fixed(None if value is None else 100 * value, 1) for value in score.current),
+        ]
+        for name, score in scores.items()
+    ]
+    return Table(title, heads, rows)
+
+
+def _poses(trained: Trained, moves: Moves) -> list[Block]:
+    """Tables I and II of the paper, for each method."""
+    if moves.count < 2:
+        return []
+    tables = {n: PoseTable.of(moves, s.energy) for n, s in trained.scores.items() if s.energy_mean is not None}
+    return [Folded(name, [_pose_table(name, poses)], name == BEST) for name, poses in tables.items()]
+
+
+def _pose_table(name: str, poses: PoseTable) -> Table:
+    rows = [[f"pose {k + 1}", *(fixed(each[k], 2) for each in poses.errors)] for k in range(len(poses.errors[0]))]
+    rows.append(["average", *(fixed(each, 2) for each in poses.averages())])
+    heads = ["", *(f"start {i + 1}" for i in range(len(poses.positions)))]
+    return Table(f"Energy error of {name}", heads, rows)
+
+
+def _parameters(trained: Trained) -> Sequence[Block]:
+    """Numbers of the torque by joint, and of the supply, with standard errors where power was measured."""
+    model, errors = trained.fitted.model, trained.fitted.errors
+    shared, joints = len(model.inertial), model.weights.shape[1]
+    unsure: Float = np.full(model.weights.shape, np.nan)
+    if len(errors):
+        unsure = errors[shared : shared + model.weights.size].reshape(joints, -1).T
+    heads = ["Nm for 1 of each term", *(f"joint {j + 1}" for j in range(joints))]
+    rows = [
+        [term, *(measured(v, s) for v, s in zip(values, spread, strict=True))]
+        for term, values, spread in zip(model.terms, model.weights, unsure, strict=True)
+    ]
+    out = [Table("Torque", heads, rows)]
+    if model.supply is not None:
+        supply = model.supply
+        names = ["standing by, W", "drawn for 1 W taken", "saved for 1 W given back", "brakes, W"]
+        names += [f"{term}, joint {j + 1}" for term in supply.terms for j in range(joints)]
+        spread: Float = errors[shared + model.weights.size :] if len(errors) else np.full(len(names), np.nan)
+        known = zip(names, supply.vector(), spread, strict=True)
+        out.append(Table("Supply", ("supply", "value"), [[name, measured(v, s)] for name, v, s in known]))
+    return out
+
+
+def _nls(nls: Nls) -> Table:
+    units = ("Nm/A", "kg m²", "Nm s/rad", "Nm", "Nm", "rad/s", "Nm")
+    heads = ["joint", *(f"{name.replace('_', ' ')}, {u}" for name, u in zip(JOINT_NUMBERS, units, strict=True))]
+    rows = [
+        [f"joint {j + 1}", *(measured(v, e) if e else number(v) for v, e in zip(values, errors, strict=True))]
+        for j, (values, errors) in enumerate(zip(nls.joints, nls.errors[0], strict=True))
+    ]
+    return Table("NLS", heads, rows)

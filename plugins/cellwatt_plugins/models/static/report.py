@@ -1,0 +1,142 @@
+"""The page of ``train static``: predictions beside measurements, the learning curve, rivals, and the arm's figures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cellwatt.report import Axis, Bars, Figure, Notes, Panel, Provenance, Report, Section, Table, Tile
+from cellwatt.report.drawing import band, dots, line
+from cellwatt.report.numbers import fixed, measured, number
+from cellwatt.report.theme import GOOD, MEASURED, MODEL, NOISE, SIMULATION
+from cellwatt_plugins.models.static.conformal import COVERAGE
+from cellwatt_plugins.models.static.training import PUBLISHED, Method, Trained
+from cellwatt_plugins.models.static.wording import TITLES
+
+ACROSS = 3
+"""Joints side by side."""
+SEEN = (
+    "Each pose predicted by a model that had not seen it. Band: {share:.0f} % of new poses lie within ± {width:.2f} Nm."
+)
+RIVALS = "On the fifth of the poses that no method had seen; in brackets the published figures."
+
+
+def report(trained: Trained, robot: str, provenance: Provenance) -> Report:
+    """The page of a training."""
+    best, curve = trained.scores, trained.curve
+    roles = {"gravity": "simulation", "hybrid": "refit", "best": "model"}
+    bars = [(TITLES[m.name], roles.get(m.name, "measured"), m.scores.rmse) for m in trained.methods]
+    seen = SEEN.format(share=100 * COVERAGE, width=trained.widths.told)
+    noise = trained.checked.model.posterior.noise
+    facts = "Standard deviations after ±; evidence: natural log of how much more probable it makes the measurements."
+    return Report(
+        name=robot,
+        subject="torque to hold still",
+        facts=["torque to hold still", f"{len(trained.poses)} poses", f"{len(noise)} joints"],
+        verdict=f"Poses that the model has not seen are predicted to {best.rmse:.2f} Nm, {best.mape:.2f} %.",
+        tiles=[
+            Tile(TITLES[m.name], f"{m.scores.rmse:.2f} Nm", f"{m.scores.mape:.2f} %", roles[m.name])
+            for m in trained.methods
+            if m.name in roles
+        ],
+        tiles_remark="RMSE of the absolute sum of the torques on poses held out of all methods.",
+        sections=[
+            Section("Measured beside predicted", [_predicted(trained)], seen),
+            Section(
+                "Residual of each joint", [_residuals(trained)], "Nm over the joint's position. Band: ± 2 × noise."
+            ),
+            Section("Learning curve", [_learning(trained), curve.in_words()]),
+            Section("Rivals", [Bars(bars, "Nm"), _methods(trained)], RIVALS),
+            Section("What the arm has and its CAD model lacks", [_figures(trained), _findings(trained)], facts),
+            Section("Notes", [Notes(trained.poses.notes)]),
+        ],
+        provenance=provenance,
+    )
+
+
+def _predicted(trained: Trained) -> Figure:
+    """Predicted over measured sums, and what is left over them."""
+    total, predicted = trained.poses.total, trained.checked.predicted
+    ends = np.array([total.min(), total.max()])
+    x = Axis("measured, Nm")
+    left = Panel(
+        [line("equal", ends, ends, MEASURED, dash="dash"), dots("pose", total, predicted, MODEL)],
+        x,
+        Axis("predicted, Nm"),
+    )
+    width = trained.widths.told
+    right = Panel(
+        [dots("pose", total, total - predicted, MODEL)], x, Axis("difference, Nm"), band(-width, width, NOISE)
+    )
+    label = "Absolute sum of the torques: predicted over measured, and their difference"
+    return Figure(label, [[left, right]], (280,), legend=False)
+
+
+def _residuals(trained: Trained) -> Figure:
+    """Measured less modelled torque of each joint over its position."""
+    noise = trained.checked.model.posterior.noise
+    panels = [
+        Panel(
+            [dots("pose", trained.poses.q[:, j], trained.residual[:, j], MODEL)],
+            Axis("rad"),
+            Axis("Nm" if j % ACROSS == 0 else ""),
+            band(-2 * noise[j], 2 * noise[j], NOISE),
+            f"joint {j + 1}",
+        )
+        for j in range(len(noise))
+    ]
+    rows = [panels[i : i + ACROSS] for i in range(0, len(panels), ACROSS)]
+    return Figure("Residual of each joint over its position", rows, [170] * len(rows), legend=False)
+
+
+def _learning(trained: Trained) -> Figure:
+    curve = trained.curve
+    poses = [p.poses for p in curve.points]
+    ends = [min([*poses, curve.poses]), curve.poses]
+    drawn = [
+        line("best and worst draw", poses, [p.highest for p in curve.points], NOISE, dash="dot"),
+        line("best and worst draw", poses, [p.lowest for p in curve.points], NOISE, dash="dot"),
+        line("poses held out", poses, [p.rmse for p in curve.points], MODEL, dots=True),
+        dots("all poses, each left out once", [curve.poses], [curve.reached], SIMULATION, size=9, opacity=1),
+        line("scatter of a pose", ends, [curve.floor] * 2, GOOD, dash="dash"),
+    ]
+    ticks = {float(count): str(count) for count in (*poses, curve.poses)}
+    rows = [[Panel(drawn, Axis("poses", log=True, ticks=ticks), Axis("RMSE, Nm"))]]
+    return Figure("Error over the number of poses that a model is made from", rows, (240,))
+
+
+def _methods(trained: Trained) -> Table:
+    heads = ("method", "neurons", "RMSE, Nm", "R²", "MAPE, %", "accuracy, %")
+    return Table("Rivals", heads, [_method(method) for method in trained.methods])
+
+
+def _method(method: Method) -> list[str]:
+    scores = method.scores
+    published = PUBLISHED.get(method.name)
+    known = [""] * 3 if published is None else [f" ({value:g})" for value in published]
+    cells = (fixed(scores.rmse, 2), fixed(scores.r2, 4), fixed(scores.mape, 2))
+    neurons = "–" if method.neurons is None else str(method.neurons)
+    told = [cell + paper for cell, paper in zip(cells, known, strict=True)]
+    return [TITLES[method.name], neurons, *told, fixed(scores.accuracy, 2)]
+
+
+def _figures(trained: Trained) -> Table:
+    """Every figure of the findings with its standard deviation."""
+    rows = [
+        [
+            finding.kind,
+            ", ".join(map(str, finding.joints)) or "all",
+            figure.name,
+            measured(figure.value, figure.deviation),
+            figure.unit,
+            "–" if finding.evidence is None else number(finding.evidence),
+        ]
+        for finding in trained.findings
+        for figure in finding.figures
+    ]
+    return Table("Figures of the arm", ("effect", "joint", "figure", "value", "unit", "evidence"), rows)
+
+
+def _findings(trained: Trained) -> Notes:
+    odd = np.unique(np.argwhere(trained.checked.model.odd)[:, 0]) + 1
+    left_out = [f"Not used, as they fit nothing else: torques in pose {', '.join(map(str, odd))}."] if odd.size else []
+    return Notes([*(finding.statement for finding in trained.findings), *left_out])
