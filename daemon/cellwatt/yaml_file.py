@@ -26,7 +26,7 @@ class NotYamlError(yaml.YAMLError, ValueError):
 
 
 def read_yaml(path: Path, limit: int = WRITTEN) -> Any:
-    """What is in a YAML file of at most ``limit`` bytes.
+    """Content of a YAML file of at most ``limit`` bytes.
 
     Raises ``OSError``, ``UnicodeDecodeError`` or ``NotYamlError``; the first line of their text says why.
     """
@@ -34,9 +34,9 @@ def read_yaml(path: Path, limit: int = WRITTEN) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """What a YAML text says. Raises ``NotYamlError``."""
+    """Content of a YAML text. Raises ``NotYamlError``."""
     try:
-        _check(text)
+        check_bounds(text)
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise NotYamlError(" ".join(str(error).split())[:_LONGEST]) from error
@@ -45,7 +45,7 @@ def parse_yaml(text: str) -> Any:
         raise NotYamlError(f"a value cannot be read: {' '.join(str(error).split())[:_LONGEST]}") from error
 
 
-def _check(text: str) -> None:
+def check_bounds(text: str) -> None:
     """Raise ``yaml.YAMLError`` where the text is nested too deeply or stands for too many values."""
     sizes: list[int] = [0]
     depths: list[int] = [0]

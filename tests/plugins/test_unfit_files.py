@@ -24,7 +24,7 @@ from cellwatt_plugins.energy.procedure.cube import load_cube
 from cellwatt_plugins.energy.procedure.log import read_log
 from cellwatt_plugins.energy.recordings import read_reading
 from cellwatt_plugins.faults import reference
-from cellwatt_plugins.faults.api import _described, _robot_name
+from cellwatt_plugins.faults.api import _described
 from cellwatt_plugins.faults.paper import equation
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.mismatch.model import load_model
@@ -46,8 +46,7 @@ READERS: dict[str, tuple[str, Read]] = {
     "reference": ("reference.yaml", reference.load),
     "power equation": ("equation.yaml", equation.load),
     "model": ("model.yaml", load_model),
-    "--robot": ("arm.yaml", lambda path: _robot_name(str(path))),
-    "--robot described": ("arm.yaml", lambda path: _described(str(path))),
+    "--robot": ("arm.yaml", lambda path: _described(str(path))),
     "cube": ("cube.yaml", lambda path: load_cube("ur10e", path)),
     "energy.json": ("energy.json", lambda path: load_known(path, SimpleNamespace())),  # type: ignore[arg-type]
     "campaign.json": ("campaign.json", read_log),

@@ -2,16 +2,22 @@
 
 from cellwatt.config.cell import CellConfig, FrameSettings, SinkConfig, SourceConfig, StageConfig
 from cellwatt.config.loading import load
+from cellwatt.config.places import KeyPath
 from cellwatt.config.public import public_config
 from cellwatt.config.schema import json_schema
+from cellwatt.config.settings_file import Check, read_settings, version
 
 __all__ = [
     "CellConfig",
+    "Check",
     "FrameSettings",
+    "KeyPath",
     "SinkConfig",
     "SourceConfig",
     "StageConfig",
     "json_schema",
     "load",
     "public_config",
+    "read_settings",
+    "version",
 ]

@@ -7,7 +7,6 @@ look like. Anchors, aliases and merge keys (``<<``) work; duplicate keys and unk
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,10 +17,10 @@ import yaml
 
 from cellwatt.config.environment import expand
 from cellwatt.config.nodes import (
-    DEEPEST,
-    LARGEST_TREE,
     LONGEST,
+    SETTINGS_FILE,
     TAG,
+    Bounds,
     compose,
     mark_of,
     place,
@@ -33,6 +32,7 @@ from cellwatt.config.nodes import (
 from cellwatt.config.places import KeyPath, Mark, Place
 from cellwatt.config.secret import HIDDEN
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.yaml_file import DEEPEST
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
@@ -120,14 +120,19 @@ class Document:
         return value
 
 
-def read(file: Path, environ: Mapping[str, str] = os.environ) -> Document:
-    """Read a settings file. Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top."""
-    text, node = compose(file)
+def read(
+    file: Path, environ: Mapping[str, str], *, bounds: Bounds = SETTINGS_FILE, expected: str = "site, cell and sources"
+) -> Document:
+    """Read a settings file; ``expected`` names the keys that it should have.
+
+    Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
+    """
+    text, node = compose(file, bounds, expected)
     if not isinstance(node, yaml.MappingNode):
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
-        message = f"found {found}, expected settings (key: value) starting with site, cell and sources"
+        message = f"found {found}, expected settings (key: value) starting with {expected}"
         raise ConfigError([problem(file, mark_of(node), message)])
-    builder = _Builder(file, environ)
+    builder = _Builder(file, environ, bounds)
     value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
     return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes)
@@ -136,8 +141,9 @@ def read(file: Path, environ: Mapping[str, str] = os.environ) -> Document:
 class _Builder:
     """Turns nodes into values and notes their places, environment and mistakes."""
 
-    def __init__(self, file: Path, environ: Mapping[str, str]) -> None:
+    def __init__(self, file: Path, environ: Mapping[str, str], bounds: Bounds) -> None:
         self.file = file
+        self.bounds = bounds
         self.environ = environ
         self.places: dict[KeyPath, Place] = {}
         self.environment: dict[KeyPath, str] = {}
@@ -254,8 +260,8 @@ class _Builder:
 
     def _limit(self, count: int, node: yaml.Node, path: KeyPath) -> None:
         """Aliases and merges may stand for more than is written."""
-        if count > LARGEST_TREE or len(self._open) > DEEPEST:
-            raise ConfigError([problem(self.file, mark_of(node), too_much(count), path)])
+        if count > self.bounds.values or len(self._open) > DEEPEST:
+            raise ConfigError([problem(self.file, mark_of(node), too_much(count, self.bounds), path)])
 
     def _mistake(self, path: KeyPath, mark: Mark, message: str) -> None:
         self.mistakes.setdefault(path, []).append(problem(self.file, mark, message, path))

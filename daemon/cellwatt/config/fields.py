@@ -1,10 +1,11 @@
-"""What a settings class looks like: its keys at a place, and which of them are paths."""
+"""Structure of a settings class: its keys at a place, and which of them are paths."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_type_hints
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -12,21 +13,33 @@ from pydantic.fields import FieldInfo
 from cellwatt.config.places import KeyPath
 
 
-def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Fields by the key that is written in the file."""
+def fields_of(model: type[Any]) -> dict[str, FieldInfo]:
+    """Fields of a settings class or a dataclass by the key that is written in the file."""
+    if not issubclass(model, BaseModel):
+        hints = get_type_hints(model, include_extras=True)
+        return {field.name: _info(hints[field.name], field) for field in dataclasses.fields(model)}
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def models_in(annotation: Any) -> list[type[BaseModel]]:
+def _info(annotation: Any, field: dataclasses.Field[Any]) -> FieldInfo:
+    if field.default is field.default_factory is dataclasses.MISSING:
+        return FieldInfo.from_annotation(annotation)
+    return FieldInfo.from_annotated_attribute(annotation, field.default)
+
+
+def models_in(annotation: Any) -> list[type[Any]]:
     """Settings classes within a type, e.g. in ``dict[str, Tolerance] | None``."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if isinstance(annotation, type) and (issubclass(annotation, BaseModel) or dataclasses.is_dataclass(annotation)):
         return [annotation]
     return [model for argument in get_args(annotation) for model in models_in(argument)]
 
 
-def fields_at(model: type[BaseModel], path: KeyPath) -> dict[str, FieldInfo]:
-    """Fields allowed in the mapping at ``path`` below a settings class; keys of free mappings are passed over."""
-    models = [model]
+def fields_at(kind: Any, path: KeyPath) -> dict[str, FieldInfo]:
+    """Fields allowed in the mapping at ``path`` below a settings class, or a type that holds some.
+
+    Keys of free mappings are passed over.
+    """
+    models = models_in(kind)
     for part in path:
         inner = [i for m in models for i in models_in(_annotation(m, part))]
         models = inner or models
@@ -58,13 +71,13 @@ def _first_change(annotations: Iterable[Any], value: Any, folder: Path) -> Any:
     return value
 
 
-def _annotation(model: type[BaseModel], key: str | int) -> Any:
+def _annotation(model: type[Any], key: str | int) -> Any:
     field = fields_of(model).get(str(key))
     return field.annotation if field is not None else None
 
 
 def _holds_path(annotation: Any) -> bool:
-    """Whether a single text of this type is a path (``Path``, ``FilePath | None``, but not ``list[Path]``)."""
+    """True if a single text of this type is a path (``Path``, ``FilePath | None``, but not ``list[Path]``)."""
     if isinstance(annotation, type):
         return issubclass(annotation, Path)
     origin = getattr(annotation, "__origin__", None)

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import yaml
 
 from cellwatt.config.places import KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.files import read_bytes
+from cellwatt.files import COMPUTED, read_bytes
+from cellwatt.yaml_file import DEEPEST, MOST_VALUES, check_bounds
 
-LARGEST_FILE = 1_000_000  # bytes
-LARGEST_TREE = 20_000
-"""Values in a file, also after aliases and merges are followed; a few nested ones can stand for billions."""
-DEEPEST = 50
-"""Lists and settings within each other."""
+
+class Bounds(NamedTuple):
+    """How large a file may be; ``values`` count also after aliases and merges are followed: a few nested ones can
+    stand for billions."""
+
+    bytes: int
+    values: int
+
+
+SETTINGS_FILE = Bounds(1_000_000, 20_000)
+COMPUTED_FILE = Bounds(COMPUTED, MOST_VALUES)
+"""Of a file that a command wrote."""
 LONGEST = 1_000
 """Characters of a message, and of the key path in front of it."""
 LONGEST_VALUE = 60
@@ -39,9 +47,9 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         self._nodes += 1
-        if self._nodes > LARGEST_TREE or self._depth > DEEPEST:
+        if self._nodes > SETTINGS_FILE.values or self._depth > DEEPEST:
             event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-            raise _TooMuchError(None, None, too_much(self._nodes), event.start_mark)
+            raise _TooMuchError(None, None, too_much(self._nodes, SETTINGS_FILE), event.start_mark)
         self._depth += 1
         node = super().compose_node(parent, index)
         self._depth -= 1
@@ -62,21 +70,34 @@ for _name, _pattern, _first in (
     _Loader.add_implicit_resolver(f"{TAG}{_name}", re.compile(rf"(?:{_pattern})\Z"), list(_first))
 
 
-def compose(file: Path) -> tuple[str, yaml.Node]:
-    """The text of a file and its root node. Raises ``ConfigError`` where it cannot be read, is empty or not YAML."""
-    text = _text(file)
+class _LargeLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """The same schema at the speed of C; ``check_bounds`` looks at the size first."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = _Loader.yaml_implicit_resolvers
+
+
+def compose(file: Path, bounds: Bounds, expected: str) -> tuple[str, yaml.Node]:
+    """Text of a file and its root node; ``expected`` names the keys that it should have.
+
+    Raises ``ConfigError`` where it cannot be read, is empty or not YAML.
+    """
+    text = _text(file, bounds.bytes)
     try:
-        node = yaml.compose(text, Loader=_Loader)
+        if bounds is SETTINGS_FILE:
+            node = yaml.compose(text, Loader=_Loader)
+        else:
+            check_bounds(text)
+            node = yaml.compose(text, Loader=_LargeLoader)
     except yaml.YAMLError as error:
         raise ConfigError([_syntax(file, text, error)]) from error
     if node is None:
-        raise ConfigError([problem(file, Mark(1, 1), "the file is empty; expected site, cell and sources")])
+        raise ConfigError([problem(file, Mark(1, 1), f"the file is empty; expected {expected}")])
     return text, node
 
 
-def too_much(values: int) -> str:
-    """What is said of a file that has so many values, or else is nested too deeply."""
-    what = f"more than {LARGEST_TREE:,} values" if values > LARGEST_TREE else f"nested more than {DEEPEST} deep"
+def too_much(values: int, bounds: Bounds) -> str:
+    """Text for a file that has so many values, or else is nested too deeply."""
+    what = f"more than {bounds.values:,} values" if values > bounds.values else f"nested more than {DEEPEST} deep"
     return f"{what}: this is no settings file"
 
 
@@ -105,9 +126,9 @@ def place(file: Path, mark: Mark) -> str:
     return f"{file}:{mark.line}:{mark.column}"
 
 
-def _text(file: Path) -> str:
+def _text(file: Path, limit: int) -> str:
     try:
-        content = read_bytes(file, LARGEST_FILE)
+        content = read_bytes(file, limit)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise ConfigError([Problem(str(file), "", f"cannot be read: {reason[:1].lower()}{reason[1:]}")]) from error

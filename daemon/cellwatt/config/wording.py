@@ -1,4 +1,4 @@
-"""What pydantic found, in words for the person who wrote the file."""
+"""Findings of pydantic in words for the person who wrote the file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from cellwatt.config.document import Document
@@ -21,6 +21,8 @@ from cellwatt.errors import Problem
 _LONGEST_WORD = 100  # characters of a key that is compared with others
 _MOST_SIBLINGS = 200  # unknown keys that may be a missing one misspelt
 
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+_MISSING = ("missing", "missing_argument")
 _SETTINGS, _LIST = _COLLECTIONS = "settings (key: value)", "a list"
 
 _EXPECTED = {
@@ -43,6 +45,7 @@ _EXPECTED = {
     "mapping_type": _SETTINGS,
     "model_type": _SETTINGS,
     "model_attributes_type": _SETTINGS,
+    "dataclass_type": _SETTINGS,
     "none_required": "nothing",
     "path_not_file": "a file that exists (relative paths start at the folder of the settings file)",
     "path_not_directory": "a folder that exists (relative paths start at the folder of the settings file)",
@@ -115,14 +118,17 @@ def found(document: Document, path: KeyPath) -> str:
 
 
 def explain(
-    error: ValidationError, model: type[BaseModel], document: Document, section: KeyPath, told: Collection[KeyPath]
+    error: ValidationError, model: Any, document: Document, section: KeyPath, told: Collection[KeyPath]
 ) -> tuple[list[Problem], int]:
     """One problem per mistake that a settings class found in the mapping at ``section``, except at places ``told``.
 
     Words for more than are told of a file are not looked for: the second is how many there are beside.
     """
     findings = [_located(details, document, section) for details in error.errors(include_url=False)]
-    unknown = {f.path for f in findings if f.kind == "extra_forbidden"}
+    unknown = {f.path for f in findings if f.kind in _UNKNOWN}
+    # pydantic leaves wrong entries out and then finds too few.
+    above = {f.path[:i] for f in findings for i in range(len(f.path))}
+    findings = [f for f in findings if f.kind != "too_short" or f.path not in above]
     grouped: dict[KeyPath, list[_Finding]] = {}
     for finding in findings:
         if finding.path not in told and not _misspelt(finding, unknown):
@@ -142,27 +148,27 @@ def _located(error: ErrorDetails, document: Document, section: KeyPath) -> _Find
         # Parts that are no key are pydantic's names for the members of a union.
         if (*path, part) in document.places:
             path = (*path, part)
-    if error["type"] == "missing":
+    if error["type"] in _MISSING:
         path = (*path, error["loc"][-1])
     return _Finding(path, error, path[len(section) :])
 
 
 def _misspelt(finding: _Finding, unknown: set[KeyPath]) -> bool:
-    """Whether a missing key is told already by the unknown one that was meant to be it."""
-    if finding.kind != "missing":
+    """True if a missing key is told already by the unknown one that was meant to be it."""
+    if finding.kind not in _MISSING:
         return False
     siblings = (str(u[-1]) for u in unknown if u[:-1] == finding.path[:-1])
     return any(nearest(s, [str(finding.path[-1])]) for s in islice(siblings, _MOST_SIBLINGS))
 
 
-def _problem(group: Sequence[_Finding], model: type[BaseModel], document: Document) -> Problem:
+def _problem(group: Sequence[_Finding], model: Any, document: Document) -> Problem:
     first = group[0]
-    if first.kind == "missing":
+    if first.kind in _MISSING:
         fields = fields_at(model, first.inside[:-1])
         field = fields.get(str(first.path[-1]))
         text = missing_key(str(first.path[-1]), field.description if field else None)
         return document.problem(first.path[:-1], text, at_key=True)
-    if first.kind == "extra_forbidden":
+    if first.kind in _UNKNOWN:
         choices = list(fields_at(model, first.inside[:-1]))
         return document.problem(first.path, unknown_key(first.path[-1], choices), at_key=True)
     if first.kind == "invalid_key":
@@ -194,7 +200,7 @@ def _expected(error: ErrorDetails) -> str:
     if template is None:
         text = error["msg"].removeprefix("Input should be ").removeprefix("Value should ")
         return " ".join(text.split())
-    return template.format(**context)
+    return template.format(**{key: f"{v:g}" if isinstance(v, float) else v for key, v in context.items()})
 
 
 def _hint(group: Sequence[_Finding], document: Document) -> str:

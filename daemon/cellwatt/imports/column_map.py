@@ -1,4 +1,4 @@
-"""Which column of a published format is which channel, in which unit: a YAML file that a user can override."""
+"""Columns of a published format and their channels with units: a YAML file that a user can override."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cellwatt.channel import UNITS
+from cellwatt.config import read_settings
 from cellwatt.errors import ConfigError
-from cellwatt.yaml_file import NotYamlError, read_yaml
 
 FOLDER = files("cellwatt.imports") / "maps"
 
@@ -77,12 +77,4 @@ def read_map(name: str) -> ColumnMap:
         path = Path(str(FOLDER / f"{name}.yaml"))
     elif path.suffix not in {".yaml", ".yml"}:
         raise ConfigError(f"no format is called {name!r}: take {', '.join(shipped_maps())}, or a YAML file of your own")
-    try:
-        return ColumnMap.model_validate(read_yaml(path))
-    except OSError as error:
-        raise ConfigError(f"{path} cannot be read: {error.strerror}") from error
-    except NotYamlError as error:
-        raise ConfigError(f"{path}: {error}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    return read_settings(path, ColumnMap)

@@ -9,12 +9,11 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from cellwatt.channel import UNITS, Channel
-from cellwatt.config.document import read
-from cellwatt.config.places import first
-from cellwatt.config.wording import did_you_mean, explain
+from cellwatt.config import read_settings
+from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import ConfigError
 from cellwatt.files import WRITTEN, check_file
 from cellwatt.quantity import Seconds
@@ -123,16 +122,7 @@ class Decoding:
 
 def load_map(path: Path) -> SensorMap:
     """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
-    document = read(path, {})
-    more = 0
-    mistakes = [p for found in document.mistakes.values() for p in found]
-    try:
-        made = SensorMap.model_validate(document.value)
-    except ValidationError as error:
-        told, more = explain(error, SensorMap, document, (), set(document.mistakes))
-        mistakes += told
-    if mistakes:
-        raise ConfigError(first(mistakes, more))
+    made = read_settings(path, SensorMap)
     return made.model_copy(update={"dbc": path.parent / made.dbc})
 
 

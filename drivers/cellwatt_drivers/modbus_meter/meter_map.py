@@ -7,13 +7,10 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from cellwatt.channel import Channel
-from cellwatt.config.document import read
-from cellwatt.config.places import first
-from cellwatt.config.wording import explain
-from cellwatt.errors import ConfigError
+from cellwatt.config import read_settings
 from cellwatt_drivers.modbus_meter.registers import LONGEST, RegisterType, Slot, WordOrder, width
 
 MeterName = Literal[
@@ -161,17 +158,7 @@ class MeterMap(_Part):
 
 def load_map(path: Path) -> MeterMap:
     """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
-    document = read(path, {})
-    more = 0
-    mistakes = [p for found in document.mistakes.values() for p in found]
-    try:
-        made = MeterMap.model_validate(document.value)
-    except ValidationError as error:
-        told, more = explain(error, MeterMap, document, (), set(document.mistakes))
-        mistakes += told
-    if mistakes:
-        raise ConfigError(first(mistakes, more))
-    return made
+    return read_settings(path, MeterMap)
 
 
 def packaged_map(name: MeterName) -> MeterMap:

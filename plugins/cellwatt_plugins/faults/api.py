@@ -8,19 +8,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel
 
+from cellwatt.config import read_settings
 from cellwatt.errors import ConfigError, ModelError, RecordingError
 from cellwatt.files import Place, Places, paths_of
 from cellwatt.frames import Frames
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
-from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.learn import Cell, learn
 from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load, save
 from cellwatt_plugins.faults.trace import Trace
+from cellwatt_plugins.robot.description import robot_file
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
@@ -86,11 +88,12 @@ def reference(
     own, one a table. ``arm`` is the source with the joints, where several have joints; ``power`` the channel of the
     power. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` where no task recurs.
     """
-    name = _robot_name(robot)
+    described = _described(robot)
     blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
-    if robot is not None and _described(robot):
+    if robot is not None and described is not None and described.urdf and described.joints:
         return _learned_with_cycles(blocks, Path(robot), arm, power)
-    learned, tasks = learn_from(blocks, name, arm, power)
+    name = robot if described is None else described.robot
+    learned, tasks = learn_from(blocks, None if name is None else str(name), arm, power)
     return Learned(learned, tuple(tasks))
 
 
@@ -200,36 +203,16 @@ def learn_from(
     return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
 
 
-def _description(robot: Place | None) -> Path | None:
-    """The file of a description, or of the folder that holds it; None where it is only a name."""
-    if robot is None:
+class _Described(BaseModel):
+    """Keys of a description that tell of which robot it is, and whether it says enough of the arm to model it."""
+
+    robot: str
+    urdf: Path | None = None
+    joints: tuple[Any, ...] = ()
+
+
+def _described(robot: Place | None) -> _Described | None:
+    """A YAML description, or that of a folder; None where ``robot`` is only a name. Raises ``ConfigError``."""
+    if robot is None or not (Path(robot).is_dir() or Path(robot).suffix in (".yaml", ".yml")):
         return None
-    if Path(robot).is_dir():
-        return Path(robot) / "robot.yaml"
-    return Path(robot) if Path(robot).suffix in (".yaml", ".yml") else None
-
-
-def _described(robot: Place) -> bool:
-    """True if a YAML description states enough of the arm to model it."""
-    file = _description(robot)
-    content = _content(robot, file) if file is not None else None
-    return isinstance(content, dict) and "urdf" in content and "joints" in content
-
-
-def _robot_name(robot: Place | None) -> str | None:
-    """The name itself, or what a YAML description gives under ``robot``. Raises ``ConfigError``."""
-    file = _description(robot)
-    if file is None or robot is None:
-        return None if robot is None else str(robot)
-    content = _content(robot, file)
-    name = content.get("robot") if isinstance(content, dict) else None
-    if not isinstance(name, str):
-        raise ConfigError(f"--robot {robot}: has no key robot with a name")
-    return name
-
-
-def _content(robot: Place, file: Path) -> Any:
-    try:
-        return read_yaml(file)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"--robot {robot}: cannot be read: {str(error).splitlines()[0]}") from error
+    return read_settings(robot_file(Path(robot)), _Described)

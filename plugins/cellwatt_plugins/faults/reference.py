@@ -1,4 +1,4 @@
-"""Reference of healthy running: a YAML file that a person can read and plot.
+"""Healthy running of an arm: a YAML file that a person can read and plot.
 
 cellwatt_reference: 1         version of this format
 robot: ur10e                  or null
@@ -36,20 +36,19 @@ cycles:                       whole cycles, for `cellwatt faults`; left out with
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 
+from cellwatt.config import KeyPath, read_settings, version
 from cellwatt.errors import ModelError
-from cellwatt.files import COMPUTED
-from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredModel
 
 Float = NDArray[np.float64]
@@ -147,7 +146,7 @@ class Reference:
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
-    cellwatt_reference: Literal[1]
+    cellwatt_reference: Annotated[int, version(VERSION, "learn it anew with `cellwatt reference`")]
     robot: str | None
     arm: str
     power: str
@@ -168,45 +167,24 @@ def save(reference: Reference, path: Path) -> None:
 
 
 def load(path: Path) -> Reference:
-    """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
-    try:
-        content = read_yaml(path, COMPUTED)
-    except FileNotFoundError as error:
-        raise ModelError(f"reference {path}: no such file; learn one with `cellwatt reference`") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"reference {path}: cannot be read: {error}") from error
-    except ValueError as error:
-        raise ModelError(f"reference {path}: not a YAML file: {error}") from error
-    if not isinstance(content, dict) or "cellwatt_reference" not in content:
-        raise ModelError(f"reference {path}: not a file made by `cellwatt reference` (no key cellwatt_reference)")
-    if content["cellwatt_reference"] != VERSION:
-        found = content["cellwatt_reference"]
-        raise ModelError(
-            f"reference {path}: format version {found!r}, this cellwatt reads version {VERSION}: learn it anew"
-        )
-    try:
-        reference = TypeAdapter(Reference).validate_python(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise ModelError(f"reference {path}: {place}: {first['msg']}, found {str(first['input'])[:40]!r}") from error
-    _check(reference, path)
-    return reference
+    """Read the YAML file; raises ``ModelError`` with file, line and column, and what was expected."""
+    if not path.exists():
+        raise ModelError(f"{path}: no such file; learn one with `cellwatt reference`")
+    return read_settings(path, Reference, _check, refusal=ModelError, computed=True)
 
 
-def _check(reference: Reference, path: Path) -> None:
-    """Check what types cannot express: joint numbers and lengths of poses."""
-    for task in reference.tasks:
-        for variant in task.variants:
-            for number, interval in enumerate(variant.intervals, start=1):
-                place = f"reference {path}: {task.name}, speed {variant.speed:g}, interval {number}"
-                lengths = {len(interval.pose), len(interval.displacement)}
-                if lengths != {reference.joints}:
-                    raise ModelError(f"{place}: pose and displacement must have {reference.joints} values each")
+def _check(reference: Reference) -> Iterator[tuple[KeyPath, str]]:
+    """What types cannot say: joint numbers and lengths of poses."""
+    for t, task in enumerate(reference.tasks):
+        for v, variant in enumerate(task.variants):
+            for i, interval in enumerate(variant.intervals):
+                place = ("tasks", t, "variants", v, "intervals", i)
+                if {len(interval.pose), len(interval.displacement)} != {reference.joints}:
+                    yield place, f"pose and displacement must have {reference.joints} values each"
                 if not interval.moving or set(interval.moving) != set(interval.position):
-                    raise ModelError(f"{place}: moving and position must name the same joints, at least one")
+                    yield place, "moving and position must name the same joints, at least one"
                 if not all(1 <= joint <= reference.joints for joint in interval.moving):
-                    raise ModelError(f"{place}: joints are numbered 1 to {reference.joints}")
+                    yield (*place, "moving"), f"joints are numbered 1 to {reference.joints}"
 
 
 def _content(reference: Reference) -> dict[str, Any]:

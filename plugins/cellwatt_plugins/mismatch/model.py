@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
-from cellwatt.errors import ConfigError
-from cellwatt.yaml_file import read_yaml
+from cellwatt.config import KeyPath, read_settings, version
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
@@ -165,38 +165,59 @@ def save_model(model: Model, path: Path) -> None:
     path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
 
+class _Retuned(BaseModel):
+    inertial: tuple[float, ...]
+    coulomb_friction: tuple[float, ...]
+    viscous_friction: tuple[float, ...]
+    rotor_inertia: tuple[float, ...]
+    standby_power: float
+    resistance: tuple[float, ...]
+
+
+class _Effect(BaseModel):
+    effect: str
+    joint: int | None
+    shape: tuple[float, ...]
+    coefficients: tuple[float, ...]
+
+
+class _File(BaseModel):
+    """Content of ``model.yaml``."""
+
+    format: Annotated[int, version(FORMAT, "run `cellwatt explain` again")]
+    robot: RobotDescription
+    links: tuple[float, ...] | None = None
+    retuned: _Retuned
+    effects: tuple[_Effect, ...]
+
+
 def load_model(path: Path) -> Model:
-    """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` naming the file and what is wrong."""
+    """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` with file, line and column."""
     file = path / "model.yaml" if path.is_dir() else path
-    try:
-        content = read_yaml(file)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
-    if isinstance(content, dict) and content.get("format") == 1:
-        raise ConfigError(f"{file}: is of an earlier cellwatt: run `cellwatt explain` again")
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise ConfigError(f"{file}: is not a model that `cellwatt explain` wrote")
-    try:
-        return _model(content, file)
-    except (KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{file}: is damaged: {str(error).splitlines()[0]}") from error
-
-
-def _model(content: Mapping[str, Any], file: Path) -> Model:
-    robot = RobotDescription.model_validate(content["robot"])
-    robot = robot.model_copy(update={"urdf": file.parent / robot.urdf})
-    given = content["retuned"]
-    inertial, coulomb, viscous, rotor, resistance = (
-        np.array(given[name], np.float64)
-        for name in ("inertial", "coulomb_friction", "viscous_friction", "rotor_inertia", "resistance")
+    found = read_settings(file, _File, _known, computed=True)
+    given = found.retuned
+    families = (given.inertial, given.coulomb_friction, given.viscous_friction, given.rotor_inertia, given.resistance)
+    inertial, coulomb, viscous, rotor, resistance = map(_array, families)
+    terms = [
+        FittedTerm(
+            Term(BY_NAME[each.effect], None if each.joint is None else each.joint - 1, each.shape),
+            _array(each.coefficients),
+        )
+        for each in found.effects
+    ]
+    return Model(
+        found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}),
+        Retuned(inertial, coulomb, viscous, rotor, given.standby_power, resistance),
+        tuple(terms),
+        None if found.links is None else _array(found.links),
     )
-    retuned = Retuned(inertial, coulomb, viscous, rotor, float(given["standby_power"]), resistance)
-    terms = []
-    for entry in content["effects"]:
-        if entry["effect"] not in BY_NAME:
-            raise ConfigError(f"{file}: effect {entry['effect']!r} is not known to this version")
-        joint = None if entry["joint"] is None else int(entry["joint"]) - 1
-        term = Term(BY_NAME[entry["effect"]], joint, tuple(float(x) for x in entry["shape"]))
-        terms.append(FittedTerm(term, np.array(entry["coefficients"], np.float64)))
-    links = np.array(content["links"], np.float64) if "links" in content else None
-    return Model(robot, retuned, tuple(terms), links)
+
+
+def _array(values: tuple[float, ...]) -> Float:
+    return np.array(values, np.float64)
+
+
+def _known(file: _File) -> Iterator[tuple[KeyPath, str]]:
+    for i, each in enumerate(file.effects):
+        if each.effect not in BY_NAME:
+            yield ("effects", i, "effect"), f"effect {each.effect!r} is not known to this version"

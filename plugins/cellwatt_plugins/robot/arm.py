@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
 from cellwatt_plugins.robot.body import Body
-from cellwatt_plugins.robot.description import RobotDescription, load_robot, robot_file
+from cellwatt_plugins.robot.description import RobotDescription, load_robot
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import direction
 
@@ -40,13 +40,7 @@ class Arm:
 
         Raises ``ConfigError`` naming the file and the key where the description or the URDF cannot be used.
         """
-        description = load_robot(robot)
-        for joint in description.joints:
-            for key in needs:
-                if not getattr(joint, key) > 0:
-                    file = robot_file(robot)
-                    raise ConfigError(f"{file}: {joint.name} has no {key}: add it from the motor's data sheet")
-        return cls.of(description)
+        return cls.of(load_robot(robot, needs))
 
     @classmethod
     def of(cls, description: RobotDescription) -> Arm:

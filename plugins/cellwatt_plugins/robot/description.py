@@ -1,7 +1,8 @@
-"""``robot.yaml``: what is known of a robot beside its URDF. Every key that any plugin reads is declared here."""
+"""``robot.yaml``: knowledge of a robot beside its URDF. Every key that any plugin reads is declared here."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -13,14 +14,13 @@ from pydantic import (
     ConfigDict,
     Field,
     PositiveFloat,
-    ValidationError,
     ValidationInfo,
     field_validator,
 )
 
+from cellwatt.config import KeyPath, read_settings
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
-from cellwatt.yaml_file import read_yaml
 
 PACKAGED: Final = Path(__file__).with_name("packaged")
 """Folder of the robots that come with cellwatt, one folder each."""
@@ -30,7 +30,7 @@ Point = tuple[float, float, float]
 
 
 class Tolerances(BaseModel):
-    """How far the stated parameters may be off, as a share of their value (one standard deviation)."""
+    """Deviation of the stated parameters that is allowed, as a share of their value (one standard deviation)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -150,19 +150,18 @@ def robot_file(robot: Place) -> Path:
     raise ConfigError(f"robot {robot!r}: no such file or folder, and no packaged robot of that name; {hint}")
 
 
-def load_robot(robot: Place) -> RobotDescription:
-    """Read the description of a robot: see ``robot_file``. Raises ``ConfigError`` naming the file and the key."""
+def load_robot(robot: Place, needs: Sequence[str] = ()) -> RobotDescription:
+    """Read the description of a robot: see ``robot_file``.
+
+    ``needs`` are keys that every joint must have above 0. Raises ``ConfigError`` with file, line and column.
+    """
+
+    def lacking(description: RobotDescription) -> Iterator[tuple[KeyPath, str]]:
+        for i, joint in enumerate(description.joints):
+            for key in needs:
+                if not getattr(joint, key) > 0:
+                    yield ("joints", i, key), f"{joint.name} has no {key}: add it from the motor's data sheet"
+
     file = robot_file(robot)
-    try:
-        content = read_yaml(file)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{file}: cannot be read: {str(error).splitlines()[0]}") from error
-    if not isinstance(content, dict):
-        raise ConfigError(f"{file}: expected the keys robot, urdf and joints")
-    try:
-        description = RobotDescription.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{file}: {place}: {first['msg']} (found {repr(first['input'])[:60]})") from error
+    description = read_settings(file, RobotDescription, lacking)
     return description.model_copy(update={"urdf": (file.parent / description.urdf)})

@@ -149,7 +149,7 @@ def test_what_is_wrong_is_said(tmp_path):
     with pytest.raises(ConfigError, match="no format is called 'ecbot': take irs-data, irtp-2700, voraus-ad"):
         read_map("ecbot")
     (tmp_path / "bad.yaml").write_text("title: x\n")
-    with pytest.raises(ConfigError, match=r"bad\.yaml: licence: Field required"):
+    with pytest.raises(ConfigError, match=r"bad\.yaml:1:1: the key 'licence' is missing"):
         read_map(str(tmp_path / "bad.yaml"))
     (tmp_path / "no.mat").write_bytes(b"nothing")
     with pytest.raises(RecordingError, match=r"no\.mat: cannot be read as a MATLAB file"):

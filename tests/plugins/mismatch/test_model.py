@@ -148,11 +148,11 @@ def damaged(folder, robot, change):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c: c.update(format=99), "not a model"),
+        (lambda c: c.update(format=99), "found 99: this cellwatt reads version 2"),
         (lambda c: c.update(format=1), "run `cellwatt explain` again"),
         (lambda c: c.pop("retuned"), "retuned"),
-        (lambda c: c["robot"].pop("joints"), "damaged"),
-        (lambda c: c["retuned"].update(standby_power="much"), "damaged"),
+        (lambda c: c["robot"].pop("joints"), "robot: the key 'joints' is missing"),
+        (lambda c: c["retuned"].update(standby_power="much"), "standby_power: found 'much', expected a number"),
         (lambda c: c["effects"][0].update(effect="phlogiston"), "'phlogiston'"),
         (lambda c: c["effects"][0].pop("coefficients"), "coefficients"),
     ],

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from cellwatt.config import read_settings
 from cellwatt.errors import ConfigError
-from cellwatt.yaml_file import read_yaml
 
 Float = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -55,20 +55,8 @@ class Cube(BaseModel):
 def load_cube(robot: str, file: Path | None = None) -> Cube:
     """The cube of a robot of Table I, or of a file of the same form. Raises ``ConfigError``."""
     path = file or PACKAGED
-    try:
-        cubes: dict[str, Any] = read_yaml(path)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be read: {str(error).splitlines()[0]}") from error
-    if not isinstance(cubes, dict):
-        raise ConfigError(f"{path}: expected robots' names, each with points and payload")
-    name = next((n for n in cubes if str(n).lower() == robot.lower()), None)
+    cubes = read_settings(path, dict[str, Cube])
+    name = next((n for n in cubes if n.lower() == robot.lower()), None)
     if name is None:
-        raise ConfigError(
-            f"no cube for robot {robot!r}, there are: {', '.join(map(str, cubes))}; give yours with --cube"
-        )
-    try:
-        return Cube.model_validate(cubes[name])
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path}: {name}.{place}: {first['msg']} (found {repr(first['input'])[:60]})") from error
+        raise ConfigError(f"no cube for robot {robot!r}, there are: {', '.join(cubes)}; give yours with --cube")
+    return cubes[name]

@@ -1,14 +1,14 @@
-"""``campaign.json``: what was measured when, so that it can be cut from the recording, and gone on with another day."""
+"""``campaign.json``: times of all measurements, so that they can be cut from the recording, on any day."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from cellwatt.config import read_settings
 from cellwatt.errors import RecordingError, why
-from cellwatt.files import read_bytes
 
 StateName = Literal["controller", "connected", "released"]
 STATES: Final[tuple[StateName, ...]] = ("controller", "connected", "released")
@@ -62,15 +62,8 @@ class Log(BaseModel):
 
 
 def read_log(path: Path) -> Log:
-    """Read ``campaign.json``. Raises ``RecordingError`` naming the key."""
-    try:
-        return Log.model_validate_json(read_bytes(path))
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {why(error)}") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise RecordingError(f"{path}: {place}: {first['msg']}") from error
+    """Read ``campaign.json``. Raises ``RecordingError`` with file, line and column."""
+    return read_settings(path, Log, refusal=RecordingError, computed=True)
 
 
 def write_log(log: Log, path: Path) -> None:

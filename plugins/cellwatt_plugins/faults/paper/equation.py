@@ -15,16 +15,17 @@ r: [[1.2, -0.3], [1.2, 0.3], ...]
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from cellwatt.config import KeyPath, read_settings
 from cellwatt.errors import ModelError
-from cellwatt.yaml_file import read_yaml
 from cellwatt_plugins.faults.paper.bevf import PowerEquation
 from cellwatt_plugins.faults.paper.rational import Rational
 
@@ -70,30 +71,19 @@ def save(equation: PowerEquation, path: Path) -> None:
 
 
 def load(path: Path) -> PowerEquation:
-    """Read the YAML file; raises ``ModelError`` that names the file, the place and what was expected."""
-    try:
-        content: Any = read_yaml(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"power equation {path}: cannot be read: {error}") from error
-    except ValueError as error:
-        raise ModelError(f"power equation {path}: not a YAML file: {error}") from error
-    try:
-        file = _File.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "content"
-        raise ModelError(
-            f"power equation {path}: {place}: {first['msg']}, found {str(first['input'])[:40]!r}"
-        ) from error
-    if not len(file.p) == len(file.r) == file.order:
-        raise ModelError(
-            f"power equation {path}: order {file.order} needs as many p and r, found {len(file.p)} and {len(file.r)}"
-        )
-    if any(math.isclose(real, 0.0, abs_tol=1e-12) for real, _ in file.p):
-        raise ModelError(f"power equation {path}: p: a pole on the imaginary axis makes the power infinite")
+    """Read the YAML file; raises ``ModelError`` with file, line and column, and what was expected."""
+    file = read_settings(path, _File, _check, refusal=ModelError, computed=True)
     return PowerEquation(
         Rational(_complex(file.p), _complex(file.r), file.K), file.duration, file.rms, file.task, file.speed
     )
+
+
+def _check(file: _File) -> Iterator[tuple[KeyPath, str]]:
+    if not len(file.p) == len(file.r) == file.order:
+        yield ("order",), f"order {file.order} needs as many p and r, found {len(file.p)} and {len(file.r)}"
+    for i, (real, _) in enumerate(file.p):
+        if math.isclose(real, 0.0, abs_tol=1e-12):
+            yield ("p", i), "found a pole on the imaginary axis, which makes the power infinite"
 
 
 def _pairs(values: NDArray[np.complex128]) -> list[list[float]]:

@@ -50,10 +50,10 @@ def test_a_cube_of_ones_own(tmp_path):
         ("mine: {payload: 1, points: [[0, 0, 0]]}", r"mine\.points"),
         (
             "mine: {payload: 0, points: [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]}",
-            r"mine\.payload: .*greater than 0",
+            r"1:17: mine\.payload: found 0, expected a value above 0",
         ),
-        ("[", "cannot be read"),
-        ("- mine", "expected robots' names"),
+        ("[", "not valid YAML"),
+        ("- mine", r"found a list, expected settings \(key: value\)"),
     ],
 )
 def test_what_is_wrong_in_a_file_of_cubes(tmp_path, text, said):
