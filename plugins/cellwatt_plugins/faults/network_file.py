@@ -39,7 +39,7 @@ class Ends:
 
 
 def versions() -> dict[str, str]:
-    """What a network is made with."""
+    """Versions of the libraries that a network is made with."""
     return {name: version(name) for name in MADE_BY}
 
 
@@ -103,7 +103,7 @@ class Opened:
             raise ModelError(f"{self.where}: onnxruntime cannot load it: {str(error).splitlines()[0]}") from error
 
     def has(self, key: str) -> bool:
-        """Whether there is metadata of a kind."""
+        """True if there is metadata of a kind."""
         return key in self._properties
 
     def metadata(self, key: str) -> Any:
@@ -118,6 +118,6 @@ class Opened:
         return [t.shape[-1] for t in self._session.get_inputs()], [t.shape[-1] for t in self._session.get_outputs()]
 
     def run(self, ends: Ends, values: NDArray[Any]) -> Float:
-        """What comes out (n, outputs) of what is given (n, inputs)."""
+        """Return the outputs (n, outputs) for inputs (n, inputs)."""
         found = self._session.run([ends.found], {ends.given: values.astype(np.float32)})[0]
         return np.asarray(found, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What all science of robots shares: an arm with its description (``robot.yaml``) and its rigid body (URDF)."""
+"""The arm, shared by all plugins: its description (``robot.yaml``), rigid body (URDF), drives, friction and effects."""
 
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.body import Body

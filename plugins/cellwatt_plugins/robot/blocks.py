@@ -36,7 +36,7 @@ class Block:
         return self.columns if self.channel == channel else None
 
     def times(self, coefficients: Float, channels: int) -> Float:
-        """What the term adds to all channels, (N, C)."""
+        """Contribution (N, C) of the term to all channels."""
         if self.channel is None:
             return np.asarray(self.columns @ coefficients)
         out = np.zeros((len(self.columns), channels))

@@ -212,7 +212,7 @@ class Body:
         return distances
 
     def _rows(self, algorithm: Callable[..., Float], q: Float, *shape: int) -> Float:
-        """What an algorithm of Pinocchio gives at each row of ``q``."""
+        """Results of an algorithm of Pinocchio for each row of ``q``."""
         out = np.empty((len(q), *shape))
         for i, row in enumerate(q):
             out[i] = algorithm(self._model, self._data, row)

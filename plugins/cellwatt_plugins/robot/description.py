@@ -30,7 +30,7 @@ Point = tuple[float, float, float]
 
 
 class Tolerances(BaseModel):
-    """Deviation of the stated parameters that is allowed, as a share of their value (one standard deviation)."""
+    """Standard deviations of the stated parameters, as a share of their value."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -66,7 +66,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Moved:
-    """What the joints did, (N, n) each."""
+    """Motion of the joints, (N, n) each."""
 
     position: Float
     velocity: Float
@@ -201,7 +201,7 @@ def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> t
 
 @dataclass(frozen=True)
 class _Kept:
-    """What is no encoder noise of a course, (N, n) each."""
+    """Part of a course that is no encoder noise, (N, n) each."""
 
     position: Float
     velocity: Float
@@ -250,7 +250,7 @@ def _within_sample(acceleration: Float, step: float) -> Float:
 
 @lru_cache(maxsize=256)
 def _band_gains(step: float, lower: float | None, upper: float) -> tuple[float, float, float]:
-    """How much of white position noise is in the position, velocity and acceleration between two bandwidths, Hz."""
+    """Share of white position noise in position, velocity and acceleration between two bandwidths, Hz."""
     half = max(50, _samples(4 / (lower or upper), step))
     impulse = np.zeros((2 * half + 1, 1))
     impulse[half] = 1.0

@@ -1,4 +1,4 @@
-"""What is known of an arm's numbers before anything is measured.
+"""Priors of an arm's numbers, before anything is measured.
 
 A tolerance of robot.yaml is one standard deviation, as a share of the stated number: two thirds of all arms are within
 it. Every plugin takes it so, with no factor of its own.

@@ -113,7 +113,7 @@ class Design:
 
 @dataclass(frozen=True)
 class Belief:
-    """What is thought of the numbers before any data."""
+    """Prior of the numbers before any data."""
 
     shared: Prior
     """Of the R numbers that all joints share."""

@@ -134,7 +134,7 @@ def _joint(
 
 
 def _joint_bounds(robot: RobotDescription, j: int, spread: float) -> tuple[Float, Float, Float]:
-    """Where to start with the numbers of a joint whose current varies by ``spread`` A, and their bounds."""
+    """Return start and bounds of the numbers of a joint whose current varies by ``spread`` A."""
     constant, rotor = robot.joints[j].torque_constant, robot.joints[j].rotor_inertia
     size = constant * spread + 1e-6
     most = MOST * size

@@ -1,4 +1,4 @@
-"""What the paper's two estimators start from, and how their model files are laid out.
+"""Inputs of the paper's two estimators, and the layout of their model files.
 
 Development of Deep Learning for Power Energy Optimization in the Industrial Robot System: ``nls`` has its physical
 model, equations (10) to (14), ``scg_network`` the networks that it trains by scaled conjugate gradient, (6) to (9).

@@ -25,7 +25,7 @@ LAMBDA_MOST: Final = 1e30
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where the search ended."""
+    """Minimum that a search ended in."""
 
     x: Float
     value: float
@@ -33,7 +33,7 @@ class Minimum:
     """Norm."""
     iterations: int
     converged: bool
-    """Whether the gradient's norm came below the tolerance."""
+    """True if the gradient's norm came below the tolerance."""
 
 
 def minimise(

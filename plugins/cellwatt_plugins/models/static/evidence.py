@@ -25,13 +25,13 @@ Evaluate = Callable[[Float], tuple[Float, Float]]
 _LINEARISED: Final = 3
 _SWEEPS: Final = 8
 _BELIEF: Final = 1.0
-"""How many parameters' worth of evidence the stated scale of a group is."""
+"""Parameters' worth of evidence of a group's stated scale."""
 _NOISE_BELIEF: Final = 2.0
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is thought before the data: groups of parameters by ``slices``, each parameter's ``scale`` (P,).
+    """Prior: groups of parameters by ``slices``, each parameter's ``scale`` (P,).
 
     ``needs`` says by how much (natural log) a group must make the data more probable to be taken in.
     """
@@ -42,12 +42,12 @@ class Prior:
     noise: Float
     """(n,)."""
     outputs: tuple[tuple[int, ...], ...]
-    """Which outputs each group changes."""
+    """Outputs that each group changes."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known after the data."""
+    """Posterior: parameters and their covariance after the data."""
 
     mean: Float
     """(P,); 0 where left out."""

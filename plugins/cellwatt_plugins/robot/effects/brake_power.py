@@ -28,7 +28,7 @@ class BrakePower(Effect):
     form = Form(intermittent=True)
     acceptance = Acceptance(above=0.0)
     uncertainty = Uncertainty({"power": 0.04, "delay": 0.06})
-    """When the arm came to rest is known to some samples."""
+    """The moment in which the arm came to rest is known to some samples."""
     confusions = (
         Confusion("iron_loss", "hold the arm with the brakes released: brakes draw power at rest, iron does not"),
         Confusion("standby_power", "record some minutes at rest with the brakes closed"),

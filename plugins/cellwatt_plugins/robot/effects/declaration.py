@@ -1,4 +1,4 @@
-"""What an effect declares of itself: what it acts on, what its columns depend on, and when it is accepted."""
+"""Declaration of an effect: the signal it acts on, the states it depends on, and the conditions to accept it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 
 Place = Literal["joint", "robot", "supply"]
 ActsOn = Literal["joint", "friction", "links", "reading", "supply"]
-"""What an effect changes:
+"""Signal that an effect changes:
 
 - ``joint``: the torque of a joint, Nm;
 - ``friction``: the same, but as a change of Coulomb friction, which must be there;
@@ -18,7 +18,7 @@ ActsOn = Literal["joint", "friction", "links", "reading", "supply"]
 - ``supply``: the power of the supply, W.
 """
 DependsOn = Literal["motion", "load", "fitted torque", "residual"]
-"""What the columns or the shapes to try are computed from, besides the motion:
+"""States that the columns or the shapes to try are computed from, besides the motion:
 
 - ``motion``: nothing; columns are computed once;
 - ``load``: the torque that the links need, by the model of the moment;
@@ -29,7 +29,7 @@ DependsOn = Literal["motion", "load", "fitted torque", "residual"]
 
 @dataclass(frozen=True)
 class Form:
-    """What is known of the columns."""
+    """Form of the columns."""
 
     to_scale: bool = False
     """Simulated to scale: the coefficient is 1 within a few per cent."""
@@ -45,10 +45,10 @@ class Form:
 
 @dataclass(frozen=True)
 class Acceptance:
-    """What is asked of an effect besides its evidence."""
+    """Conditions on an effect besides its evidence."""
 
     above: float | None = None
-    """What the first coefficient must exceed; None: it has either sign."""
+    """Value that the first coefficient must exceed; None: it has either sign."""
     inside_bounds: bool = False
     """Its shape may not run to one of its bounds."""
     several_channels: bool = False
@@ -65,7 +65,7 @@ class Acceptance:
 
 @dataclass(frozen=True)
 class Relations:
-    """How it stands to other effects."""
+    """Relations to other effects."""
 
     contains: tuple[str, ...] = ()
     """Effects that it contains as a special case: it always fits as well, and is no rival of theirs."""
@@ -77,7 +77,7 @@ class Relations:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What no data make certain of its parameters."""
+    """Uncertainty of its parameters that no data remove."""
 
     inherited: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     """Share of a parameter that is uncertain with the description it is computed with; ``INHERITED`` if left out."""

@@ -1,4 +1,4 @@
-"""What an effect is: a physical kind with its columns, parameters, confusions and the experiment that separates."""
+"""Effect: a physical kind with its columns, parameters, confusions and the experiment that separates."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Float = NDArray[np.float64]
 Shape = tuple[float, ...]
 """Parameters of an effect that are not linear, e.g. a velocity or a time constant."""
 UNIT_SPREAD = 0.05
-"""How far the coefficient of an effect that is simulated to scale may be from 1."""
+"""Standard deviation from 1 of the coefficient of an effect that is simulated to scale."""
 INHERITED = 0.01
 """Share of a parameter that no data make certain: links, friction and sampling are known to a few per cent each."""
 
@@ -85,14 +85,14 @@ class Effect(ABC):
 
     @property
     def place(self) -> Place:
-        """Where it is: at a joint, in the whole robot, or in the supply."""
+        """Place: a joint, the whole robot, or the supply."""
         if self.acts_on == "supply":
             return "supply"
         return "robot" if self.whole_arm else "joint"
 
     @property
     def by_motion_alone(self) -> bool:
-        """Whether its columns and shapes stay as they are whatever is fitted."""
+        """True if its columns and shapes stay as they are whatever is fitted."""
         return self.acts_on != "reading" and self.depends_on == "motion"
 
     def described(self, robot: RobotDescription, joint: int | None) -> float:
@@ -102,11 +102,11 @@ class Effect(ABC):
         return float(getattr(robot if joint is None else robot.joints[joint], self.nominal))
 
     def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
-        """Whether coefficients (m,) are this effect rather than a plainer fact that looks the same (0-based joint)."""
+        """True if coefficients (m,) are this effect, not a plainer fact that looks the same (0-based joint)."""
         return True
 
     def possible(self, robot: RobotDescription, joint: int | None) -> bool:
-        """Whether the simulation lacks it at all (0-based joint)."""
+        """True if the simulation lacks it at all (0-based joint)."""
         return True
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
@@ -122,10 +122,10 @@ class Effect(ABC):
 
     @abstractmethod
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        """What one unit of each coefficient adds: (N, m) for a joint or the supply, (N, n, m) for the robot."""
+        """Contribution of one unit of each coefficient: (N, m) for a joint or the supply, (N, n, m) for the robot."""
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
-        """Whether these recordings can show such a shape at all, or only what their sampling makes of motion."""
+        """True if these recordings can show such a shape, not only what their sampling makes of motion."""
         return True
 
     def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:

@@ -70,7 +70,7 @@ class LinkInertialError(Effect):
 
 
 def _moved(mass: float, centre: Float, step: Float) -> Float:
-    """What ten parameters (mass, first moment, inertia at the joint) gain where the centre of mass moves by a step."""
+    """Change of ten parameters (mass, first moment, inertia at the joint) when the centre of mass moves by a step."""
     return np.concatenate([[0.0], mass * step, mass * _entries(_around(centre, step) + _around(step, centre))])
 
 

@@ -58,7 +58,7 @@ class PositionPeriodicTorque(Effect):
 
 
 def _seen(runs: Sequence[States], joint: int | None, cycles: float) -> bool:
-    """Whether the sampling resolves the ripple during most of the motion."""
+    """True if the sampling resolves the ripple during most of the motion."""
     speeds = np.concatenate([np.abs(run.qd[:, joint]) for run in runs])
     moving = speeds[speeds > 0.02]
     return bool(len(moving)) and cycles * float(np.median(moving)) * runs[0].step < 1.5

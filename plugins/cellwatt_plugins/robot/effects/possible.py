@@ -1,4 +1,4 @@
-"""What is physically possible of an effect: beyond it, its form stands for something else and is not named."""
+"""Physical limits of effects: beyond them, a form stands for something else and is not named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an effect may depend on: the states of the arm along one run, measured values left out."""
+"""States of the arm along one run that an effect may depend on; measured values are left out."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class States:
 
     @property
     def unplanned(self) -> bool:
-        """Whether the motion had to be differentiated from encoders."""
+        """True if the motion had to be differentiated from encoders."""
         return bool(self.moved.acceleration_spread.any())
 
     @property

@@ -61,12 +61,12 @@ def onto(when: Float, time: Float, power: Float) -> Float:
 
 
 def _lasts(rows: NDArray[np.intp]) -> bool:
-    """Whether values that last for so many rows (M,) each are those of a meter slower than the rows."""
+    """True if values that last for so many rows (M,) each are those of a meter slower than the rows."""
     return not len(rows) or float(np.mean(rows < SHORTEST)) <= SELDOM
 
 
 def _regular(lasting: Float, row: float) -> bool:
-    """Whether values last for whole intervals, rather than until the power has gone a step of a coarse meter.
+    """True if values last for whole intervals, not until the power has gone a step of a coarse meter.
 
     In intervals (M,), of which a ``row`` is a share.
     """

@@ -1,4 +1,4 @@
-"""What the power of an arm consists of, as far as its motion and torques say: kinds whose weights are not known."""
+"""Kinds of power that an arm takes, by its motion and torques; their weights are not known."""
 
 from __future__ import annotations
 

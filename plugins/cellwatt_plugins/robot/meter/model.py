@@ -1,4 +1,4 @@
-"""What a meter does to power: the time that each value stands for, and when it is there."""
+"""Model of a meter: the time that each value stands for, and the time at which it is there."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Windows:
         return csr_array((share, (window, within)), shape=(len(first), len(time)))
 
     def inside(self, time: Float) -> NDArray[np.bool_]:
-        """Which (M,) lie within ``time`` (N,) s."""
+        """True (M,) for those within ``time`` (N,) s."""
         return np.asarray((self.start >= time[0]) & (self.end <= time[-1]))
 
     def part(self, which: NDArray[np.bool_]) -> Windows:
@@ -84,7 +84,7 @@ class Meter:
         return self.window + self.late
 
     def windows(self, readings: Readings) -> Windows:
-        """What each of them stands for."""
+        """Window that each of them stands for."""
         end = readings.time - self.late
         return Windows(end - self.window, end)
 
