@@ -4,7 +4,7 @@ import yaml
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.robot import Arm, Joint, RobotDescription
-from cellwatt_plugins.robot.drive import copper_loss, nominal_power
+from cellwatt_plugins.robot.drive import nominal_power
 from tests.plugins.robot import planar_arm as truth
 
 SHOULDER = Joint(
@@ -50,16 +50,6 @@ def test_friction_turns_over_at_rest(arm):
     tanh1 = 0.7615941559557649
     expected = np.array([[-6 * tanh1 - 0.016, 2 * tanh1 + 0.004], [0, 0], [6 * tanh1 + 0.016, -2 * tanh1 - 0.004]])
     np.testing.assert_allclose(friction, expected, atol=1e-4)
-
-
-def test_copper_loss_is_current_squared_times_resistance(robot):
-    loss = copper_loss(robot, np.array([[18.0, 7.0], [-9.0, 0.0]]))
-    np.testing.assert_allclose(loss, [[4 * 0.8, 0.0], [0.8, 0.0]])
-
-
-def test_power_is_standby_mechanical_and_copper(robot):
-    power = nominal_power(robot, np.array([[18.0, 7.0], [-9.0, 2.0]]), np.array([[0.5, -1.0], [2.0, 0.0]]))
-    np.testing.assert_allclose(power, [40 + 9.0 - 7.0 + 3.2, 40 - 18.0 + 0.8])
 
 
 def test_power_of_a_motion_is_the_power_of_its_torques(arm, robot):
