@@ -17,7 +17,7 @@ from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.expected import LEAST_WAY, ExpectedInterval, Readings, fault_table, resampled
-from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, judge
+from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, by_codes, by_encoders, judge_interval
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 
 Codes = NDArray[np.int8]
@@ -123,3 +123,15 @@ def _interval(number: int, mean: Readings, first: int, last: int) -> ExpectedInt
     part = Readings(mean.t[first : last + 1], mean.q[first : last + 1], mean.power[first : last + 1])
     moving = np.flatnonzero(np.ptp(part.q, axis=0) > LEAST_WAY) + 1
     return ExpectedInterval(number, tuple(moving.tolist()), part)
+
+
+def judge(
+    expected: Sequence[ExpectedInterval],
+    cycle: Readings,
+    isolate: Isolation,
+    tolerance: Tolerance,
+    residual: Residual = "samples",
+) -> tuple[NamedFault, ...]:
+    """Every fault that the paper's method names in a cycle."""
+    verdicts = [judge_interval(interval, cycle, tolerance, residual) for interval in expected]
+    return by_encoders(verdicts) or by_codes(verdicts, isolate)

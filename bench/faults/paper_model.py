@@ -18,14 +18,14 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from bench.faults.paper import from_cycles  # noqa: E402
+from bench.faults.paper import from_cycles, judge  # noqa: E402
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Run, period, run  # noqa: E402
 
 from cellwatt_plugins.faults.criteria import Tolerance  # noqa: E402
 from cellwatt_plugins.faults.paper.bevf import ORDERS, fit  # noqa: E402
 from cellwatt_plugins.faults.paper.codes import Residual  # noqa: E402
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, fault_table  # noqa: E402
-from cellwatt_plugins.faults.paper.judging import by_agreement, judge  # noqa: E402
+from cellwatt_plugins.faults.paper.judging import by_agreement  # noqa: E402
 
 BEFORE = 0.3
 """s of rest that belong to a cycle before its first motion."""

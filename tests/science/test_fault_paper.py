@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from bench.faults.paper import judge
 from bench.faults.tables import PICK_AND_PLACE, POLISHING
 
 from cellwatt.emulation import ArmSignals
@@ -11,7 +12,7 @@ from cellwatt_plugins.faults.criteria import Tolerance, ternary
 from cellwatt_plugins.faults.paper import rivals
 from cellwatt_plugins.faults.paper.bevf import ITERATIONS, ORDERS, fit, rms
 from cellwatt_plugins.faults.paper.expected import fault_table
-from cellwatt_plugins.faults.paper.judging import by_agreement, judge
+from cellwatt_plugins.faults.paper.judging import by_agreement
 from cellwatt_plugins.faults.paper.network import SURE, FaultNetwork, train
 from tests.plugins.faults.paper import irb1200, test_judging
 from tests.plugins.faults.paper.patterns import bells, pattern_of

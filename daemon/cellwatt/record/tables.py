@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,7 +21,6 @@ from cellwatt.frames import FrameChannel, Frames
 from cellwatt.record.header import Header
 from cellwatt.record.samples import Samples, join
 
-Format = Literal["parquet", "csv"]
 Channels = Sequence[Channel | FrameChannel]
 ROWS = 32768
 """Rows held back before they are written together."""

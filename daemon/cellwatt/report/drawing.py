@@ -69,15 +69,6 @@ def dots(
     return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **places, **told}
 
 
-def ribbon(
-    name: str, low: ArrayLike, high: ArrayLike, colour: str, *, start: float = 0.0, step: float = 1.0
-) -> list[Json]:
-    """A band between two evenly spaced curves (N,)."""
-    edges = [curve(name, values, colour, start=start, step=step, width=0, most=10**9) for values in (low, high)]
-    hidden = {"hoverinfo": "skip", "opacity": 0.3}
-    return [{**edges[0], "name": "", **hidden}, {**edges[1], "fill": "tonexty", "fillcolor": faint(colour), **hidden}]
-
-
 def bars(name: str, labels: Sequence[str], sizes: ArrayLike, colour: str, unit: str = "") -> Json:
     """Horizontal bars, one a label; of several traces stacked."""
     hover = f"%{{y}}, {escape(name)}: %{{x:.4g}} {escape(unit)}<extra></extra>"

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.files import Place
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
@@ -21,8 +20,6 @@ from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
 from cellwatt_plugins.energy.runs import run_energy
 from cellwatt_plugins.energy.split import edges, total_energy
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 HOLD = (0.3, 0.6)
 """W: what motors draw to hold an arm at its pose of least gravity, expected and one standard deviation."""

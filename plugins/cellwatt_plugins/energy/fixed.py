@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.recordings import Reading
-
-Float = NDArray[np.float64]
 
 BLOCKS = 10
 """Blocks whose means tell noise, which averages out, from wandering, which does not."""

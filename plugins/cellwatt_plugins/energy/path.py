@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.robot import Arm
-
-Float = NDArray[np.float64]
 
 POINTS = 200
 """Points of a repetition between which straight lines are taken: encoder noise adds nothing to such long ones."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from cellwatt.alarms import AlarmBook, Patience
@@ -23,7 +22,6 @@ from cellwatt.stage import CellInfo, Stage, StageSettings
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.balance import Stretch, TaskEnergy
 
-Float = NDArray[np.float64]
 
 LONGEST = 600 * 10**9
 """ns of frames that are kept: a longer task is not split."""

@@ -17,8 +17,6 @@ from cellwatt_plugins.faults.isolate import likeness
 from cellwatt_plugins.faults.reference import Reference, ReferenceInterval
 from cellwatt_plugins.faults.trace import Trace
 
-Float = NDArray[np.float64]
-
 POWER_KNOWN = 0.8
 """An interval is judged when at least this share of its power was measured."""
 SAME_DURATION = 0.03

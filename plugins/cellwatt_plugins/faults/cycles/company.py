@@ -6,12 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.pattern import WAY, Pattern
 from cellwatt_plugins.faults.cycles.runs import Run
-
-Float = NDArray[np.float64]
 
 COINCIDENCE = 4.0
 """Natural logarithm of the odds against another task for each move of a joint that ends where it should: within half a

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.results import Interval
 from cellwatt_plugins.faults.criteria import Tolerance
@@ -15,8 +14,6 @@ from cellwatt_plugins.faults.paper.course import FAR, Course
 from cellwatt_plugins.faults.paper.expected import Readings
 from cellwatt_plugins.faults.paper.judging import IntervalVerdict, judge_interval
 from cellwatt_plugins.faults.trace import Trace
-
-Float = NDArray[np.float64]
 
 AFTER = 0.12
 """An interval is judged when it has been over for so long, s."""

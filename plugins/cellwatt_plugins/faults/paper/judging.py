@@ -19,7 +19,6 @@ from cellwatt_plugins.faults.paper.codes import FRAMES, Residual, of_energy, of_
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, resampled
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 
-Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
 Kind = Literal["joint", "encoder", "joint_and_encoder"]
@@ -131,18 +130,6 @@ def by_codes(verdicts: Sequence[IntervalVerdict], isolate: Isolation) -> tuple[N
     outside = [verdict for verdict in verdicts if verdict.code]
     watts = max((verdict.watts for verdict in outside), key=abs)
     return (NamedFault(joints[0], "joint", tuple(v.interval.number for v in outside), watts, joints[1:]),)
-
-
-def judge(
-    expected: Sequence[ExpectedInterval],
-    cycle: Readings,
-    isolate: Isolation,
-    tolerance: Tolerance,
-    residual: Residual = "samples",
-) -> tuple[NamedFault, ...]:
-    """Every fault that the paper's method names in a cycle."""
-    verdicts = [judge_interval(interval, cycle, tolerance, residual) for interval in expected]
-    return by_encoders(verdicts) or by_codes(verdicts, isolate)
 
 
 def codes_of(

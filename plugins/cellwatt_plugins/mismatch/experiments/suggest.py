@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt_plugins.mismatch.experiments.expected_motion import expected_states
@@ -18,8 +17,6 @@ from cellwatt_plugins.mismatch.experiments.trajectory import Trajectory
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot.effects.states import States
-
-Float = NDArray[np.float64]
 
 MOST = 3
 """Experiments suggested at once."""

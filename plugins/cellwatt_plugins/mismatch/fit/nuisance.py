@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.body import PER_LINK
@@ -13,8 +12,6 @@ from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.priors import link_prior
 from cellwatt_plugins.robot.regression import Prior
-
-Float = NDArray[np.float64]
 
 
 def torque_nuisance(states: Sequence[States]) -> tuple[Block, ...]:

@@ -7,9 +7,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import RecordingError
 from cellwatt.results import Alarm
@@ -21,8 +18,6 @@ from cellwatt_plugins.mismatch.live.recording import write_recording, write_robo
 from cellwatt_plugins.mismatch.live.settings import ExplainSettings
 from cellwatt_plugins.mismatch.live.watch import ChannelWatch
 from cellwatt_plugins.robot import RobotDescription
-
-Integers = NDArray[np.int64]
 
 
 @dataclass

@@ -7,14 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cellwatt_plugins.models.static.basis import Basis
 from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.identify import identify
 from cellwatt_plugins.models.static.poses import Poses
-
-Float = NDArray[np.float64]
 
 SIZES: Final = (20, 40, 80, 160, 320, 640)
 REPEATS: Final = 3

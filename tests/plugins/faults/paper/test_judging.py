@@ -2,13 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from bench.faults.paper import by_network, from_cycles
+from bench.faults.paper import by_network, from_cycles, judge
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.codes import of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import Readings, fault_table
-from cellwatt_plugins.faults.paper.judging import by_agreement, codes_of, judge, judge_interval
+from cellwatt_plugins.faults.paper.judging import by_agreement, codes_of, judge_interval
 from tests.plugins.faults.paper.irb1200 import PICK_AND_PLACE, POLISHING, Fault, Run, period, run
 
 TEN_PER_CENT = Tolerance(power=0.10, floor=0.0)

@@ -17,11 +17,6 @@ Float = NDArray[np.float64]
 
 WORTH = 0.02
 """Share of the simulation's own size from which a difference is worth a remark."""
-FOUND = {
-    "coulomb_friction": "Coulomb friction",
-    "viscous_friction": "viscous friction",
-    "rotor_inertia": "rotor inertia",
-}
 UNITS = {"coulomb_friction": "Nm", "viscous_friction": "Nm s/rad", "rotor_inertia": "kg m²"}
 
 

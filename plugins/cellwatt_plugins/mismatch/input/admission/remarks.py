@@ -12,8 +12,6 @@ from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, tra
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import FAST
 
-Float = NDArray[np.float64]
-
 CLIPPED = 0.01
 """Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
 ROW = 3
