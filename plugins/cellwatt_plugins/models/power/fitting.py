@@ -23,6 +23,8 @@ from cellwatt_plugins.models.power.torque import Folds
 from cellwatt_plugins.models.power.tuning import DOUBT, Tuning
 from cellwatt_plugins.robot import Arm
 
+Float = NDArray[np.float64]
+
 DOUBTS: Final = (1.0, 3.0, 10.0)
 """Tolerances by which the links of the URDF may be off, tried on held-out moves."""
 USUAL: Final = ("Stribeck friction (0.1 rad/s)",)
