@@ -26,6 +26,7 @@ from cellwatt_plugins.faults.paper import rivals  # noqa: E402
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms  # noqa: E402
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train  # noqa: E402
 from cellwatt_plugins.faults.recordings import frames_of_files  # noqa: E402
+from faults.printed import power_17  # noqa: E402
 from faults.tables import PICK_AND_PLACE, POLISHING  # noqa: E402
 
 Pattern = tuple[np.ndarray, np.ndarray]
@@ -68,7 +69,7 @@ def compare(pattern: Pattern) -> tuple[dict[str, object], PowerEquation]:
         "iterations_W": {order: equation.rms for order, equation in equations.items()},
         "rms_W": {f"BEVF {order}": rms(power, equation.power(t)) for order, equation in equations.items()}
         | {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()},
-        "eq_17_as_printed_W": rms(power, best.p1(t)),
+        "eq_17_as_printed_W": rms(power, power_17(best.response, t)),
     }, best
 
 

@@ -143,7 +143,7 @@ def test_energy_balance_of_a_real_ur3e(tmp_path, monkeypatch):
     arm, runs = recorded_ur3e(tmp_path, monkeypatch)
     belief = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
     guess = begin(arm, 45.0)
-    seen = [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04, 1.0), 1) for run in runs]
+    seen = [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), 1) for run in runs]
     whole = identify(seen, guess, belief)
     for one in whole.observed:
         used, missed = residual(one, whole.drive)

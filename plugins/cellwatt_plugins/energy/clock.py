@@ -28,8 +28,6 @@ class Offset:
     seconds: float
     uncertainty: float
     """s, one standard deviation."""
-    correlation: float
-    """Of measured and modelled power."""
 
 
 def windows(reading: Reading, offset: float) -> tuple[Float, Float]:
@@ -87,12 +85,4 @@ def refine(reading: Reading, modelled: Accumulated, offset: float) -> Offset:
         scale = found[1] if abs(found[1]) > 1e-6 else 1.0
         offset += float(np.clip(found[2] / scale, -reading.step, reading.step))
         uncertainty = scatter * float(np.sqrt(information[2, 2])) / abs(float(scale))
-    return Offset(offset, uncertainty, _correlation(reading, modelled, offset))
-
-
-def _correlation(reading: Reading, modelled: Accumulated, offset: float) -> float:
-    # All values, also before and after the robot's recording, where it rests: one repetition is like another.
-    model, measured = modelled.between(*windows(reading, offset)), reading.power
-    if np.ptp(model) == 0 or np.ptp(measured) == 0:
-        return -1.0
-    return float(np.corrcoef(model, measured)[0, 1])
+    return Offset(offset, uncertainty)

@@ -28,7 +28,6 @@ def test_offset_to_a_fraction_of_a_sample(offset):
     modelled = 40 + 0.7 * power(grid)
     found = align(measured(offset), Accumulated(0.0, STEP, modelled), Accumulated(0.0, STEP, modelled[:, None]))
     assert found.seconds == pytest.approx(offset, abs=0.003)
-    assert found.correlation > 0.99
 
 
 def test_its_uncertainty_is_honest():

@@ -20,7 +20,7 @@ BELIEF = Belief((45.0, 20.0), np.ones(6), np.full(6, 0.3), 0.5)
 def arm_and_moves(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         arm, runs = recorded_ur3e(tmp_path_factory.mktemp("ur3e"), patch)
-    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04, 1.0), 1) for run in runs]
+    return arm, [Observed(run, motion_features(arm, run.motion), Offset(0.0, 0.04), 1) for run in runs]
 
 
 def fit(arm, moves):

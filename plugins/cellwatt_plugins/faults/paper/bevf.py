@@ -4,8 +4,8 @@ Three steps. The input adaptor takes time as frequency, s = j t, and the pattern
 phase that a stable response of least phase then has follows from Bode's relation of gain and phase. Vector fitting
 gives poles, residues and a constant. The output adaptor is the magnitude again.
 
-The paper prints the magnitude as eq. (17), a sum of moduli. A sum of moduli is not the modulus of the sum: (17)
-and (18) are here as printed, but the pattern is ``PowerEquation.power``, and its rms is what falls as in Fig. 11.
+The paper prints the magnitude as eq. (17), a sum of moduli, which is not the modulus of the sum. The pattern is
+``PowerEquation.power``, and its rms falls as in Fig. 11.
 """
 
 from __future__ import annotations
@@ -52,23 +52,6 @@ class PowerEquation:
     def power(self, t: Float) -> Float:
         """The pattern (n,) W at t (n,) s: the magnitude of the fitted response at s = j t."""
         return np.abs(self.response.at(_axis(t)))
-
-    def p1(self, t: Float) -> Float:
-        """Eq. (17) as printed, (n,) W at t (n,) s."""
-        r, p = self.response.residues, self.response.poles
-        return np.asarray((np.abs(r) / self._distance(t, p)).sum(axis=1) + abs(self.response.constant))
-
-    def p2(self, t: Float) -> Float:
-        """Eq. (18) as printed, (n,) rad at t (n,) s: angles of residues less those of the distances to the poles."""
-        r, p = self.response.residues, self.response.poles
-        with np.errstate(divide="ignore"):  # a residue without a real part turns by a quarter
-            own = np.arctan(r.imag / r.real)
-        turned = np.arctan((t[:, None] - p.imag) / -p.real)
-        return np.asarray((own - turned).sum(axis=1) + np.arctan(self.response.constant))
-
-    @staticmethod
-    def _distance(t: Float, p: Complex) -> Float:
-        return np.asarray(np.hypot(t[:, None] - p.imag, p.real))
 
 
 def fit(t: Float, power: Float, *, order: int, iterations_done: int = ITERATIONS) -> PowerEquation:
