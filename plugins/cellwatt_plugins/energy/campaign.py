@@ -56,7 +56,8 @@ class Outcome:
         from cellwatt.report import Provenance
         from cellwatt_plugins.energy.report import report
 
-        report(self, Provenance.here(self.inputs)).write(Path(path))
+        page = report(self.findings, self.identified, self.repetitions, Provenance.here(self.inputs))
+        page.write(Path(path))
 
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:

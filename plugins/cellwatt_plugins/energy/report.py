@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy as np
 from cellwatt.report import Axis, Block, Figure, Html, Notes, Panel, Provenance, Report, Section, Table, heading
 from cellwatt.report.drawing import bars, curve, dots, line, note
 from cellwatt.report.theme import BAD, CURVE, GOOD, MEASURED, MODEL, PALE, SIMULATION
-from cellwatt_plugins.energy.campaign import Outcome
 from cellwatt_plugins.energy.drive import bus_power, supply_power
-from cellwatt_plugins.energy.findings import Findings, RunEnergy
+from cellwatt_plugins.energy.findings import Findings, Fixed, RunEnergy
+from cellwatt_plugins.energy.identify import Identified
+from cellwatt_plugins.energy.repetitions import Repetition
 
 GROUPS: Final = {
     "electronics": MODEL,
@@ -34,9 +36,10 @@ ROW = 22
 """Pixels of a bar."""
 
 
-def report(outcome: Outcome, provenance: Provenance) -> Report:
-    """The page of a campaign."""
-    found = outcome.findings
+def report(
+    found: Findings, identified: Identified, repetitions: Sequence[Sequence[Repetition]], provenance: Provenance
+) -> Report:
+    """Return the page of a campaign; ``repetitions`` are those of each of ``identified.observed``."""
     runs = found.runs
     said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
     return Report(
@@ -48,7 +51,7 @@ def report(outcome: Outcome, provenance: Provenance) -> Report:
             Section("Fixed power", [_fixed(found)], "Drawn whatever the robot does."),
             Section("Average power of each run", [_bars(found, "W")], "W, over one repetition."),
             Section("Share of each consumer", [_bars(found, "%")], "Percent of the run's energy."),
-            Section("Over time", _curves(outcome), OVER_TIME),
+            Section("Over time", _curves(found, identified, repetitions), OVER_TIME),
             Section("Energies of one repetition", [_energies(found)], _columns_told(found)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
             Section("Joints", [_joints(found)], JOINTS),
@@ -112,31 +115,32 @@ def _parts(run: RunEnergy) -> tuple[float, ...]:
     return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
 
 
-def _curves(outcome: Outcome) -> list[Block]:
+def _curves(found: Findings, identified: Identified, repetitions: Sequence[Sequence[Repetition]]) -> list[Block]:
     """Power over time of the paper's fastest speed and the fastest of all, each payload: Fig. 6."""
-    runs = outcome.findings.runs
+    runs = found.runs
     slow = max((run.speed_mm_s for run in runs if run.speed_mm_s <= PAPER_FASTEST), default=None)
     speeds = {slow, max(run.speed_mm_s for run in runs)}
     chosen = [i for i, run in enumerate(runs) if run.speed_mm_s in speeds]
-    return [block for i in chosen for block in (heading(_name(runs[i])), _curve(outcome, i))]
+    return [
+        block for i in chosen for block in (heading(_name(runs[i])), _curve(found.fixed, identified, i, repetitions[i]))
+    ]
 
 
 def _name(run: RunEnergy) -> str:
     return f"{run.speed_mm_s:g} mm/s, {run.payload_kg:g} kg"
 
 
-def _curve(outcome: Outcome, index: int) -> Figure:
-    one, drive = outcome.identified.observed[index], outcome.identified.drive
-    first = outcome.repetitions[index][0]
+def _curve(fixed: Fixed, identified: Identified, index: int, repetitions: Sequence[Repetition]) -> Figure:
+    one, drive = identified.observed[index], identified.drive
+    first = repetitions[0]
     motion, reading = one.run.motion, one.run.reading
     inside = (motion.time >= first.start) & (motion.time <= first.end)
     time = motion.time[inside] - first.start
     feature = one.feature[inside]
     supply = supply_power(drive, bus_power(drive, feature))
     mechanical = feature[:, : len(drive.torque)] @ drive.torque
-    fixed = outcome.findings.fixed
     level = fixed.electronics + fixed.brakes
-    since = np.array([repetition.start for repetition in outcome.repetitions[index]])
+    since = np.array([repetition.start for repetition in repetitions])
     measured = (reading.time - one.offset.seconds)[None, :] - since[:, None]
     seen = (measured >= 0) & (measured <= time[-1])
     power = np.broadcast_to(reading.power, measured.shape)
