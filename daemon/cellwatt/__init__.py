@@ -36,12 +36,12 @@ from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 from cellwatt.sink import CellView, Sink, SinkSettings
 from cellwatt.stage import CellInfo, Stage, StageSettings
+from cellwatt.version import __version__
 
 if TYPE_CHECKING:
     from cellwatt.record import Recording
     from cellwatt.subscriber import LinkSettings, Subscriber
 
-__version__ = "0.1.0"
 _LATER = {"LinkSettings": "cellwatt.subscriber", "Recording": "cellwatt.record", "Subscriber": "cellwatt.subscriber"}
 
 __all__ = [
@@ -87,6 +87,7 @@ __all__ = [
     "Task",
     "Tick",
     "WrongDeviceError",
+    "__version__",
     "open",
 ]
 

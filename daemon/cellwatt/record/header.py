@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from cellwatt import __version__
 from cellwatt.channel import Channel, Stream
+from cellwatt.version import __version__
 
 PART = ".part"
 """Ends the name of a file that was not closed yet."""

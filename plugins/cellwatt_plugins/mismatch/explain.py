@@ -69,10 +69,13 @@ class Explained:
         """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
         from cellwatt.report import Provenance
         from cellwatt_plugins.mismatch.report import report
-        from cellwatt_plugins.mismatch.report.traces import noise_floors, traces_of
+        from cellwatt_plugins.mismatch.report.traces import traces_of
 
         made_from = Provenance.here(self.inputs)
-        page = report(self.findings, traces_of(self), self.model.robot.robot, noise_floors(self), made_from)
+        floor = self.torque.problem.floor
+        floors = floor if self.supply is None else np.append(floor, self.supply.problem.floor)
+        traces = traces_of(self.runs, self.model, self.torque, self.nominal)
+        page = report(self.findings, traces, self.model.robot.robot, floors, made_from)
         page.write(Path(path))
 
 

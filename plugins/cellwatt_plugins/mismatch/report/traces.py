@@ -2,39 +2,32 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
-from cellwatt_plugins.mismatch.explain import Explained
+import numpy as np
+
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model, predict_states
 from cellwatt_plugins.mismatch.report import Trace
 from cellwatt_plugins.mismatch.verdict.estimates import retuned
 
-Float = NDArray[np.float64]
 
-
-def traces_of(found: Explained) -> list[Trace]:
-    """One trace a run, at all samples."""
-    robot = found.model.robot
-    refit = Model(robot, retuned(found.nominal, None), links=found.model.links)
+def traces_of(runs: Sequence[Run], model: Model, torque: Solution, nominal: Solution) -> list[Trace]:
+    """Return one trace a run, at all samples; ``torque`` and ``nominal`` are the solutions with and without effects."""
+    refit = Model(model.robot, retuned(nominal, None), links=model.links)
     out = []
-    for run, states in zip(found.runs, found.torque.problem.states, strict=True):
-        tuned, model = predict_states(refit, states), predict_states(found.model, states)
+    for run, states in zip(runs, torque.problem.states, strict=True):
+        tuned, full = predict_states(refit, states), predict_states(model, states)
         simulated = states.nominal
         power = states.with_torque(simulated).nominal_power
-        parts = [(run.torque, run.power), (simulated, power), (tuned.torque, tuned.power), (model.torque, model.power)]
+        parts = [(run.torque, run.power), (simulated, power), (tuned.torque, tuned.power), (full.torque, full.power)]
         joints = run.joints
         names, units = tuple(f"tau_{i + 1}" for i in range(joints)), ("N*m",) * joints
         if run.power is not None:
             names, units = (*names, "power"), (*units, "W")
-        measured, nominal, refitted, modelled = (
+        measured, stated, refitted, modelled = (
             np.asarray(t if run.power is None or p is None else np.column_stack([t, p])) for t, p in parts
         )
-        out.append(Trace(run.name, run.time, states.q, states.qd, names, units, measured, nominal, refitted, modelled))
+        out.append(Trace(run.name, run.time, states.q, states.qd, names, units, measured, stated, refitted, modelled))
     return out
-
-
-def noise_floors(found: Explained) -> Float:
-    """Noise floor (C,) of all channels."""
-    torque = found.torque.problem.floor
-    return torque if found.supply is None else np.append(torque, found.supply.problem.floor)
