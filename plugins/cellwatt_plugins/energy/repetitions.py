@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.energy.recordings import Motion
-from cellwatt_plugins.energy.rests import rests, signal_noise, spans
+from cellwatt_plugins.energy.rests import rests, signal_noise
+from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def _stays(motion: Motion, noise: float) -> list[tuple[int, int]]:
     for a, b in longest:
         pose = np.median(motion.position[a:b], axis=0)
         at = np.all(np.abs(motion.position - pose) < 6 * noise, axis=1)
-        stays = [(c, d) for c, d in spans(at | _gaps(at, 3)) if d - c >= least]
+        stays = [(c, d) for c, d in stretches(at | _gaps(at, 3)) if d - c >= least]
         best = max(best, stays, key=_length)
     return best
 
@@ -94,7 +95,7 @@ def _length(stays: list[tuple[int, int]]) -> int:
 def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     """True where at most ``longest`` samples in a row are false between true ones: single noisy samples."""
     out = np.zeros_like(flags)
-    for a, b in spans(~flags):
+    for a, b in stretches(~flags):
         out[a:b] = b - a <= longest and a > 0 and b < len(flags)
     return out
 

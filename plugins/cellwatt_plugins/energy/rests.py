@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.energy.recordings import Motion
 from cellwatt_plugins.robot.motion import white_noise
+from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 
@@ -27,10 +28,4 @@ def rests(motion: Motion, creep: float = 0.0) -> list[tuple[int, int]]:
     """First and last sample (exclusive) of each rest: no joint moves beyond noise, or ``creep`` rad, in ``STILL``."""
     lag = max(1, round(STILL / motion.step))
     moved = np.abs(motion.position[lag:] - motion.position[:-lag]).max(axis=1)
-    return [(a, b + lag) for a, b in spans(moved < max(creep, NOISY * signal_noise(motion.position)))]
-
-
-def spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last (exclusive) of each row of true ones among ``flags`` (N,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    return [(a, b + lag) for a, b in stretches(moved < max(creep, NOISY * signal_noise(motion.position)))]

@@ -46,17 +46,18 @@ class Block:
 
 @dataclass(frozen=True)
 class _Channel:
-    """Columns of the fixed blocks that act on a channel, each row over its standard deviation, and their products."""
+    """Columns of blocks that act on a channel, each row over its standard deviation, and their products."""
 
     places: NDArray[np.intp]
+    """Of their coefficients among all."""
     columns: Float
-    target: Float
     gram: Float
     pull: Float
+    """With the target."""
 
 
 @dataclass(frozen=True)
-class Product:
+class _Product:
     """A block's columns over their standard deviation at one channel, and their products."""
 
     channel: int
@@ -76,39 +77,44 @@ class Design:
         self.root = 1 / np.sqrt(variance)
         self.slices = places(self.blocks, 0)
         self.size = self.slices[-1].stop if self.slices else 0
-        self.channels = [self._channel(c) for c in range(target.shape[1])]
-        self._products: dict[Block, list[Product]] = {}
+        self.channels = self.by_channel(self.blocks, self.slices)
+        self._products: dict[Block, list[_Product]] = {}
 
-    def _channel(self, channel: int) -> _Channel:
-        root = self.root[:, channel : channel + 1]
-        used, parts = [np.empty(0, np.intp)], [np.empty((len(self.target), 0))]
-        for block, place in zip(self.blocks, self.slices, strict=True):
-            columns = block.of(channel)
-            if columns is not None:
-                there = np.flatnonzero(np.any(columns != 0, axis=0))
-                used.append(place.start + there)
-                parts.append(columns[:, there] * root)
-        columns, target = np.concatenate(parts, axis=1), self.target[:, channel] * root[:, 0]
-        return _Channel(np.concatenate(used), columns, target, columns.T @ columns, columns.T @ target)
+    def by_channel(self, blocks: Sequence[Block], slices: Sequence[slice]) -> list[_Channel]:
+        """Return the columns of ``blocks`` at each channel; ``slices`` are the places of their coefficients."""
+        out = []
+        for c in range(self.target.shape[1]):
+            root = self.root[:, c : c + 1]
+            used, parts = [np.empty(0, np.intp)], [np.empty((len(self.target), 0))]
+            for block, place in zip(blocks, slices, strict=True):
+                columns = block.of(c)
+                if columns is not None:
+                    there = np.flatnonzero(np.any(columns != 0, axis=0))
+                    used.append(place.start + there)
+                    parts.append(columns[:, there] * root)
+            columns = np.concatenate(parts, axis=1)
+            pull = columns.T @ (self.target[:, c] * root[:, 0])
+            out.append(_Channel(np.concatenate(used), columns, columns.T @ columns, pull))
+        return out
 
-    def products(self, blocks: Sequence[Block]) -> list[list[Product]]:
+    def products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
         """For each block its products with every channel that it acts on; blocks of a channel share the work."""
-        out: list[list[Product]] = [[] for _ in blocks]
+        out: list[list[_Product]] = [[] for _ in blocks]
         for c, channel in enumerate(self.channels):
             acting = [(i, part) for i, block in enumerate(blocks) if (part := block.of(c)) is not None]
             if not acting:
                 continue
             together = np.concatenate([part for _, part in acting], axis=1) * self.root[:, c : c + 1]
-            cross, pull = channel.columns.T @ together, together.T @ channel.target
+            cross, pull = channel.columns.T @ together, together.T @ (self.target[:, c] * self.root[:, c])
             start = 0
             for i, part in acting:
                 span = slice(start, start + part.shape[1])
                 columns = together[:, span]
-                out[i].append(Product(c, columns, cross[:, span], columns.T @ columns, pull[span]))
+                out[i].append(_Product(c, columns, cross[:, span], columns.T @ columns, pull[span]))
                 start = span.stop
         return out
 
-    def kept_products(self, blocks: Sequence[Block]) -> list[list[Product]]:
+    def kept_products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
         """``products``, remembered for blocks that are tried again and again."""
         new = [block for block in blocks if block not in self._products]
         self._products.update(zip(new, self.products(new), strict=True))
@@ -131,51 +137,22 @@ class Regression:
         self.design, self.blocks, self.factor = design, tuple(blocks), factor
         self.slices = places(self.blocks, design.size)
         self.size = self.slices[-1].stop if self.slices else design.size
-        self._added = design.products(self.blocks)
-        self._solve()
-
-    def _solve(self) -> None:
-        design, size = self.design, self.size
-        information, right = np.zeros((size, size)), np.zeros(size)
-        for channel, f in zip(design.channels, self.factor, strict=True):
-            information[np.ix_(channel.places, channel.places)] += channel.gram / f
-            right[channel.places] += channel.pull / f
-        for i, place in enumerate(self.slices):
-            for own in self._added[i]:
-                f, channel = self.factor[own.channel], design.channels[own.channel]
-                there = np.arange(place.start, place.stop)
-                information[np.ix_(channel.places, there)] += own.cross / f
-                information[np.ix_(there, channel.places)] += own.cross.T / f
-                information[place, place] += own.gram / f
-                right[place] += own.pull / f
-                for before, mixed in self._mixed(own, i):
-                    information[before, place] += mixed
-                    information[place, before] += mixed.T
+        self._added = design.by_channel(self.blocks, self.slices)
+        information, right = np.zeros((self.size, self.size)), np.zeros(self.size)
+        for fixed, added, f in zip(design.channels, self._added, factor, strict=True):
+            there = np.concatenate([fixed.places, added.places])
+            cross = fixed.columns.T @ added.columns
+            information[np.ix_(there, there)] += np.block([[fixed.gram, cross], [cross.T, added.gram]]) / f
+            right[there] += np.concatenate([fixed.pull, added.pull]) / f
         prior = Prior.joined(*(block.prior for block in (*design.blocks, *self.blocks)))
         self._fit = Fit(Products(information, right), prior)
         self.coefficients = self._fit.coefficients
-        self.fitted = self._predict()
-        self.residual = design.target - self.fitted
-
-    def _mixed(self, own: Product, count: int) -> list[tuple[slice, Float]]:
-        """Products of a block's columns with those of the first ``count`` added blocks at the same channel."""
-        f = self.factor[own.channel]
-        return [
-            (place, other.columns.T @ own.columns / f)
-            for place, added in zip(self.slices[:count], self._added, strict=False)
-            for other in added
-            if other.channel == own.channel
+        parts = [
+            sum(each.columns @ self.coefficients[each.places] for each in both)
+            for both in zip(design.channels, self._added, strict=True)
         ]
-
-    def _predict(self) -> Float:
-        design = self.design
-        out = np.zeros_like(design.target)
-        for c, channel in enumerate(design.channels):
-            out[:, c] = channel.columns @ self.coefficients[channel.places]
-        for place, products in zip(self.slices, self._added, strict=True):
-            for product in products:
-                out[:, product.channel] += product.columns @ self.coefficients[place]
-        return np.asarray(out / design.root)
+        self.fitted = np.column_stack(parts) / design.root
+        self.residual = design.target - self.fitted
 
     @property
     def covariance(self) -> Float:
@@ -193,12 +170,11 @@ class Regression:
         products = self.design.kept_products(blocks) if keep else self.design.products(blocks)
         mixed = np.zeros((self.size, sum(b.size for b in blocks)))
         spans = places(blocks, 0)
-        together = self._together()
         for span, acting in zip(spans, products, strict=True):
             for own in acting:
-                f, (there, columns) = self.factor[own.channel], together[own.channel]
-                mixed[self.design.channels[own.channel].places, span] += own.cross / f
-                mixed[there, span] += columns.T @ own.columns / f
+                added = self._added[own.channel]
+                mixed[self.design.channels[own.channel].places, span] += own.cross / self.factor[own.channel]
+                mixed[added.places, span] += added.columns.T @ own.columns / self.factor[own.channel]
         target = np.concatenate([sum(own.pull / self.factor[own.channel] for own in acting) for acting in products])
         pull = target - mixed.T @ self.coefficients
         every = self._fit.solved(mixed)
@@ -213,15 +189,3 @@ class Regression:
             for i, g, m in zip(same, gain, mean, strict=True):
                 out[i] = float(g), m
         return [each for each in out if each is not None]
-
-    def _together(self) -> list[tuple[NDArray[np.intp], Float]]:
-        """The added blocks' columns of each channel, side by side, and the places of their coefficients."""
-        out = []
-        for c in range(len(self.factor)):
-            acting = [
-                (s, p) for s, added in zip(self.slices, self._added, strict=True) for p in added if p.channel == c
-            ]
-            there = np.concatenate([np.empty(0, np.intp), *(np.arange(s.start, s.stop) for s, _ in acting)])
-            empty = np.empty((len(self.design.target), 0))
-            out.append((there.astype(np.intp), np.concatenate([empty, *(p.columns for _, p in acting)], axis=1)))
-        return out

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot.motion import white_noise
+from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 
@@ -86,9 +87,8 @@ def without_jumps(position: Float) -> Float:
 
 def _spans(moving: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
     """First and last sample of each stretch that moves, those ``gap`` samples apart or less joined."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(np.int8)))
     joined: list[tuple[int, int]] = []
-    for first, end in edges.reshape(-1, 2).tolist():
+    for first, end in stretches(moving):
         if joined and first - joined[-1][1] <= gap:
             joined[-1] = (joined[-1][0], end - 1)
         else:

@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.robot.meter import onto
+from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -149,10 +150,8 @@ def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
 
 def _longest(time: Float, wrong: Bool) -> float:
     """The longest stretch without a number, s."""
-    edges = np.flatnonzero(np.diff(wrong, prepend=False, append=False))
     last = len(time) - 1
-    spans = [time[min(end, last)] - time[max(start - 1, 0)] for start, end in zip(edges[::2], edges[1::2], strict=True)]
-    return float(max(spans, default=0.0))
+    return max((float(time[min(end, last)] - time[max(first - 1, 0)]) for first, end in stretches(wrong)), default=0.0)
 
 
 def _line(time: Float) -> Float:

@@ -11,8 +11,9 @@ from cellwatt.report.drawing import band, curve, stretch
 from cellwatt.report.numbers import capital, decimals_for, unit
 from cellwatt.report.theme import FOUND, MEASURED, MODEL, NOISE, SIMULATION
 from cellwatt_plugins.mismatch.report import words
-from cellwatt_plugins.mismatch.report.trace import Trace, spans, telling_stretch
+from cellwatt_plugins.mismatch.report.trace import Trace, telling_stretch
 from cellwatt_plugins.mismatch.verdict.findings import Span
+from cellwatt_plugins.robot.stretches import stretches
 
 CURVES = 5
 """In each figure."""
@@ -71,5 +72,5 @@ def _held_out(trace: Trace) -> list[dict[str, object]]:
     """Shade where the parameters were not fitted."""
     if trace.held_out is None or trace.held_out.all():
         return []
-    parts = spans(trace.held_out)[:MOST_MARKS]
-    return [stretch(float(trace.time[a]), float(trace.time[b]), MODEL, 0.07) for a, b in parts]
+    parts = stretches(trace.held_out)[:MOST_MARKS]
+    return [stretch(float(trace.time[a]), float(trace.time[b - 1]), MODEL, 0.07) for a, b in parts]

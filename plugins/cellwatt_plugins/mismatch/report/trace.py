@@ -83,12 +83,6 @@ def unroot(values: Float) -> Float:
     return np.asarray(np.sign(values) * values**2, np.float64)
 
 
-def spans(mask: Bool) -> list[tuple[int, int]]:
-    """First and last index of each stretch of true in (N,) ``mask``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def telling_stretch(trace: Trace, channel: str, length: float) -> tuple[float, float]:
     """Start and end s of the stretch of ``length`` s in which the simulation is furthest off."""
     start, end = float(trace.time[0]), float(trace.time[-1])

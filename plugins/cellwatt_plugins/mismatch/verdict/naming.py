@@ -15,6 +15,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
+from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 
@@ -179,11 +180,7 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
     for states, columns in zip(solution.problem.states, solution.problem.columns(term), strict=True):
         size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
         there = size > 0.1 * max(1e-12, float(np.max(size)))
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
-        out += [
-            Span(states.name, float(states.time[a]), float(states.time[b - 1]))
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
-        ]
+        out += [Span(states.name, float(states.time[a]), float(states.time[b - 1])) for a, b in stretches(there)]
     return tuple(out[:40])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.stretches import stretches
 
 Float = NDArray[np.float64]
 
@@ -49,11 +50,11 @@ def levels(
     out = []
     for i, (path, course, step) in enumerate(zip(paths, courses, steps, strict=True)):
         width = max(1, round(BLOCK / step))
-        for first, last in _stretches(path):
-            cut = first == 0 or last == len(path) - 1
-            if cut or (last - first + 1) * width * step >= shortest:
+        for first, last in stretches(path):
+            cut = first == 0 or last == len(path)
+            if cut or (last - first) * width * step >= shortest:
                 start = _edge(course, first * width, 2 * width, (low, high))
-                end = _edge(course, min((last + 1) * width, len(course)), 2 * width, (high, low))
+                end = _edge(course, min(last * width, len(course)), 2 * width, (high, low))
                 out.append((i, start, end - 1))
     return out
 
@@ -104,8 +105,3 @@ def _path(values: Float, weight: Float, low: float, high: float, spread: float) 
         if came[i, state]:
             state = 1 - state
     return path
-
-
-def _stretches(path: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], path, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

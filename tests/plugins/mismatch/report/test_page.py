@@ -14,7 +14,7 @@ import pytest
 from cellwatt.report import Provenance
 from cellwatt_plugins.mismatch.report import Trace, report
 from cellwatt_plugins.mismatch.report.heat import by_coordinate, by_time, rms_by_cell
-from cellwatt_plugins.mismatch.report.trace import spans, telling_stretch, worst_first
+from cellwatt_plugins.mismatch.report.trace import telling_stretch, worst_first
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Span, Where
 from tests.daemon.report.reading import Page, check, numbers
 from tests.plugins.mismatch import reported
@@ -213,11 +213,6 @@ def test_shapes_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         replace(one, velocity=one.velocity[:-1])
     with pytest.raises(ValueError, match="2 noise floors for 1 channels"):
         page(tmp_path, *reported.single(), floors=np.ones(2))
-
-
-def test_stretches_of_a_mask() -> None:
-    assert spans(np.array([True, True, False, True, False])) == [(0, 1), (3, 3)]
-    assert spans(np.zeros(3, bool)) == []
 
 
 def test_opens_where_the_simulation_is_furthest_off() -> None:

@@ -11,6 +11,7 @@ from cellwatt_plugins.mismatch.input.admission.factors import joints_text, usabl
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import FAST
+from cellwatt_plugins.robot.stretches import stretches
 
 CLIPPED = 0.01
 """Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
@@ -86,7 +87,7 @@ def _frozen(run: Run) -> Iterator[str]:
             continue
         found = [
             (end - start, start, end)
-            for start, end in _stretches(np.diff(torque) == 0)
+            for start, end in stretches(np.diff(torque) == 0)
             if (end - start) * run.step > FROZEN
             and np.ptp(position[start:end]) > MOVES
             and torque[start] not in (torque.max(), torque.min())
@@ -102,10 +103,4 @@ def _frozen(run: Run) -> Iterator[str]:
 
 
 def _longest(at: NDArray[np.bool_]) -> int:
-    return max((end - start for start, end in _stretches(at)), default=0)
-
-
-def _stretches(at: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and one past last sample of each stretch in which ``at`` holds."""
-    edges = np.flatnonzero(np.diff(at, prepend=False, append=False)).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
+    return max((end - start for start, end in stretches(at)), default=0)
