@@ -29,76 +29,86 @@ NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Point = tuple[float, float, float]
 
 
-class Tolerances(BaseModel):
-    """Standard deviations of the stated parameters, as a share of their value."""
+class _Keys(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True, use_attribute_docstrings=True)
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+
+class Tolerances(_Keys, extra="forbid"):
+    """Standard deviations of the stated numbers, as a share of their value."""
 
     friction: PositiveFloat = 0.06
+    """Of Coulomb and viscous friction."""
     rotor_inertia: PositiveFloat = 0.03
+    """Of the rotors' inertia."""
     link: PositiveFloat = 0.03
+    """Of mass, centre of mass and inertia of each link of the URDF."""
     supply: PositiveFloat = 0.05
+    """Of standby power and winding resistances."""
     unexplained: NonNegative = 0.03
     """Share of what a channel measures (standard deviation) below which nothing unexplained is told as a finding."""
     torque_gain: NonNegative | None = None
-    """Common factor of all measured torques; where absent 0.1 for torque from current, 0 for measured torque."""
+    """Of all measured torques together; where absent 0.1 for torque from current, 0 for measured torque."""
 
 
-class Joint(BaseModel):
+class Joint(_Keys):
     """One joint; torques, inertias and friction at the joint side. 0 means that the simulation leaves the term out."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
     name: str
+    """Name of the joint in the URDF; joints come in the order from the base."""
     gear_ratio: PositiveFloat = 1.0
+    """Turns of the motor for one of the joint."""
     torque_constant: NonNegative = 0.0
     """Nm/A at the joint side."""
     rotor_inertia: NonNegative = 0.0
     """kg m² at the joint side."""
     coulomb_friction: NonNegative = 0.0
-    """Nm."""
+    """Nm at the joint side."""
     viscous_friction: NonNegative = 0.0
-    """Nm s/rad."""
+    """Nm s/rad at the joint side."""
     winding_resistance: NonNegative = 0.0
     """Ω."""
     rated_torque: NonNegative = 0.0
-    """Nm for 100 %."""
+    """Nm at the joint side for 100 %."""
     lower_limit: float | None = None
     """rad; the URDF's where absent."""
     upper_limit: float | None = None
+    """rad; the URDF's where absent."""
     velocity_limit: PositiveFloat | None = None
-    """rad/s."""
+    """rad/s; the URDF's where absent."""
 
 
-class Capsule(BaseModel):
-    """Rod of a ``radius`` m with round ends, from ``start`` to ``end`` m in the frame of a link; link 0 is the base."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+class Capsule(_Keys, extra="forbid"):
+    """Rod with round ends on a link."""
 
     link: Annotated[int, Field(ge=0)]
+    """1 is what joint 1 moves, 0 the base."""
     start: Annotated[Point, Field(alias="from")]
+    """x, y, z of one end, m in the link's frame (that of its joint)."""
     end: Annotated[Point, Field(alias="to")]
+    """x, y, z of the other end."""
     radius: PositiveFloat
+    """m."""
 
 
-class RobotDescription(BaseModel):
+class RobotDescription(_Keys):
     """A robot as its user knows it; a URDF is beside it."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-
     robot: str
+    """Name of the robot."""
     urdf: Path
-    """The URDF, beside the file unless absolute."""
+    """The URDF, beside this file unless absolute."""
     joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
+    """The joints that move, from the base."""
     sample_rate: PositiveFloat | None = None
     """Hz of its recordings; found in the recording where absent."""
     standby_power: NonNegative = 0.0
-    """W."""
+    """W at the supply while nothing moves."""
     converter_efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Share of the supply's power that reaches the drives."""
     regeneration: Annotated[float, Field(ge=0, le=1)] = 1.0
     """Share of braking power that comes back to the supply."""
     tolerances: Tolerances = Tolerances()
+    """Shares by which these numbers may be off (one standard deviation)."""
     payload: NonNegative = 0.0
     """kg of the maximum payload."""
     brakes: bool = True
@@ -106,7 +116,7 @@ class RobotDescription(BaseModel):
     controller_separate: bool = True
     """False where the arm cannot be unplugged from its controller, so that only their sum is measured."""
     torque_from: Literal["current", "sensor"] = "sensor"
-    """Torque estimated from motor current may be off by a factor a joint."""
+    """Origin of the robot's torques: an estimate from motor current may be off by a factor a joint."""
     floor: float = 0.0
     """Height of the floor in the base's frame, m."""
     capsules: tuple[Capsule, ...] = ()

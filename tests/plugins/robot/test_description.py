@@ -1,10 +1,14 @@
 import re
+from pathlib import Path
 
 import pytest
 import yaml
 
+from cellwatt.config.reference import markdown
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.robot import load_robot
+from cellwatt_plugins.robot import RobotDescription, load_robot
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "robots.md"
 
 JOINTS = [
     {
@@ -116,4 +120,18 @@ NESTED = "a: &a [x,x,x,x,x,x,x,x,x,x]\n" + "".join(
 def test_what_no_reader_of_yaml_should_meet_is_told_in_a_line(tmp_path, text):
     with pytest.raises(ConfigError, match=r"robot\.yaml") as error:
         load_robot(write(tmp_path, text))
-    assert len(str(error.value)) < 500
+    assert len(str(error.value)) < 600
+
+
+def test_every_key_is_on_the_page():
+    """Write the table anew: python -m tests.plugins.robot.test_description."""
+    assert PAGE.read_text(encoding="utf-8") == page()
+
+
+def page():
+    text = PAGE.read_text(encoding="utf-8")
+    return text[: text.index("| key |")] + markdown(RobotDescription) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
