@@ -1,0 +1,60 @@
+"""The notebooks run from top to bottom, and are kept without outputs."""
+
+import ast
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .conftest import ROOT
+
+FOLDER = ROOT / "examples" / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
+
+
+def run(notebook: Path) -> tuple[dict[str, Any], list[Any]]:
+    """What is defined after the last cell, and what each cell shows."""
+    names: dict[str, Any] = {}
+    shown = []
+    for cell in json.loads(notebook.read_text())["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        assert cell["outputs"] == [] and cell["execution_count"] is None, notebook
+        body = ast.parse("".join(cell["source"])).body
+        last = body.pop() if isinstance(body[-1], ast.Expr) else None
+        exec(compile(ast.Module(body, []), notebook.name, "exec"), names)
+        if last is not None:
+            shown.append(eval(compile(ast.Expression(last.value), notebook.name, "eval"), names))
+    return names, shown
+
+
+def test_there_are_three():
+    assert [notebook.name[0] for notebook in NOTEBOOKS] == ["1", "2", "3"]
+
+
+@pytest.mark.timeout(120)
+def test_look_at_a_recording(workspace):
+    names, shown = run(NOTEBOOKS[0])
+    assert shown[0]["board.supply.power"] == "W"
+    assert len(names["frame"]) == 200 and names["power"].shape == (200, 3) and names["position"].shape == (200, 5)
+    assert len(names["intervals"]) == 1 and len(names["alarms"]) == 1 and len(names["raw"]) == 100
+
+
+@pytest.mark.timeout(120)
+def test_explain_a_simulation(workspace):
+    names, _ = run(NOTEBOOKS[1])
+    findings = names["found"].findings.findings
+    assert [(f.effect, f.joint) for f in findings] == [("stribeck_friction", 2)]
+    needed = re.search(r"needs ([\d.]+) ± [\d.]+ Nm more", findings[0].statement)
+    assert needed is not None and float(needed[1]) == pytest.approx(6, abs=0.3)
+    assert (workspace / "report.html").stat().st_size > 100_000
+
+
+@pytest.mark.timeout(120)
+def test_an_arm(workspace):
+    names, shown = run(NOTEBOOKS[2])
+    assert shown[0] == 3
+    assert names["flange"].shape == (301, 3)
+    assert names["energy"]["standby"] == pytest.approx(90 * 1.5, rel=1e-6)
