@@ -151,7 +151,7 @@ class AbbDriver(Driver[AbbSettings]):
         return self._streams
 
     async def identify(self) -> Identity:
-        """What the controller's pages say, or, without them, that EGM packets come."""
+        """Identify the controller by its pages or, where they are not read, by the EGM packets that come."""
         if self._controller is not None:
             async with session(self._access()) as web:
                 return await self._controller.identify(web)

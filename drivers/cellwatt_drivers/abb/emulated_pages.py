@@ -95,7 +95,7 @@ class Pages:
         return secrets.compare_digest(given.get("response", ""), _md5(f"{first}:{middle}:{second}"))
 
     def _entries(self, path: str, as_json: bool) -> tuple[Entry, ...] | None:
-        """What a page lists; ``None``: there is no such page."""
+        """Return the entries of a page; ``None`` if there is no such page."""
         robot = self._robot
         match path:
             case rws.MODE:

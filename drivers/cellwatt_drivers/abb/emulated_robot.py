@@ -21,7 +21,7 @@ _DEGREES = math.degrees(1.0)
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """What a packet says of itself: number, controller's time in s since 1970, and whether it states that time."""
+    """Number of a packet, the controller's time in s since 1970, and whether the packet states that time."""
 
     number: int
     time: float

@@ -102,7 +102,7 @@ class Intake:
             self._outlet.account.anomaly("duplicates" if ahead == 0 else "late packets")
 
     def _broken(self, clocked: bool, time: int, steps: int, arrival: int) -> str | None:
-        """Why the controller's time cannot be on the map of the packets before, or ``None``."""
+        """Return why the controller's time has a new base since the packets before, or ``None``."""
         if clocked != self._clocked:
             return "the controller's clock came or went"
         passed = time - self._time

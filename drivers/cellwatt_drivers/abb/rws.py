@@ -154,7 +154,7 @@ def _listed(entries: Iterable[Entry]) -> str:
 
 
 def json_page(robotware: RobotWare, entries: Iterable[Entry]) -> bytes:
-    """The same in JSON: all values are texts, and RobotWare 7 has no ``_embedded`` around them."""
+    """Return a page in JSON: all values are texts, and RobotWare 7 has no ``_embedded`` around them."""
     base = {"_links": {"base": {"href": "http://localhost/rw/"}}}
     state = [_plain(e) for e in entries]
     whole = (

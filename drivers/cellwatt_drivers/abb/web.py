@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Where the pages are and who asks; ``certificate`` is a file, without one the server's is not checked."""
+    """Address of the pages and the user who reads them; without a ``certificate`` file, the server is not checked."""
 
     host: str
     port: int

@@ -43,7 +43,7 @@ class Packet:
 
 
 def decode(datagram: bytes) -> Packet:
-    """Raises ``ProtocolError`` where the datagram is not one of a robot's."""
+    """Decode a datagram. Raises ``ProtocolError`` where it is not one of a robot's."""
     message = parse(datagram)
     header = message.header
     if not header.HasField("seqno") or header.mtype != DATA:

@@ -1,4 +1,4 @@
-"""What an error frame of Linux SocketCAN says (linux/can/error.h). Pure functions."""
+"""Error frames of Linux SocketCAN (linux/can/error.h), decoded by pure functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many messages were lost before one that came."""
+"""Messages that were lost before one that came, counted from its counter and the time."""
 
 from __future__ import annotations
 

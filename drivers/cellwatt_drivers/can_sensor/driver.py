@@ -171,7 +171,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         return {i.stream.name: i for i in self._intakes.values()}
 
     def _take(self, frame: Message) -> bool:
-        """Whether it is a frame of the sensor."""
+        """Take a frame; true if it is one of the sensor's."""
         if frame.is_error_frame:
             self._note_error(frame)
             return False
@@ -211,7 +211,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             self._malformed = listening.malformed
 
     def _verdict(self, place: BusPlace) -> SourceError:
-        """Why nothing of the sensor was heard."""
+        """Return the error that says why nothing of the sensor was heard."""
         where = f"{place}: in {self.settings.silence:g} s"
         if self._state == "off":
             return ConnectError(

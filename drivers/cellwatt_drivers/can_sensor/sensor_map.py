@@ -1,4 +1,4 @@
-"""What a sensor's CAN messages mean, as a YAML file beside a DBC file."""
+"""Sensor maps: a YAML file that says which channels a DBC file's messages feed."""
 
 from __future__ import annotations
 
@@ -105,11 +105,11 @@ class Decoding:
 
     @property
     def counts_to(self) -> int | None:
-        """Values that the message's counter has before it begins anew."""
+        """Number of values that the message's counter has before it begins anew."""
         return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
 
     def decode(self, data: bytes) -> Mapping[str, float]:
-        """Signals by name, in the DBC file's units. Raises ``ValueError`` where there are too few bytes."""
+        """Decode the signals, by name, in the DBC file's units. Raises ``ValueError`` where there are too few bytes."""
         from cantools.database.errors import DecodeError
 
         try:
@@ -121,13 +121,13 @@ class Decoding:
 
 
 def load_map(path: Path) -> SensorMap:
-    """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
+    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
     made = read_settings(path, SensorMap)
     return made.model_copy(update={"dbc": path.parent / made.dbc})
 
 
 def load_decodings(sensor: SensorName | None, path: Path | None) -> tuple[SensorMap, dict[str, Decoding]]:
-    """A packaged map or one's own, with its DBC file. Raises ``ConfigError``."""
+    """Read a packaged map, or one's own, with its DBC file. Raises ``ConfigError``."""
     if path is not None:
         made = load_map(path)
         return made, _decodings(made)

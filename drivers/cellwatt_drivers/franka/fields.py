@@ -1,4 +1,4 @@
-"""What a robot's state holds: the library's attributes and the channels made of them.
+"""Attributes of a robot's state, as the library names them, and the channels made of them.
 
 Source: libfranka's ``robot_state.h``. Poses are 4×4, column by column.
 """

@@ -104,7 +104,7 @@ class KinovaDriver(Driver[KinovaSettings]):
         return tuple(read.stream for read in self._reads)
 
     async def identify(self) -> Identity:
-        """Modbus has no name of the arm: whether its registers can be read. Raises ``SourceError``."""
+        """Identify the arm by its registers, as Modbus has no name of it. Raises ``SourceError``."""
         async with self._open() as link:
             return await self._greet(link)
 

@@ -33,16 +33,16 @@ class EmulatedMeter:
 
     @property
     def slots(self) -> tuple[Slot, ...]:
-        """Where its values stand."""
+        """The values' places among the registers."""
         return tuple(self._slots)
 
     def cuts(self, address: int, count: int) -> bool:
-        """Whether a read would begin or end within a value, or beside all values."""
+        """True if a read begins or ends within a value, or beside all values."""
         edges = {s.address for s in self._slots}, {s.end for s in self._slots}
         return address not in edges[0] or address + count not in edges[1]
 
     def gaps(self, address: int, count: int) -> bool:
-        """Whether a read holds registers without a value."""
+        """True if a read holds registers without a value."""
         held = sum(s.end - s.address for s in self._slots if address <= s.address and s.end <= address + count)
         return held < count
 

@@ -136,7 +136,7 @@ class ModbusMeterEmulator(Emulator):
         return None
 
     def _struck(self, sending: bool, data: bytes) -> bytes:
-        """What of an answer reaches the wire."""
+        """Return the bytes of an answer that reach the wire."""
         if not sending:
             return data
         unit, function = (data[6], data[7]) if self._framer is FramerType.SOCKET else (data[0], data[1])
@@ -164,7 +164,7 @@ def _map(options: Options) -> MeterMap:
 
 
 def _bound(server: ModbusTcpServer | ModbusSerialServer) -> str:
-    """Where a server listens, once it does."""
+    """Return the address, HOST:PORT, at which a running server listens."""
     listening = server.transport
     assert isinstance(listening, asyncio.Server)
     host, port = listening.sockets[0].getsockname()[:2]

@@ -1,4 +1,4 @@
-"""Whether a meter is the one that its map is for: voltage, frequency and what it says of itself."""
+"""Tells a meter from another make's by voltage, frequency and what it says of itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cellwatt_drivers.shared.polling import NoAnswerError
 
 
 def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
-    """Why these first values, as they stand in the registers, are not this meter's; empty where they may be.
+    """Return why these first values, as they stand in the registers, are not this meter's; empty if they may be.
 
     A mains meter has a frequency, and a voltage on at least one phase: 0 and NaN there are another meter's, unless
     the mains ``may_be_off``. What the map gives no range for is not looked at.
@@ -54,7 +54,7 @@ def _quantity(meter: MeterMap, name: str) -> str:
 
 
 async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDeviceError:
-    """The error that says what was expected, why it is not that, and what it probably is."""
+    """Return the error that says what was expected, why it is not that, and what it probably is."""
     said, like = await _says(bus, unit), await _like(bus, unit, meter)
     hints = [f"it says that it is {said}"] if said else []
     if like:
@@ -65,7 +65,7 @@ async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDevic
 
 
 async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
-    """Packaged maps whose voltages and frequency are all there and plausible."""
+    """Return the packaged maps whose voltages and frequency are all there and plausible."""
     fitting = []
     for name, meter in (await asyncio.to_thread(_packaged)).items():
         if meter == but:
@@ -85,7 +85,7 @@ def _packaged() -> dict[MeterName, MeterMap]:
 
 
 async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -> dict[str, float]:
-    """What the meter has of these values, as it stands in the registers."""
+    """Read those of these values that the meter has, as they stand in the registers."""
     if not names:
         return {}
     reader = Reader(meter, names, unit)
@@ -101,7 +101,7 @@ async def _numbers(bus: Bus, unit: int, meter: MeterMap, names: Sequence[str]) -
 
 
 async def _says(bus: Bus, unit: int) -> str:
-    """Maker, product and version by Modbus's own function for it; empty where the meter has no such function."""
+    """Return maker, product and version by Modbus's own function for it; empty if the meter has no such function."""
     try:
         return " ".join(await bus.identification(unit))
     except SourceError:

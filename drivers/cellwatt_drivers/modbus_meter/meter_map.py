@@ -80,7 +80,7 @@ class MeterValue(_Part):
 
     @property
     def counts(self) -> bool:
-        """Whether it is a counter."""
+        """True if it is a counter."""
         return self.unit in {"J", "Wh", "kWh", "MWh"} if self.counter is None else self.counter
 
     def channel(self, name: str, window: float = 0.0) -> Channel:
@@ -148,7 +148,7 @@ class MeterMap(_Part):
         return tuple(name for name, value in self.values.items() if value.between is not None)
 
     def wrap(self, name: str) -> float | None:
-        """Where a counter begins anew, in SI units, as far as that is known."""
+        """Return the value at which a counter begins anew, in SI units; ``None`` if that is not known."""
         value = self.values[name]
         if value.wraps_at is not None:
             return value.wraps_at * _SI[value.unit][1]
@@ -157,11 +157,11 @@ class MeterMap(_Part):
 
 
 def load_map(path: Path) -> MeterMap:
-    """A map from a file. Raises ``ConfigError`` with every mistake and its line and column."""
+    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
     return read_settings(path, MeterMap)
 
 
 def packaged_map(name: MeterName) -> MeterMap:
-    """One of ``METERS``."""
+    """Read one of ``METERS``."""
     with as_file(files(__package__) / "meters" / f"{name}.yaml") as path:
         return load_map(path)

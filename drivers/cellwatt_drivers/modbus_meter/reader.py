@@ -42,7 +42,7 @@ class Reader:
         self._refused = refused
 
     async def read(self, bus: Bus) -> NDArray[np.float64]:
-        """All values (names,) as they stand in the registers; NaN for what the meter does not have.
+        """Read all values (names,) as they stand in the registers; NaN for those that the meter does not have.
 
         Raises ``WrongDeviceError`` where it has none of them, and what ``Bus.read`` raises.
         """
@@ -67,7 +67,7 @@ class Reader:
         return row
 
     def _apart(self, block: Block, error: RefusedError) -> tuple[Block, ...]:
-        """What to ask instead of a block that is refused."""
+        """Return the blocks to ask instead of one that is refused."""
         self._count("refused reads")
         parts = block.split()
         if not parts:

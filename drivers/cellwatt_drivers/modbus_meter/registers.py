@@ -1,4 +1,4 @@
-"""Where values stand among a meter's registers, and which of them one request reads. Pure functions."""
+"""Places of values among a meter's registers, and the requests that read them. Pure functions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FORMAT: dict[RegisterType, str] = {
 
 
 def width(kind: RegisterType) -> int:
-    """Registers that a value takes."""
+    """Return the number of registers that a value takes."""
     return struct.calcsize(_FORMAT[kind]) // 2
 
 
@@ -36,7 +36,7 @@ class Slot:
 
     @property
     def end(self) -> int:
-        """Address behind its last register."""
+        """Address after its last register."""
         return self.address + width(self.kind)
 
 

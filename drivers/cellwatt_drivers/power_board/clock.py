@@ -31,7 +31,7 @@ Verdict = Literal["follows", "behind", "stale", "jumped", "restarted"]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a packet belongs: unwrapped ``sequence`` and ``time`` (µs) of its first sample.
+    """Place of a packet on the board's lines: unwrapped ``sequence`` and ``time`` (µs) of its first sample.
 
     ``follows`` the newest, or comes from ``behind`` it; ``stale``: from behind, on a time base that is gone;
     ``jumped``: next in sequence, but the clock was set, by ``jump`` µs; ``restarted``: sequence and clock
@@ -57,7 +57,7 @@ class BoardClock:
         self._behind = 0
 
     def place(self, packet: Packet, arrival: int) -> Place:
-        """Where a packet that came at the cell's time ``arrival`` (ns) belongs."""
+        """Return the place of a packet that came at the cell's time ``arrival``, ns."""
         now = arrival / 1e3
         if self._sequence is None:
             return self._start(packet, now, "follows")
@@ -92,7 +92,7 @@ class BoardClock:
         return unwrapped(packet.sequence, SEQUENCE_WRAP, self._sequence + span / self._step) - self._sequence
 
     def _fits(self, steps: int, span: float) -> bool:
-        """Whether ``steps`` samples take ``span`` µs; until the period is known, whether they could."""
+        """True if ``steps`` samples take ``span`` µs; until the period is known, if they could."""
         if steps < -RECENT or (steps > 0) != (span > 0) or (steps < 0) != (span < 0):
             return False
         if self._period is None:
@@ -100,7 +100,7 @@ class BoardClock:
         return abs(span - steps * self._period) <= 20e3 + 2 * self._period + 0.02 * abs(steps) * self._period
 
     def _fresh(self, packet: Packet) -> bool:
-        """Whether both counters went back, to those of a board that was switched on within the last minute."""
+        """True if both counters went back, to those of a board that was switched on within the last minute."""
         assert self._sequence is not None
         went_back = packet.time < self._time and packet.sequence < self._sequence
         return (

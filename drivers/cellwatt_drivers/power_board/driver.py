@@ -219,7 +219,7 @@ class Listening:
         return True
 
     def _verdict(self) -> SourceError:
-        """Why nothing wanted was heard."""
+        """Return the error that says why nothing wanted was heard."""
         s = self._settings
         where, span = f"{s.port}: in {s.silence:g} s", f"at {s.baud} baud"
         if self._others:

@@ -38,7 +38,7 @@ _SINGLE = {10 + 8 * n: (n, struct.Struct("<BBHI" + _MEASURED * n)) for n in rang
 
 
 class Packet(NamedTuple):
-    """What one radio packet says.
+    """Content of one radio packet.
 
     ``sequence`` (u16) and ``time`` (u32 µs of the board's clock) are those of the first sample; ``step``
     is µs from sample to sample, 0 where there is one. ``raw`` is sample by sample, phase by phase U, I, P

@@ -29,12 +29,12 @@ class VirtualPort:
 
     @property
     def path(self) -> str:
-        """Where to open the port: the link, or else the terminal itself."""
+        """Path at which to open the port: the link, or else the terminal itself."""
         return str(self._link or self._slave)
 
     @property
     def plugged(self) -> bool:
-        """Whether the port is there."""
+        """True while the port is there."""
         return self._master >= 0
 
     def plug(self) -> None:
@@ -64,7 +64,7 @@ class VirtualPort:
 
     @property
     def opened(self) -> bool:
-        """Whether somebody has the port open."""
+        """True while somebody has the port open."""
         if not self.plugged:
             return False
         poll = select.poll()
@@ -86,14 +86,14 @@ class VirtualPort:
             os.close(slave)
 
     def write(self, data: bytes) -> int:
-        """Send what the line takes without blocking; how many bytes that was."""
+        """Send what the line takes without blocking; return how many bytes that was."""
         try:
             return os.write(self._master, data)
         except BlockingIOError:
             return 0
 
     def read(self) -> bytes:
-        """What the other side wrote, without blocking."""
+        """Return the bytes that the other side wrote, without blocking."""
         try:
             told = os.read(self._master, 4096)
         except OSError:  # nothing there, or nobody at the other end

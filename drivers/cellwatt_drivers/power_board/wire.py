@@ -36,7 +36,7 @@ def decoder(mode: Mode) -> Decoder:
 
 
 def wrap(payload: bytes, mode: Mode, *, sender: int = 0, network: int = 0xFFFE, explicit: bool = False) -> bytes:
-    """What the receiver puts on the serial line for a payload; ``explicit``: frame type 0x91 in place of 0x90."""
+    """Return the bytes that the receiver sends for a payload; ``explicit``: frame type 0x91 in place of 0x90."""
     if mode == "transparent":
         return transparent.frame(payload)
     data = (xbee.receive_explicit_data if explicit else xbee.receive_data)(payload, sender, network)
@@ -44,7 +44,7 @@ def wrap(payload: bytes, mode: Mode, *, sender: int = 0, network: int = 0xFFFE, 
 
 
 def diagnose(data: bytes, mode: Mode) -> str:
-    """What ``data``, in which ``mode`` found no packet, looks like, and what to do; for the person at the cell."""
+    """Say what ``data`` looks like, in which ``mode`` found no packet, and what to do."""
     for other in MODES:
         if other != mode and decoder(other).feed(data):
             return f"these are {_SEEN[other]}: set mode: {other}, or set the receiver to {_AP[mode]}"

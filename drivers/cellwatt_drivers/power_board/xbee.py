@@ -145,7 +145,7 @@ def _unescape(piece: bytes) -> bytes:
 
 
 def _well_escaped(piece: bytes, body: bytes) -> bool:
-    """Whether what ``body`` was made of has an escape for each byte that needs one.
+    """True if the bytes that ``body`` was made of have an escape for each byte that needs one.
 
     Without this most AP=1 frames would pass for AP=2, and a quarter of them vanish without a hint.
     """

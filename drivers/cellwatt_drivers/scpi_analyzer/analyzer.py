@@ -22,7 +22,7 @@ class Analyzer:
         self._timeout = timeout
 
     async def identify(self) -> Identification:
-        """Who answers. Answers to earlier queries that come first are passed over.
+        """Ask who answers; pass over answers to earlier queries that come first.
 
         Raises ``WrongDeviceError`` where something else than the dialect's model answers.
         """
@@ -54,7 +54,7 @@ class Analyzer:
             self._line.tell(command)
 
     async def selected(self, wanted: Sequence[str]) -> tuple[str, ...]:
-        """The items that ``read`` answers, in order; ``wanted`` where the query itself names them."""
+        """Ask for the items that ``read`` answers, in order; ``wanted`` where the query itself names them."""
         dialect = self._dialect
         if not dialect.selected:
             return tuple(wanted)
@@ -102,7 +102,7 @@ class Analyzer:
         return found
 
     async def read(self, items: Sequence[str]) -> Answer:
-        """One line of measured values."""
+        """Ask for one line of measured values."""
         return await self._line.ask(self._dialect.query(items), self._timeout)
 
 

@@ -1,4 +1,4 @@
-"""What each make of analyzer calls things: commands and functions as data."""
+"""Commands and functions of each make of analyzer, as data."""
 
 from __future__ import annotations
 

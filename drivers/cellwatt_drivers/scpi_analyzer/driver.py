@@ -123,7 +123,7 @@ class ScpiAnalyzerDriver(Driver[ScpiAnalyzerSettings]):
         return (self._stream,)
 
     async def identify(self) -> Identity:
-        """What ``*IDN?`` says. Raises ``SourceError``."""
+        """Identify the analyzer by ``*IDN?``. Raises ``SourceError``."""
         async with self._open() as line:
             return await self._greet(self._analyzer(line))
 

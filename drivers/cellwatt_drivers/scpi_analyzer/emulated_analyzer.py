@@ -118,7 +118,7 @@ class EmulatedAnalyzer:
         }
 
     def _status_commands(self) -> Mapping[str, Callable[[str], str | None]]:
-        """What every instrument has by IEEE 488.2."""
+        """Return the commands that every instrument has by IEEE 488.2."""
         return {
             "*CLS": lambda _: self._clear_status(),
             "*STB?": lambda _: str(self._status_byte()),

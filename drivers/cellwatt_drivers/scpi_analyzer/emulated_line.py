@@ -13,7 +13,7 @@ from cellwatt.emulation.terminal import raw_terminal
 
 
 class Writer(Protocol):
-    """Where answers go."""
+    """Takes answers."""
 
     def write(self, data: bytes, /) -> object:
         """Send them."""

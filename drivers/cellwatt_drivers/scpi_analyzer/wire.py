@@ -40,7 +40,7 @@ class Identification:
 
 
 def parse_value(text: str) -> Value:
-    """A number, or one of the marks for "none" (NAN, dashes, 9.91E37) and "overload" (9.9E37, INF).
+    """Parse a number, or one of the marks for "none" (NAN, dashes, 9.91E37) and "overload" (9.9E37, INF).
 
     Raises ``ProtocolError`` for any other text.
     """
@@ -58,7 +58,7 @@ def parse_value(text: str) -> Value:
 
 
 def parse_values(line: str, count: int, separator: str = ",") -> tuple[Value, ...]:
-    """The values of one answer. Raises ``ProtocolError`` where there are not ``count`` of them."""
+    """Parse the values of one answer. Raises ``ProtocolError`` where there are not ``count`` of them."""
     tokens = line.split(separator)
     if len(tokens) != count:
         raise ProtocolError(f"{len(tokens)} values in {line[:60]!r}; expected {count}")
@@ -66,7 +66,7 @@ def parse_values(line: str, count: int, separator: str = ",") -> tuple[Value, ..
 
 
 def parse_error(line: str) -> tuple[int, str]:
-    """Code and text of one entry of the error queue; code 0 where it is empty. Raises ``ProtocolError``."""
+    """Parse code and text of an entry of the error queue; code 0 where it is empty. Raises ``ProtocolError``."""
     found = _ERROR.fullmatch(line.strip())
     if not found:
         raise ProtocolError(f"{line[:60]!r} is not an entry of the error queue")
@@ -74,7 +74,7 @@ def parse_error(line: str) -> tuple[int, str]:
 
 
 def parse_count(line: str) -> int:
-    """How many values an analyzer answers, with or without a header. Raises ``ProtocolError``."""
+    """Parse the number of values that an analyzer answers, with or without a header. Raises ``ProtocolError``."""
     text = line.strip().split(" ")[-1]
     if not text.isascii() or not text.isdigit() or int(text) > _MOST_VALUES:
         raise ProtocolError(f"{line[:40]!r} is not a number of values")
@@ -82,14 +82,14 @@ def parse_count(line: str) -> int:
 
 
 def parse_identification(line: str) -> Identification:
-    """Maker, model, serial number, … and firmware: the first three and the last of the fields."""
+    """Parse an answer to ``*IDN?``: the first three fields, and the last as firmware."""
     fields = [field.strip() for field in line.split(",")]
     maker, model, serial = (*fields, "", "", "")[:3]
     return Identification(maker, model, serial, fields[-1] if len(fields) > 3 else "")
 
 
 def decode_line(data: bytes) -> str:
-    """One line without its end, LF or CR LF. Raises ``ProtocolError`` where it is not printable ASCII."""
+    """Decode a line without its end, LF or CR LF. Raises ``ProtocolError`` where it is not printable ASCII."""
     text = data.rstrip(b"\r\n").decode("ascii", "replace")
     if not text.isprintable() or "\ufffd" in text:
         raise ProtocolError(f"{data[:40]!r} is not a line of text")

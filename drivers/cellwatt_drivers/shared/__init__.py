@@ -1,1 +1,1 @@
-"""What several drivers need, each thing once; knows no driver."""
+"""The room that all drivers share: each thing that several need, once. It knows none of them."""

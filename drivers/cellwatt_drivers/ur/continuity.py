@@ -1,4 +1,4 @@
-"""What the controller's timestamps tell: packages that never came, and a time base that changed."""
+"""Finds by the controller's timestamps packages that never came and a time base that changed."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ class Grid:
             self.step = period
 
     def keeps(self, step: int) -> bool:
-        """Whether a step of this many ns is one step of the grid in force, so that nothing is missing."""
+        """True if a step of this many ns is one step of the grid in force, so that nothing is missing."""
         return self.step is not None and abs(step - self.step) <= OFF_GRID * self.step
 
     def missing(self, steps: Steps) -> int:
-        """How many packages are newly known to be missing, given the next steps (n,) ns, all above 0."""
+        """Return how many packages are newly known to be missing, given the next steps (n,) ns, all above 0."""
         if self.policy == "off":
             return 0
         if self.step is None:
@@ -101,7 +101,7 @@ def _most_common(steps: Steps) -> float:
 
 
 def _fit(steps: Steps, step: float) -> NDArray[np.bool_]:
-    """Which steps are whole multiples, at least one, of step."""
+    """Mark the steps that are whole multiples, at least one, of ``step``."""
     cycles = steps / step
     nearest = np.rint(cycles)
     fits: NDArray[np.bool_] = (nearest >= 1) & (np.abs(cycles - nearest) <= OFF_GRID + SLACK * nearest)

@@ -191,7 +191,7 @@ class UrEmulator(Emulator):
 
     @property
     def down(self) -> bool:
-        """Whether connections are refused now."""
+        """True while connections are refused."""
         return time.monotonic() < self._down_until
 
     def _reboot(self, seconds: float) -> None:

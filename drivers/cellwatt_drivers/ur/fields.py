@@ -1,4 +1,4 @@
-"""What an RTDE controller can tell: every output field, its type, and the channels made of it.
+"""Output fields of an RTDE controller: the type of each, and the channels made of it.
 
 Source: the field table of the RTDE guide. A field without channels is known (the emulator serves it) but not
 offered by the driver, because its unit depends on the controller's set-up, is not documented, or has no name here.
@@ -36,7 +36,7 @@ class Field:
         return ELEMENTS[self.type][1]
 
     def served_by(self, version: ControllerVersion) -> bool:
-        """Whether a controller of this version knows the field."""
+        """True if a controller of this version knows the field."""
         now = (version.major, version.minor, version.bugfix)
         return any(version.major == first[0] and now >= first for first in self.since)
 

@@ -27,7 +27,7 @@ TICK = 0.1
 
 
 class Takes(Protocol):
-    """What a connection feeds; see ``Intake``."""
+    """Takes what a connection receives; see ``Intake``."""
 
     def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
         """The next packages."""

@@ -25,7 +25,7 @@ _OFFERED = {c.name: (f, i) for f in FIELDS.values() for i, c in enumerate(f.chan
 
 @dataclass(frozen=True)
 class Selection:
-    """What to ask for and what to deliver of it.
+    """Fields to ask for, and the channels to deliver of them.
 
     ``fields`` in the order of the recipe (the timestamp comes before them), ``picks`` the elements of each
     that become channels, ``power`` whether ``bus.power`` comes last.
@@ -64,7 +64,7 @@ class Selection:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What is delivered, in column order."""
+        """The channels delivered, in column order."""
         picked = tuple(f.channels[i] for f, elements in zip(self.fields, self.picks, strict=True) for i in elements)
         return (*picked, BUS_POWER) if self.power else picked
 

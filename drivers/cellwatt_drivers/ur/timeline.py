@@ -1,4 +1,4 @@
-"""What an emulated controller sends and when: its own cycles, or the rows of a recording."""
+"""Samples of an emulated controller and their times: its own cycles, or the rows of a recording."""
 
 from __future__ import annotations
 
@@ -64,19 +64,19 @@ class Timeline(Protocol):
     """Hz where every client gets the part of the samples that it asks for, ``None`` where all get all."""
 
     def due(self, elapsed: float) -> int:
-        """How many samples have been made."""
+        """Return how many samples have been made after ``elapsed`` s."""
         ...
 
     def when(self, number: int) -> float:
-        """When a sample is made."""
+        """Return when a sample is made, s."""
         ...
 
     def stamps(self, numbers: Numbers) -> Float:
-        """Controller time (n,) s of samples."""
+        """Return the controller time (n,) s of samples."""
         ...
 
     def columns(self, numbers: Numbers) -> Mapping[str, Float]:
-        """Values (n,) of samples by channel or RTDE column."""
+        """Return values (n,) of samples by channel or RTDE column."""
         ...
 
 

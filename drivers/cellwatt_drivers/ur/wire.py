@@ -93,7 +93,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """How the data packages of a recipe look: recipe id and whole size in bytes."""
+    """Form of a recipe's data packages: recipe id and whole size in bytes."""
 
     id: int
     size: int
@@ -127,7 +127,7 @@ class ControllerVersion:
 
 @dataclass(frozen=True, slots=True)
 class TextMessage:
-    """What the controller has to say; ``level`` 0 exception, 1 error, 2 warning, 3 info."""
+    """A message of the controller; ``level`` 0 exception, 1 error, 2 warning, 3 info."""
 
     text: str
     source: str
@@ -171,7 +171,7 @@ def scan(
 
 
 def _neighbours(data: memoryview, package: Package, most: int | None) -> int:
-    """How many whole packages of the recipe stand one after the other at the start of data."""
+    """Count the whole packages of the recipe that stand one after the other at the start of data."""
     if len(data) >= 4 and data[3] != package.id:
         raise ProtocolError(f"data package of recipe {data[3]}, the agreed one is {package.id}")
     count = len(data) // package.size
@@ -241,7 +241,7 @@ def text_message(message: TextMessage) -> bytes:
 
 
 def parse_accept(payload: bytes) -> bool:
-    """Whether the controller accepted."""
+    """True if the controller accepted."""
     if len(payload) != 1 or payload[0] > 1:
         raise ProtocolError(f"an acceptance is one byte, 0 or 1, not {payload[:8].hex(' ')}")
     return payload[0] == 1

@@ -114,7 +114,7 @@ class YaskawaEmulator(Emulator):
         return wire.Answer(number, request.service | wire.ANSWER, 0, 0, found)
 
     def _single(self, request: wire.Request) -> bytes | int:
-        """What one read gives, or the added status of a refusal."""
+        """Return the data of one read, or the added status of a refusal."""
         if request.service in wire.SET:
             return _NOT_REMOTE
         if request.service not in (wire.GET_ALL, wire.GET_ONE):

@@ -1,4 +1,4 @@
-"""Who is at the other end, and does it give what the settings ask for?"""
+"""Asks a controller who it is, and tries each read that the settings ask for."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ async def greet(link: Link, group: int, axes: int, reads: Mapping[str, wire.Requ
 
 
 async def _optional(link: Link, request: wire.Request, decode: Callable[[bytes], T]) -> T | None:
-    """What not every controller gives; raises where nobody is there at all."""
+    """Read what not every controller gives; raise if nobody is there at all."""
     try:
         return decode((await link.ask(request, _RETRIES)).answer.data)
     except ProtocolError:

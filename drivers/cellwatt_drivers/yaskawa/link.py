@@ -174,7 +174,7 @@ class Link:
             waiting.set_result((answer, arrival))
 
     def _as_ever(self, answer: wire.Answer) -> bool:
-        """Whether the fields that a controller never changes are those of its first answer."""
+        """True if the fields that a controller never changes are those of its first answer."""
         if self._constants is None:
             self._constants = answer.constants
         return answer.constants == self._constants

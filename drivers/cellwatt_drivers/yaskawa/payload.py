@@ -1,4 +1,4 @@
-"""What the data part of each answer holds; all integers are signed 32 bit unless said otherwise."""
+"""Data of each answer ⇄ values; all integers are signed 32 bit unless said otherwise."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class System:
 
 
 def decode_status(data: bytes) -> Status:
-    """Raises ``ProtocolError`` unless there are two words."""
+    """Decode a status. Raises ``ProtocolError`` unless there are two words."""
     mode, state = _STATUS.unpack(_sized(data, _STATUS, "status"))
     return Status(Mode(mode & _MODE_BITS), State(state & _STATE_BITS))
 
@@ -177,7 +177,7 @@ def encode_alarm(alarm: Alarm) -> bytes:
 
 
 def decode_system(data: bytes) -> System:
-    """Raises ``ProtocolError`` unless there are 48 bytes."""
+    """Decode a system information. Raises ``ProtocolError`` unless there are 48 bytes."""
     software, model, parameters = _SYSTEM.unpack(_sized(data, _SYSTEM, "system information"))
     return System(_text(software), _text(model), _text(parameters))
 

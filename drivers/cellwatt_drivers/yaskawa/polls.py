@@ -1,4 +1,4 @@
-"""What is asked for in each slot: the request, the stream it feeds and what its data become."""
+"""Polls of each slot: the request, the stream that it feeds, and the values made of its data."""
 
 from __future__ import annotations
 
