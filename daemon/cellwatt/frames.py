@@ -53,20 +53,22 @@ class Layout:
         """Full names in column order."""
         return tuple(c.name for c in self.channels)
 
-    def index(self, name: str) -> int:
+    def index(self, name: str, unit: str | None = None) -> int:
         """Column of a channel given by full name, or by short name where only one source has it.
 
-        Raises ``ConfigError`` that names the candidates if it is unknown or ambiguous.
+        Raises ``ConfigError`` that names the candidates if it is unknown or ambiguous, or if it is not in ``unit``.
         """
-        if name in self.names:
-            return self.names.index(name)
-        found = [i for i, c in enumerate(self.channels) if c.short == name]
-        if len(found) == 1:
-            return found[0]
-        if found:
+        found = [i for i, c in enumerate(self.channels) if c.name == name]
+        found = found or [i for i, c in enumerate(self.channels) if c.short == name]
+        if not found:
+            raise ConfigError(f"no source gives the channel {name!r}; there are: {', '.join(self.names)}")
+        if len(found) > 1:
             options = ", ".join(self.names[i] for i in found)
             raise ConfigError(f"channel {name!r} is given by several sources: write one of {options}")
-        raise ConfigError(f"no source gives the channel {name!r}; there are: {', '.join(self.names)}")
+        channel = self.channels[found[0]]
+        if unit not in (None, channel.unit):
+            raise ConfigError(f"channel {channel.name} is in {channel.unit}, expected {unit}")
+        return found[0]
 
     def joints(self, quantity: str, source: str | None = None) -> tuple[int, ...]:
         """Columns of ``joint_1.<quantity>``, ``joint_2.<quantity>``, … of the one source that has them.

@@ -56,7 +56,7 @@ async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[s
     if seconds is not None:
         loop.call_later(seconds, cell.stop)
     view = LiveCell()
-    with Live(refresh_per_second=4, transient=True) if show else _Quiet() as live:
+    with Live(refresh_per_second=4, transient=True, console=Console(quiet=not show)) as live:
 
         def look(status: Mapping[str, Any]) -> None:
             view.add("health", status)
@@ -65,16 +65,3 @@ async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[s
         cell.view.on_health = look
         await cell.run()
     return cell.view.status()
-
-
-class _Quiet:
-    """Stands in for the live display where there is no terminal."""
-
-    def __enter__(self) -> _Quiet:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def update(self, _: object) -> None:
-        pass

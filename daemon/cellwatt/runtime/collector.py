@@ -66,10 +66,6 @@ class Collector:
         """Let go of all devices."""
         await tasks.end(["ticks", *(f"source {name}" for name in self.sources)])
 
-    def tell(self, kind: str, text: str, data: Mapping[str, str | float] | None = None) -> None:
-        """Say what happened to the cell itself."""
-        self._give(Event(self.clock.now(), None, kind, text, data or {}))
-
     def keep_time(self) -> None:
         """Compare the clock with the host's, and let sources say what they held back; to be called once a second."""
         for source in self.sources.values():
@@ -81,7 +77,7 @@ class Collector:
                 "the cell's time does not jump but follows by at most 500 ppm"
             )
             log.warning("%s", text)
-            self.tell("wall_clock_step", text, {"step_s": step})
+            self._give(Event(self.clock.now(), None, "wall_clock_step", text, {"step_s": step}))
 
     def status(self) -> dict[str, Any]:
         """Figures of each source for health, JSON-ready."""

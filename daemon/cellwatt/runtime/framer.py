@@ -13,7 +13,7 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.blocks import cut
 from cellwatt.channel import Stream
 from cellwatt.config import FrameSettings
-from cellwatt.frames import Frames, Layout
+from cellwatt.frames import Frames
 
 
 class Framer:
@@ -28,11 +28,6 @@ class Framer:
         self.sequence = sequence
         self._after = after
         self._aligner = Aligner(streams, settings.rate, settings.latency)
-
-    @property
-    def layout(self) -> Layout:
-        """The columns of the frames."""
-        return self._aligner.layout
 
     def take(self, entry: Batch | Tick) -> Iterator[Frames]:
         """The frames that a batch or tick settles."""

@@ -28,7 +28,7 @@ def plain_errors() -> Iterator[None]:
 
 
 class Tasks:
-    """Tasks of a group by name: ``end`` cancels them, ``finish`` lets them come to their own end."""
+    """Tasks of a group by name."""
 
     def __init__(self, group: asyncio.TaskGroup) -> None:
         self._group = group
@@ -40,22 +40,9 @@ class Tasks:
 
     async def end(self, names: Iterable[str]) -> None:
         """Cancel tasks and wait for them; one that does not let go within ``DRAIN`` is told and left."""
-        tasks = self._taken(names)
+        tasks = [self._tasks.pop(name) for name in list(names) if name in self._tasks]
         for task in tasks:
             task.cancel()
-        for task in await _late(tasks):
+        for task in (await asyncio.wait(tasks, timeout=DRAIN))[1] if tasks else ():
             log.warning("%s did not end within %.0f s: it is cut off", task.get_name(), DRAIN)
             task.cancel()
-
-    async def finish(self, names: Iterable[str]) -> None:
-        """Wait until tasks have ended; one that is busy for longer than ``DRAIN`` is cut off."""
-        for task in await _late(self._taken(names)):
-            log.warning("%s still busy after %.0f s: what it had queued is lost", task.get_name(), DRAIN)
-            task.cancel()
-
-    def _taken(self, names: Iterable[str]) -> list[asyncio.Task[None]]:
-        return [self._tasks.pop(name) for name in list(names) if name in self._tasks]
-
-
-async def _late(tasks: list[asyncio.Task[None]]) -> set[asyncio.Task[None]]:
-    return (await asyncio.wait(tasks, timeout=DRAIN))[1] if tasks else set()

@@ -11,7 +11,6 @@ from cellwatt import (
     Alarm,
     AlarmBook,
     CellInfo,
-    ConfigError,
     Frames,
     Layout,
     Prediction,
@@ -44,10 +43,7 @@ class DemandStage(Stage[DemandSettings]):
 
     def __init__(self, name: str, settings: DemandSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
-        self._column = layout.index(settings.power)
-        unit = layout.channels[self._column].unit
-        if unit != "W":
-            raise ConfigError(f"{settings.power} is in {unit}, and demand is a mean of W")
+        self._column = layout.index(settings.power, "W")
         self._mean = MovingMean(max(1, round(settings.window * layout.rate)))
         self._book = AlarmBook()
 

@@ -108,11 +108,7 @@ class EnergyStage(Stage[EnergySettings]):
                     f"the robot has {self._arm.joints} joints"
                 )
             columns += found
-        power = layout.index(self.settings.power)
-        if layout.channels[power].unit != "W":
-            channel = layout.channels[power]
-            raise ConfigError(f"stage {self.name!r}: power channel {channel.name} is in {channel.unit}, expected W")
-        return [*columns, power]
+        return [*columns, layout.index(self.settings.power, "W")]
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """The split of tasks that ended, and alarms that changed."""

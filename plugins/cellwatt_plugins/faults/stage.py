@@ -19,7 +19,7 @@ from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycle_alarms import CycleAlarms
 from cellwatt_plugins.faults.interval_alarms import IntervalAlarms
 from cellwatt_plugins.faults.judge import Judge, Rules
-from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.faults.reference import columns_of, load
 from cellwatt_plugins.faults.trace import Trace
 
 if TYPE_CHECKING:
@@ -84,17 +84,8 @@ class FaultsStage(Stage[FaultsSettings]):
         self._reference = load(path)
         if self._reference.robot and cell.robot and self._reference.robot != cell.robot:
             raise ModelError(f"reference {path}: is of robot {self._reference.robot}, the cell's robot is {cell.robot}")
-        there = {c.source for c in layout.channels}
-        arm = settings.arm or (self._reference.arm if self._reference.arm in there else None)
-        self._positions = list(layout.joints("position", arm))
+        self._positions, self._power = columns_of(self._reference, path, layout, settings.arm, settings.power)
         self._source = layout.channels[self._positions[0]].source
-        if len(self._positions) != self._reference.joints:
-            found = f"source {self._source} has {len(self._positions)}"
-            raise ModelError(f"reference {path}: has {self._reference.joints} joints, {found}")
-        self._power = layout.index(settings.power or self._reference.power)
-        if layout.channels[self._power].unit != "W":
-            channel = layout.channels[self._power]
-            raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
         if settings.robot is None and not self._reference.tasks:
             raise ModelError(f"reference {path}: has whole cycles only: set robot to the description of the robot")
         t = settings.tolerance

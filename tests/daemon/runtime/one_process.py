@@ -10,7 +10,7 @@ from typing import Any
 from cellwatt.config import CellConfig
 from cellwatt.errors import CellwattError
 from cellwatt.frames import Frames
-from cellwatt.results import Result
+from cellwatt.results import Event, Result
 from cellwatt.runtime import cell
 from cellwatt.runtime.assemble import Prepared, prepare
 from cellwatt.runtime.chain import BEGINS_ANEW, Chain
@@ -27,6 +27,7 @@ class Worker:
         self._take = take
         self._queue: asyncio.Queue[Frames | None] = asyncio.Queue()
         self._thread = ThreadPoolExecutor(1)
+        self.ended = asyncio.Event()
 
     def offer(self, frames: Frames | None) -> None:
         """Take one block; None ends ``run`` when all before it is done."""
@@ -41,6 +42,7 @@ class Worker:
             self._take(await loop.run_in_executor(self._thread, self.chain.close))
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
+            self.ended.set()
 
 
 class Cell(cell.Cell):
@@ -102,7 +104,7 @@ class Cell(cell.Cell):
         workers, self._workers = self._workers, []
         for worker in workers:
             worker.offer(None)
-        await self._tasks.finish(f"stages {'+'.join(worker.chain.names)}" for worker in workers)
+        await asyncio.gather(*(worker.ended.wait() for worker in workers))
         self._flush()  # what sources that stay gave meanwhile
 
     def _parts(self) -> dict[str, Any]:
@@ -133,4 +135,4 @@ class Cell(cell.Cell):
         if change.frames:
             self._begin_frames(prepared)
             self.view.redeclare(prepared.streams, prepared.layout)
-        self._collector.tell("reloaded", str(change))
+        self.view.take(Event(self.clock.now(), None, "reloaded", str(change)))

@@ -46,7 +46,7 @@ def test_a_change_numbers_on() -> None:
     framer = Framer(STREAMS, FrameSettings())
     first = [f for batch in batches(50) for f in framer.take(batch)] + list(framer.flush())
     framer.change(STREAMS, FrameSettings(rate=25.0))
-    assert framer.layout.rate == 25.0
     second = [f for batch in batches(100)[50:] for f in framer.take(batch)]
     assert second[0].sequence == first[-1].sequence + len(first[-1])
+    assert second[0].layout.rate == 25.0
     assert framer.status()["count"] == framer.sequence

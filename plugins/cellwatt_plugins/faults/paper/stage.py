@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cellwatt.alarms import AlarmBook
-from cellwatt.errors import ConfigError, ModelError
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
@@ -29,7 +28,7 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.networks import Networks, networks_of
 from cellwatt_plugins.faults.paper.pattern import by_equations
-from cellwatt_plugins.faults.reference import load
+from cellwatt_plugins.faults.reference import columns_of, load
 from cellwatt_plugins.faults.stage import ToleranceSettings
 from cellwatt_plugins.faults.trace import Trace
 
@@ -78,15 +77,8 @@ class PaperFaultsStage(Stage[PaperFaultsSettings]):
         super().__init__(name, settings, layout, cell)
         path = cell.folder / settings.reference
         reference = load(path)
-        self._positions = list(layout.joints("position", settings.arm or reference.arm))
+        self._positions, self._power = columns_of(reference, path, layout, settings.arm, settings.power)
         self._source = layout.channels[self._positions[0]].source
-        if len(self._positions) != reference.joints:
-            found = f"source {self._source} has {len(self._positions)}"
-            raise ModelError(f"reference {path}: has {reference.joints} joints, {found}")
-        self._power = layout.index(settings.power or reference.power)
-        if layout.channels[self._power].unit != "W":
-            channel = layout.channels[self._power]
-            raise ConfigError(f"stage {name!r}: power channel {channel.name} is in {channel.unit}, expected W")
         t = settings.tolerance
         courses = courses_of(reference)
         if settings.equations:
