@@ -16,7 +16,7 @@ from cellwatt_plugins.faults.cycles.findings import CycleFinding, FaultFinding
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.paper.codes import Residual
-from cellwatt_plugins.faults.paper.expected import LEAST_WAY, ExpectedInterval, Readings, fault_table, resampled
+from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, fault_table, resampled
 from cellwatt_plugins.faults.paper.judging import Isolation, NamedFault, by_codes, by_encoders, judge_interval
 from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 
@@ -24,6 +24,8 @@ Codes = NDArray[np.int8]
 AS_IN_THE_PAPER = Tolerance(power=0.10, floor=0.0)
 Isolate = Callable[[Sequence[ExpectedInterval]], Isolation]
 """How codes of a task are told apart, given its intervals."""
+LEAST_WAY = 0.02
+"""A joint that goes less far than this, rad, is at rest: no fault shows in it (section IV)."""
 AROUND = 0.3
 """s of rest that belong to a cycle on either side."""
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, Final
 
 import yaml
-
-from cellwatt.files import WRITTEN, read_text
 
 DEEPEST: Final = 50
 """Lists and mappings within each other."""
@@ -23,14 +20,6 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 class NotYamlError(yaml.YAMLError, ValueError):
     """A text is not YAML, or not within bounds; says where and why in one line."""
-
-
-def read_yaml(path: Path, limit: int = WRITTEN) -> Any:
-    """Content of a YAML file of at most ``limit`` bytes.
-
-    Raises ``OSError``, ``UnicodeDecodeError`` or ``NotYamlError``; the first line of their text says why.
-    """
-    return parse_yaml(read_text(path, limit))
 
 
 def parse_yaml(text: str) -> Any:

@@ -130,12 +130,6 @@ def plain(values: ArrayLike, decimals: int | None = None) -> list[Any]:
     return [None if v != v else v for v in rounded.tolist()]
 
 
-def faint(colour: str, opacity: float = 0.25) -> str:
-    """A colour ``#rrggbb`` that lets the ground through."""
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return f"rgba({red},{green},{blue},{opacity})"
-
-
 def thin(values: Float, most: int) -> tuple[Float, float]:
     """At most ``most`` values that keep the extremes of (N,) ``values``, and how many samples apart they lie.
 

@@ -13,9 +13,6 @@ from cellwatt_plugins.faults.reference import Variant
 Float = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
-LEAST_WAY = 0.02
-"""A joint that goes less far than this, rad, is at rest: no fault shows in it (section IV)."""
-
 
 @dataclass(frozen=True, slots=True)
 class Readings:
