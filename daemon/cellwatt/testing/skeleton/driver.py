@@ -24,8 +24,8 @@ from cellwatt import (
 from cellwatt.errors import why
 from cellwatt.host import Host
 from cellwatt.quantity import Hertz, Seconds
+from cellwatt.slots import Slots
 from cellwatt.testing.skeleton import wire
-from cellwatt.ticker import Ticker
 
 CHANNELS = (Channel("supply.voltage", "V"), Channel("supply.current", "A"), Channel("supply.power", "W"))
 
@@ -54,8 +54,7 @@ class SkeletonDriver(Driver[SkeletonSettings]):
     def __init__(self, name: str, settings: SkeletonSettings, outlet: Outlet) -> None:
         super().__init__(name, settings, outlet)
         self._stream = Stream("measured", CHANNELS, settings.rate, "host")
-        self._served = 0
-        """Deadline of the poll served last, ns, monotonic."""
+        self._slots = Slots(settings.rate, outlet.account.lose)
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -71,35 +70,23 @@ class SkeletonDriver(Driver[SkeletonSettings]):
         """See ``Driver.run``. Each poll that falls due is delivered, or counted as missed with its reason."""
         async with self._connected() as meter:
             self.outlet.connected(await self._greet(meter))
-            async with Ticker(self.settings.rate) as ticker:
-                async for beat in ticker:
-                    self._count_unserved(beat.deadline, "slow answers" if beat.merged else "disconnected")
+            async with self._slots as slots:
+                async for _ in slots:
                     await self._poll(meter)
-
-    def _count_unserved(self, deadline: int, reason: str) -> None:
-        """Miss the polls between the last one served and this one."""
-        unserved = round((deadline - self._served) * self.settings.rate / 1e9) - 1 if self._served else 0
-        self._served = deadline
-        if unserved > 0:
-            self._miss(unserved, reason)
 
     async def _poll(self, meter: Meter) -> None:
         asked = self.outlet.now()
         try:
             sample = wire.parse_sample(await meter.ask(wire.READ))
         except ConnectError:
-            self._miss(1, "no answer")
+            self.outlet.account.lose(1, "no answer")
             raise
         except ProtocolError:
-            self._miss(1, "malformed")
+            self.outlet.account.lose(1, "malformed")
             raise
         values = np.array([[sample.voltage, sample.current, sample.power]])
         self.outlet.account.expect()
         self.outlet.emit(Reading(self._stream, values, self.outlet.now(), asked=asked))
-
-    def _miss(self, polls: int, reason: str) -> None:
-        self.outlet.account.expect(polls)
-        self.outlet.account.miss(polls, reason)
 
     async def _greet(self, meter: Meter) -> Identity:
         try:
