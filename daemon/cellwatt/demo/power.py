@@ -52,8 +52,8 @@ def _both(folder: Path, epoch: float) -> tuple[Float, Float, Float]:
     """Time (n,) UTC s, measured and predicted power (n,) W of all frames of this run that have both."""
     recording = Recording.open(folder)
     said: dict[int, float] = {}
-    for result in recording.results():
-        if isinstance(result, Prediction) and result.model == MODEL:
+    for result in recording.results(Prediction):
+        if result.model == MODEL:
             said |= dict(zip(result.time, result.outputs[MODEL], strict=True))
     rows = [
         (at * 1e-9, value, said[at])

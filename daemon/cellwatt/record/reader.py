@@ -226,7 +226,8 @@ class Recording:
     def _of(self, kinds: tuple[type[T], ...], wanted: Callable[[Track], bool]) -> Iterator[T]:
         for file, tracks in zip(self._files, self._tracks, strict=True):
             numbers = {number for number, track in tracks.items() if wanted(track)}
-            if not numbers:
+            contents, span = file.contents, self._span
+            if not numbers or (span is not None and (contents.start > span[1] or contents.end < span[0])):
                 continue
             for item in self._read(file, tracks, numbers):
                 if not isinstance(item, kinds):

@@ -41,11 +41,10 @@ def report(recording: Recording, start: float | None, end: float | None, wanted:
     groups = _groups(frames, wanted)
     if not groups or first >= last:
         raise RecordingError("nothing to draw: no such channels, or no frames in that span")
-    results = list(recording.results())
-    alarms = [r for r in results if isinstance(r, Alarm)]
+    alarms = recording.alarms()
     raised = [a for a in alarms if a.active]
     shown = (float(seconds[first]), float(seconds[last - 1]))
-    intervals = [r for r in results if isinstance(r, Interval) and r.closed] or _segment(frames)
+    intervals = recording.intervals() or _segment(frames)
     marks, labels = _bands(intervals, origin, shown)
     marks += _lines(alarms, origin, shown)
     x = Axis("s since the start", shown)
@@ -64,7 +63,7 @@ def report(recording: Recording, start: float | None, end: float | None, wanted:
         layout={"hovermode": "x unified"},
     )
     table = [[f"{(a.time - origin) * 1e-9:.2f} s", a.severity, a.statement] for a in raised]
-    tasks = [r for r in results if isinstance(r, Task)]
+    tasks = recording.tasks()
     header = recording.header
     return Report(
         name=f"{header.site}/{header.cell}",

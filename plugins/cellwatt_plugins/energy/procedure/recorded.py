@@ -42,10 +42,9 @@ class Recorded:
 
     def __init__(self, folder: Path, arm: Arm, source: str | None = None, supply: str | None = None) -> None:
         self._place = folder
-        whole = Recording.open(folder)
-        self._parts = [Recording.open(path) for path in whole.paths]
-        self._arm_at = _stream_with(whole, "joint_1.position", source, folder)
-        self._supply_at = _stream_with(whole, POWER, supply, folder)
+        self._whole = Recording.open(folder)
+        self._arm_at = _stream_with(self._whole, "joint_1.position", source, folder)
+        self._supply_at = _stream_with(self._whole, POWER, supply, folder)
         self._columns, self._gain = _joint_columns(self._arm_at[1], arm, folder)
 
     def motion(self, span: Span) -> Rows:
@@ -60,25 +59,15 @@ class Recorded:
     def _read(self, at: tuple[str, Stream], names: tuple[str, ...], span: Span) -> Rows:
         source, stream = at
         columns = [stream.names.index(name) for name in names]
-        times, values = [], []
-        for part in self._parts:
-            if part.end < span.start or part.start > span.end or not _has(part, source, stream.name):
-                continue
-            samples = part.batches(source, stream.name)
-            inside = (samples.time >= span.start) & (samples.time <= span.end)
-            picked = samples.values[:, columns]
-            inside &= np.isfinite(picked).all(axis=1)
-            times.append(samples.time[inside])
-            values.append(picked[inside])
-        if not sum(map(len, times)):
+        start, end = ((t - self._whole.start) / 1e9 for t in (span.start, span.end))
+        samples = self._whole.within(start, end).batches(source, stream.name)
+        picked = samples.values[:, columns]
+        whole = np.isfinite(picked).all(axis=1)
+        if not whole.any():
             raise RecordingError(
                 f"{self._place}: nothing of {source} in the recording at that time: was cellwatt running?"
             )
-        return Rows(np.concatenate(times), np.concatenate(values))
-
-
-def _has(part: Recording, source: str, stream: str) -> bool:
-    return any(declared.name == stream for declared in part.streams.get(source, ()))
+        return Rows(samples.time[whole], picked[whole])
 
 
 def _stream_with(whole: Recording, channel: str, wanted: str | None, folder: Path) -> tuple[str, Stream]:
