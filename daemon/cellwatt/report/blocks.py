@@ -28,7 +28,7 @@ class Part(Protocol):
 
 Block = str | Part
 _TAG = re.compile("<[^>]*>")
-_NUMBER = re.compile(r"[(−<>×\s]*\d|–$|not told$")
+_NUMBER = re.compile(r"[(−<>×\s]*\d.{,30}$|–$|not told$")
 
 
 def markup(content: Block) -> Html:

@@ -25,7 +25,7 @@ from cellwatt_plugins.faults.trace import Trace
 from cellwatt_plugins.robot.description import robot_file
 
 if TYPE_CHECKING:
-    from cellwatt_plugins.faults.cycles.findings import CycleFinding
+    from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class Learned:
     tasks: tuple[Task, ...]
     note: str | None = None
     """Why it has no intervals, if it has none."""
+    inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The report that ``cellwatt reference --json`` prints, without the file."""
@@ -59,6 +60,14 @@ class Learned:
         """Write the reference file. Raises ``ModelError``."""
         save(self.reference, Path(path))
 
+    def report(self, path: Place) -> None:
+        """Write the page of the reference. Raises ``CellwattError`` where that fails or plotly is missing."""
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.faults.reference_report import report
+
+        left_out = self.as_json()["cycles_left_out"]
+        report(self.reference, left_out, self.note, Provenance.here(self.inputs)).write(Path(path))
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -66,10 +75,20 @@ class Judged:
 
     cycles: tuple[CycleFinding, ...]
     recording: Recording
+    evidence: tuple[Evidence, ...] = ()
+    """Of the cycles of known tasks, where they were judged by the physics of the arm."""
+    inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``, which ``cellwatt faults --json`` prints."""
         return {"cycles": [asdict(finding) for finding in self.cycles]}
+
+    def report(self, path: Place) -> None:
+        """Write the page of the cycles. Raises ``CellwattError`` where that fails or plotly is missing."""
+        from cellwatt.report import Provenance
+        from cellwatt_plugins.faults.report import report
+
+        report(self.cycles, self.evidence, self.recording.joints, Provenance.here(self.inputs)).write(Path(path))
 
 
 def reference(
@@ -91,10 +110,13 @@ def reference(
     described = _described(robot)
     blocks = list(frames_of_files(paths_of(recordings), paths_of(meter)))
     if robot is not None and described is not None and described.urdf and described.joints:
-        return _learned_with_cycles(blocks, Path(robot), arm, power)
-    name = robot if described is None else described.robot
-    learned, tasks = learn_from(blocks, None if name is None else str(name), arm, power)
-    return Learned(learned, tuple(tasks))
+        learned = _learned_with_cycles(blocks, Path(robot), arm, power)
+    else:
+        name = robot if described is None else described.robot
+        found, tasks = learn_from(blocks, None if name is None else str(name), arm, power)
+        learned = Learned(found, tuple(tasks))
+    description = [robot_file(robot)] if robot is not None and described is not None else []
+    return replace(learned, inputs=(*paths_of(recordings), *paths_of(meter), *description))
 
 
 def faults(
@@ -123,22 +145,30 @@ def faults(
     recording = recording_of(list(frames_of_files(paths_of(recordings), paths_of(meter))), arm, power or learnt.power)
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
+    evidence: list[Evidence] = []
     if robot is not None:
-        found = _judged(recording, learnt, file, Path(robot), false_alarms)
+        found = _judged(recording, learnt, file, Path(robot), false_alarms, evidence)
     else:
         assert network is not None
         found = _judged_by_network(recording, learnt, file, Path(network))
-    return Judged(tuple(found), recording)
+    judged_by = [Path(given) for given in (robot, network) if given is not None]
+    inputs = (*paths_of(recordings), *paths_of(meter), file, *judged_by)
+    return Judged(tuple(found), recording, tuple(evidence), inputs)
 
 
 def _judged(
-    recording: Recording, reference: Reference, file: Path, robot: Path, false_alarms: float
+    recording: Recording,
+    reference: Reference,
+    file: Path,
+    robot: Path,
+    false_alarms: float,
+    evidence: list[Evidence],
 ) -> list[CycleFinding]:
-    """Findings by the physics of the arm. Raises ``CellwattError``."""
+    """Findings by the physics of the arm, with what they rest on in ``evidence``. Raises ``CellwattError``."""
     from cellwatt_plugins.faults.cycles.findings import judge_recording
     from cellwatt_plugins.faults.cycles.watch import known_of
 
-    return judge_recording(recording, known_of(reference, file, robot, false_alarms))
+    return judge_recording(recording, known_of(reference, file, robot, false_alarms), evidence.append)
 
 
 def _judged_by_network(recording: Recording, reference: Reference, file: Path, network: Path) -> list[CycleFinding]:

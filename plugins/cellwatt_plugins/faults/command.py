@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cellwatt.errors import RecordingError, why
+from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
 
@@ -32,6 +33,7 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
 @click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
+@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 def reference(
     recordings: tuple[Path, ...],
@@ -40,6 +42,7 @@ def reference(
     meters: tuple[Path, ...],
     arm: str | None,
     power: str,
+    page: Path | None,
     as_json: bool,
 ) -> None:
     """Learn the healthy reference from RECORDINGs of healthy running.
@@ -51,6 +54,9 @@ def reference(
     if learned.note:
         click.echo(learned.note, err=True)
     learned.save(out)
+    if page is not None:
+        learned.report(page)
+        click.echo(f"written to {page}", err=True)
     report = {"file": str(out), **learned.as_json()}
     click.echo(json.dumps(report) if as_json else _in_words(report))
 
@@ -89,6 +95,7 @@ def faults() -> None:
     show_default=True,
     help="Share of healthy intervals in which a false alarm is accepted.",
 )
+@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 def judge(
     recordings: tuple[Path, ...],
@@ -100,6 +107,7 @@ def judge(
     arm: str | None,
     power: str | None,
     false_alarms: float,
+    page: Path | None,
     as_json: bool,
 ) -> None:
     """Judge every cycle of RECORDINGs against healthy ones: what is harmless, and which joint or encoder is faulty.
@@ -122,6 +130,9 @@ def judge(
             out.write_text(json.dumps(content, indent=1))
         except OSError as error:
             raise RecordingError(f"--out {out}: cannot be written: {why(error)}") from error
+    if page is not None:
+        found.report(page)
+        click.echo(f"written to {page}", err=True)
     click.echo(json.dumps(content) if as_json else _findings_in_words(found.cycles, out))
 
 

@@ -52,12 +52,14 @@ class Blame:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Findings of a cycle: ``tau`` (N,) s of the pattern and ``residual`` (N,) W against healthy power;
-    ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in healthy cycles;
-    ``misfit``, variance that nothing explains, relative to the noise's; ``foreign`` probability of another task."""
+    """Findings of a cycle: ``residual`` (N,) W against healthy power at ``tau`` (N,) s of the pattern, with its noise
+    ``sigma`` (N,) W; ``encoders`` off with their confidence; ``part`` kg and ``warm`` share of friction more than in
+    healthy cycles; ``misfit``, variance that nothing explains, relative to the noise's; ``foreign`` probability of
+    another task."""
 
     tau: Float
     residual: Float
+    sigma: Float
     blames: tuple[Blame, ...]
     encoders: dict[int, float]
     part: float
@@ -96,7 +98,7 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
     encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in best.reading.causes if cause not in STOPPED}
     warm = _warm(arm, samples, best, left)
     foreign = float(weights[[answer.reading.foreign for answer in answers]].sum() / weights.sum())
-    return Verdict(samples.tau, samples.residual, named, encoders, part, warm, best.misfit, foreign)
+    return Verdict(samples.tau, samples.residual, samples.sigma, named, encoders, part, warm, best.misfit, foreign)
 
 
 def _inside(pattern: Pattern, tau: Float, until: float) -> Float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -71,12 +71,30 @@ class CycleFinding:
     faults: tuple[FaultFinding, ...]
 
 
-def judge_recording(recording: Recording, known: Known) -> list[CycleFinding]:
-    """Every cycle in order: those of known tasks judged, those of others said to be new."""
+@dataclass(frozen=True)
+class Evidence:
+    """Power of a known cycle at N times ``tau`` s of its healthy pattern, as its finding rests on it."""
+
+    finding: CycleFinding
+    moves: tuple[tuple[float, float], ...]
+    """Start and end of each interval, s of the pattern."""
+    tau: Float
+    residual: Float
+    """(N,) W against healthy power."""
+    sigma: Float
+    """(N,) W: one standard deviation of healthy cycles."""
+    explained: Float
+    """(N,) W that the faults named add."""
+
+
+def judge_recording(
+    recording: Recording, known: Known, tell: Callable[[Evidence], None] = lambda evidence: None
+) -> list[CycleFinding]:
+    """Judge every cycle in order; ``tell`` is given the evidence. Those of unknown tasks are said to be new."""
     recording = replace(recording, meter=known.meter)
     runs = find_runs(recording)
     matches = find_cycles(recording, runs, known.patterns)
-    out = [judge_cycle(recording, match, known) for match in matches]
+    out = [judge_cycle(recording, match, known, tell) for match in matches]
     out += [stranger(recording, runs[a : b + 1]) for a, b in new_tasks(runs, matches, known.patterns)]
     return sorted(out, key=lambda finding: finding.start)
 
@@ -116,8 +134,10 @@ def _may_be_new(match: Match, verdict: Verdict) -> bool:
     return verdict.foreign > 1.0 - CERTAIN or (stands and match.known < -math.log(1.0 - CERTAIN))
 
 
-def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFinding:
-    """Judge one known cycle."""
+def judge_cycle(
+    recording: Recording, match: Match, known: Known, tell: Callable[[Evidence], None] = lambda evidence: None
+) -> CycleFinding:
+    """Judge one known cycle; ``tell`` is given what the finding rests on, where power was judged."""
     pattern = known.patterns[match.pattern]
     if _measured(recording, match) < MEASURED:
         return _finding(match, pattern, NOT_JUDGED, (), pattern.moves[-1][1])
@@ -126,7 +146,10 @@ def judge_cycle(recording: Recording, match: Match, known: Known) -> CycleFindin
         start, end = match.warp.to_recording(np.array([pattern.moves[0][0], pattern.moves[-1][1]])).tolist()
         return CycleFinding(start, end, "new", None, "new_task", STRANGE, ())
     faults = _faults(recording, match, pattern, verdict, KIND_CERTAIN)
-    return _finding(match, pattern, note_on(match, verdict), faults, pattern.moves[-1][1])
+    finding = _finding(match, pattern, note_on(match, verdict), faults, pattern.moves[-1][1])
+    explained = sum((blame.watts for blame in verdict.blames), start=np.zeros_like(verdict.tau))
+    tell(Evidence(finding, pattern.moves, verdict.tau, verdict.residual, verdict.sigma, explained))
+    return finding
 
 
 def _measured(recording: Recording, match: Match) -> float:

@@ -8,6 +8,7 @@ from cellwatt.errors import ModelError, RecordingError
 from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.cycles.known import restored, stored
 from cellwatt_plugins.faults.reference import load
+from tests.daemon.report.reading import check, numbers, read
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
 
@@ -51,6 +52,35 @@ def test_the_pair_of_commands(folder, tmp_path):
         "or_kind",
     }
     assert "2 cycles: 1 fault, 1 healthy" in result.output
+
+
+def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_path):
+    cycles = json.loads(judge(folder, "--json", "--report", tmp_path / "page.html").stdout)["cycles"]
+    page = read(tmp_path / "page.html")
+    check(page)
+    assert page.headings[0] == ("h1", "1 of 2 cycles shows a fault; joint 1 is named most often, in 1 of them.")
+    overview, residual = page.figures
+    marks = next(trace for trace in overview["data"] if trace["name"] == "joint")
+    assert (marks["x"], marks["y"]) == ([2.0], [1.0])
+    assert next(t for t in overview["data"] if t["type"] == "heatmap")["x"] == [1.0, 2.0]
+    limits, _, measured, explained = residual["data"]
+    peaks = [max(abs(y) for y in trace["y"]) for trace in (limits, measured, explained)]
+    assert peaks[2] == pytest.approx(cycles[1]["faults"][0]["size_watt"], abs=0.1)
+    assert peaks[0] < peaks[2] / 3
+    assert peaks[1] == pytest.approx(peaks[2], rel=0.3)
+    for row, cycle in zip(page.tables["All cycles"][1:], cycles, strict=True):
+        assert [float(cell) for cell in row[1:3]] == pytest.approx([cycle["start"], cycle["end"]], abs=0.006)
+        assert (row[3], float(row[4]), row[5]) == (cycle["task"], cycle["speed"], cycle["status"])
+    (row,), fault = page.tables["All faults"][1:], cycles[1]["faults"][0]
+    assert (int(row[1]), row[2], float(row[4]), float(row[5])) == (
+        fault["joint"],
+        fault["kind"],
+        fault["size_watt"],
+        fault["confidence"],
+    )
+    assert numbers(row[3]) == fault["intervals"]
+    assert row[7] == fault["statement"]
+    assert {str(folder / name) for name in ("test.parquet", "reference.yaml")} < {r[0] for r in page.tables["Files"]}
 
 
 def test_as_json(folder):

@@ -1,0 +1,218 @@
+"""The page of ``faults``: suspected joints, intervals and residuals of every cycle, and each fault with its rivals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from cellwatt.report import Axis, Block, Card, Figure, Folded, Panel, Provenance, Report, Section, Table, Tile
+from cellwatt.report.drawing import cells, colours, dots, line, note, stretch
+from cellwatt.report.figure import Json
+from cellwatt.report.numbers import fixed
+from cellwatt.report.theme import BAD, FOUND, GOOD, MEASURED, MODEL, NOISE, REFIT, SIMULATION
+from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence, FaultFinding
+
+STATES: Final = {"healthy": GOOD, "changed": FOUND, "new_task": REFIT, "fault": BAD}
+KINDS: Final = {"joint": SIMULATION, "encoder": MODEL, "joint_and_encoder": BAD}
+ROW = 24
+"""Pixels of a joint or an interval."""
+SIGMAS = 2.0
+"""Standard deviations of healthy power drawn as its limits."""
+MOST_TOLD, OPEN = 24, 3
+"""Faulty cycles drawn, those with the largest power first; and those open at first."""
+HIGHEST = 5.0
+"""Colours end at 2^5 limits."""
+SUSPECTS = (
+    "Each mark names a joint as faulty, the larger the more power it moves; rings explain it nearly as well. Below: "
+    "the largest difference of power in each interval, in limits (± 2 standard deviations of healthy cycles); dots "
+    "mark intervals in which a fault shows. Harmless changes, as of a part's weight, differ too, and are told apart."
+)
+EXPLAINED = "Power less that of healthy cycles. Shaded: intervals of the task; yellow those in which a fault shows."
+
+
+def report(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints: int, provenance: Provenance) -> Report:
+    """The page of all cycles, in order; ``evidence`` of those that were judged by physics."""
+    count: Counter[str] = Counter(cycle.status for cycle in cycles)
+    faulty = [n for n, cycle in enumerate(cycles, start=1) if cycle.faults]
+    return Report(
+        name="Cycles",
+        subject="faults",
+        facts=[f"{len(cycles)} cycles", f"{cycles[-1].end - cycles[0].start:.0f} s" if cycles else "0 s"],
+        verdict=_verdict(cycles),
+        tone="open" if faulty else "good",
+        tiles=[
+            Tile(status.replace("_", " "), str(count[status]), "", role)
+            for status, role in (
+                ("healthy", "good"),
+                ("changed", "simulation"),
+                ("new_task", "refit"),
+                ("fault", "bad"),
+            )
+        ],
+        tiles_remark="Cycles by what was found.",
+        sections=[
+            Section(
+                "Suspected joints and intervals", [_suspects(cycles, evidence, joints)] if cycles else [], SUSPECTS
+            ),
+            Section("Faults", _told(cycles, evidence, faulty), EXPLAINED),
+            Section("All faults", [_faults(cycles)] if faulty else []),
+            Section("All cycles", [_cycles(cycles)] if cycles else []),
+        ],
+        provenance=provenance,
+    )
+
+
+def _verdict(cycles: Sequence[CycleFinding]) -> str:
+    faulty = [cycle for cycle in cycles if cycle.faults]
+    if not faulty:
+        return f"None of {len(cycles)} cycles shows a fault."
+    named = Counter(joint for cycle in faulty for joint in {fault.joint for fault in cycle.faults} if joint)
+    text = f"{len(faulty)} of {len(cycles)} cycles show{'s' * (len(faulty) == 1)} a fault"
+    if not named:
+        return f"{text}; no joint can be named."
+    joint, times = named.most_common(1)[0]
+    return f"{text}; joint {joint} is named most often, in {times} of them."
+
+
+def _suspects(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], joints: int) -> Figure:
+    """Over the cycles: their status, the joints that are named, and the difference in each interval."""
+    numbers = {id(cycle): n for n, cycle in enumerate(cycles, start=1)}
+    x = Axis("cycle", (0.3, len(cycles) + 0.7), grid=False)
+    states = [
+        dots(
+            status.replace("_", " "),
+            [n for n, c in enumerate(cycles, 1) if c.status == status],
+            [1.0] * sum(c.status == status for c in cycles),
+            colour,
+            size=8,
+            opacity=1,
+            symbol="square",
+        )
+        for status, colour in STATES.items()
+    ]
+    rows = [[Panel(states, x, Axis(ticks={1.0: "cycle"}, span=(0.5, 1.5), grid=False))]]
+    ticks = {float(j): f"joint {j}" for j in range(1, joints + 1)}
+    rows.append([Panel(_named(cycles), x, Axis(ticks=ticks, span=(joints + 0.6, 0.4)))])
+    heights = [16, ROW * joints]
+    most = max((len(each.moves) for each in evidence), default=0)
+    if most:
+        rows.append(
+            [
+                Panel(
+                    _intervals(evidence, [numbers[id(e.finding)] for e in evidence], len(cycles), most),
+                    x,
+                    Axis(names=True, grid=False),
+                )
+            ]
+        )
+        heights.append(ROW * most)
+    powers = range(int(HIGHEST) + 1)
+    layout = colours(HIGHEST, "÷ limit", powers, [f"{2**power}×" for power in powers]) if most else {}
+    return Figure("Suspected joints and intervals of every cycle", rows, heights, "x", sides=(70, 80), layout=layout)
+
+
+def _named(cycles: Sequence[CycleFinding]) -> list[Json]:
+    """Marks of the joints that faults name, by kind, and rings of the alternatives."""
+    out = []
+    for kind, colour in KINDS.items():
+        mine = [(n, f) for n, c in enumerate(cycles, start=1) for f in c.faults if f.kind == kind and f.joint]
+        sizes = [float(np.clip(6 + 2 * np.sqrt(f.size_watt), 8, 22)) for _, f in mine]
+        said = [f"cycle {n}: {f.statement}" for n, f in mine]
+        name = kind.replace("_", " ")
+        out.append(
+            dots(name, [n for n, _ in mine], [f.joint for _, f in mine], colour, size=sizes, opacity=0.75, hover=said)
+        )
+    others = [(n, j) for n, c in enumerate(cycles, start=1) for f in c.faults for j in f.alternatives]
+    rings = dots(
+        "alternative", [n for n, _ in others], [j for _, j in others], MEASURED, size=9, opacity=1, symbol="circle-open"
+    )
+    return [*out, rings]
+
+
+def _intervals(evidence: Sequence[Evidence], numbers: Sequence[int], count: int, most: int) -> list[Json]:
+    """Largest difference of each interval in limits, and marks where a fault shows."""
+    ratio = np.full((most, count), np.nan)
+    for each, number in zip(evidence, numbers, strict=True):
+        limits = np.abs(each.residual) / (SIGMAS * each.sigma)
+        for row, (start, end) in enumerate(each.moves):
+            ratio[row, number - 1] = limits[(each.tau >= start) & (each.tau <= end)].max(initial=0.0)
+    with np.errstate(divide="ignore"):
+        shade = np.maximum(np.log2(ratio), 0.0)
+    names = [f"interval {row + 1}" for row in range(most)]
+    said = [[f"cycle {n + 1}\n{value:.1f} × limit" for n, value in enumerate(row)] for row in ratio]
+    shown = [
+        (n, names[m - 1]) for e, n in zip(evidence, numbers, strict=True) for f in e.finding.faults for m in f.intervals
+    ]
+    mark = dots("", [n for n, _ in shown], [1.0] * len(shown), MODEL, size=5, opacity=1)
+    return [cells(np.arange(1, count + 1), names, shade, said), mark | {"y": [name for _, name in shown]}]
+
+
+def _told(cycles: Sequence[CycleFinding], evidence: Sequence[Evidence], faulty: Sequence[int]) -> list[Block]:
+    """The faulty cycles, those that move most power first: cards of the faults and the residual."""
+    known = {id(each.finding): each for each in evidence}
+    order = sorted(faulty, key=lambda n: -max(fault.size_watt for fault in cycles[n - 1].faults))[:MOST_TOLD]
+    left = [f"These are the {MOST_TOLD} of {len(faulty)} that move the most power."] if len(faulty) > MOST_TOLD else []
+    out: list[Block] = [*left]
+    for rank, number in enumerate(order):
+        cycle = cycles[number - 1]
+        shown = known.get(id(cycle))
+        blocks: list[Block] = [_card(fault) for fault in cycle.faults]
+        blocks += [_residual(shown, number)] if shown is not None else []
+        named = ", ".join(f"joint {f.joint}" if f.joint else "a joint" for f in cycle.faults)
+        out.append(Folded(f"Cycle {number}, {cycle.task} at {cycle.start:.1f} s: {named}", blocks, rank < OPEN))
+    return out
+
+
+def _card(fault: FaultFinding) -> Card:
+    sure = f"{100 * fault.confidence:.0f} % sure" if fault.confidence < 0.995 else "more than 99 % sure"
+    kind = fault.kind.replace("_", " ") + (f" or {fault.or_kind}" if fault.or_kind else "")
+    other = [f"Could also be joint {' or '.join(map(str, fault.alternatives))}."] if fault.alternatives else []
+    return Card(f"Joint {fault.joint}" if fault.joint else "A joint", [fault.statement, *other], kind, sure, "open")
+
+
+def _residual(each: Evidence, number: int) -> Figure:
+    """Difference from healthy power, its limits, and what the named faults do."""
+    limit = SIGMAS * each.sigma
+    traces = [
+        line("limits", each.tau, limit, NOISE, dash="dot", width=1.2),
+        line("limits", each.tau, -limit, NOISE, dash="dot", width=1.2),
+        line("measured − healthy", each.tau, each.residual, SIMULATION),
+        line("explained by the faults named", each.tau, each.explained, MODEL, width=2.2),
+    ]
+    named = {move for fault in each.finding.faults for move in fault.intervals}
+    marks: list[Json] = []
+    for move, (start, end) in enumerate(each.moves, start=1):
+        marks.append(stretch(start, end, FOUND if move in named else NOISE, 0.2 if move in named else 0.12))
+        marks.append(note(str(move), (start + end) / 2, 0.92))
+    panel = Panel(traces, Axis("s of the healthy cycle"), Axis("W"), marks)
+    return Figure(f"Power of cycle {number} less that of healthy cycles, with its limits", [[panel]], (190,))
+
+
+def _faults(cycles: Sequence[CycleFinding]) -> Table:
+    heads = ("cycle", "joint", "kind", "intervals", "power, W", "confidence", "alternatives", "what is known")
+    rows = [
+        [
+            str(number),
+            str(fault.joint or "?"),
+            fault.kind.replace("_", " ") + (f" or {fault.or_kind}" if fault.or_kind else ""),
+            ", ".join(map(str, fault.intervals)),
+            fixed(fault.size_watt, 1),
+            fixed(fault.confidence, 4),
+            ", ".join(map(str, fault.alternatives)) or "–",
+            fault.statement,
+        ]
+        for number, cycle in enumerate(cycles, start=1)
+        for fault in cycle.faults
+    ]
+    return Table("All faults", heads, rows)
+
+
+def _cycles(cycles: Sequence[CycleFinding]) -> Table:
+    rows = [
+        [str(n), fixed(c.start, 2), fixed(c.end, 2), c.task, fixed(c.speed, 3), c.status.replace("_", " "), c.note]
+        for n, c in enumerate(cycles, start=1)
+    ]
+    return Table("All cycles", ("cycle", "start, s", "end, s", "task", "speed", "status", "note"), rows)
