@@ -69,6 +69,14 @@ def dots(
     return {"type": "scatter", "mode": "markers", "name": escape(name), "marker": marker, **places, **told}
 
 
+def ribbon(low: ArrayLike, high: ArrayLike, colour: str, *, start: float = 0.0, step: float = 1.0) -> list[Json]:
+    """A band between two evenly spaced curves (N,)."""
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    edges = [curve("", values, colour, start=start, step=step, width=0, most=10**9) for values in (low, high)]
+    filled = {**edges[1], "fill": "tonexty", "fillcolor": f"rgba({red},{green},{blue},0.25)"}
+    return [{**edge, "hoverinfo": "skip"} for edge in (edges[0], filled)]
+
+
 def bars(name: str, labels: Sequence[str], sizes: ArrayLike, colour: str, unit: str = "") -> Json:
     """Horizontal bars, one a label; of several traces stacked."""
     hover = f"%{{y}}, {escape(name)}: %{{x:.4g}} {escape(unit)}<extra></extra>"

@@ -74,13 +74,13 @@ def _moving(interval: ReferenceInterval) -> str:
 def _band(name: str, pattern: Pattern, colour: str, begin: float) -> list[Json]:
     mean, spread = pattern.values, SPREADS * np.asarray(pattern.spread)
     start, step = begin + pattern.start, pattern.step
-    edges = ribbon("", mean - spread, mean + spread, colour, start=start, step=step)
+    edges = ribbon(mean - spread, mean + spread, colour, start=start, step=step)
     return [*edges, curve(name, mean, colour, start=start, step=step)]
 
 
 def _whole(cycle: StoredCycle) -> tuple[str, Figure]:
     mean, spread = np.asarray(cycle.power), SPREADS * np.asarray(cycle.spread)
-    power = [*ribbon("", mean - spread, mean + spread, MEASURED, step=cycle.step)]
+    power = [*ribbon(mean - spread, mean + spread, MEASURED, step=cycle.step)]
     power.append(curve("power", mean, MEASURED, step=cycle.step))
     paths = [
         curve(f"joint {joint}", path, SERIES[(joint - 1) % len(SERIES)], step=cycle.step)
