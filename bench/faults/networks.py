@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.onnx_file import OnnxFile
 from cellwatt_plugins.faults.ann.exported import exported
 from cellwatt_plugins.faults.ann.judging import NetworkJudge
 from cellwatt_plugins.faults.ann.network import PatternNetwork
@@ -26,7 +27,6 @@ from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_recordin
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.network_file import Opened
 from cellwatt_plugins.faults.paper.columns import column_of, simulated
 from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, fault_table
@@ -92,7 +92,7 @@ def _one_cell(seed: int, cycles: int, totals: Totals) -> None:
     networks = []
     for pattern in known.patterns:
         start = time.process_time()
-        networks.append(PatternNetwork(Opened(exported(train_motion(known.arm, pattern), pattern))))
+        networks.append(PatternNetwork(OnnxFile(exported(train_motion(known.arm, pattern), pattern))))
         totals.trained.append(time.process_time() - start)
     told = [each.finding for each in watch(NetworkJudge(known.patterns, tuple(networks)), judged) if each.over]
     totals.add("network_of_the_motion", case.truths, told)

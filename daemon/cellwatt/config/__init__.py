@@ -5,7 +5,7 @@ from cellwatt.config.loading import load
 from cellwatt.config.places import KeyPath
 from cellwatt.config.public import public_config
 from cellwatt.config.schema import json_schema
-from cellwatt.config.settings_file import Check, read_settings, version
+from cellwatt.config.settings_file import Check, read_settings, reads_version
 
 __all__ = [
     "CellConfig",
@@ -19,5 +19,5 @@ __all__ = [
     "load",
     "public_config",
     "read_settings",
-    "version",
+    "reads_version",
 ]

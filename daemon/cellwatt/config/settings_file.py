@@ -30,7 +30,7 @@ ALIKE: Final = 0.8
 """Share of a key that it has in common with a known one, from which on it is taken for that, misspelt."""
 
 
-def version(number: int, advice: str) -> AfterValidator:
+def reads_version(number: int, advice: str) -> AfterValidator:
     """Validator of the key that states a format: any other than ``number`` is refused with the advice."""
 
     def check(found: int) -> int:

@@ -1,4 +1,4 @@
-"""Networks of faults as ONNX files: written from trained layers, opened with onnxruntime.
+"""Networks of faults as ONNX files, written from trained layers.
 
 What a network is for stands in the file as JSON, under one key of its ``metadata_props`` for each kind of network.
 """
@@ -9,14 +9,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.errors import ConfigError, ModelError
-from cellwatt.files import check_file
+from cellwatt.errors import ConfigError
 
 Float = NDArray[np.float64]
 Layers = Sequence[tuple[Float, Float]]
@@ -27,7 +25,7 @@ OPSET, IR_VERSION = 17, 8
 MOTION = "cellwatt_fault_pattern"
 """Metadata of a network of residuals over a motion."""
 MADE_BY = ("cellwatt", "scikit-learn", "onnx")
-"""Whose versions stand in a file."""
+"""Packages whose versions stand in a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +37,7 @@ class Ends:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the libraries that a network is made with."""
+    """Versions of the packages that a network is made with."""
     return {name: version(name) for name in MADE_BY}
 
 
@@ -73,51 +71,3 @@ def perceptron(layers: Layers, active: Sequence[str], ends: Ends, name: str, pro
     helper.set_model_props(model, {key: json.dumps(value) for key, value in properties.items()})
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
-
-
-class Opened:
-    """A network of faults in onnxruntime, for one thread; ``where`` names it in errors.
-
-    ``model`` is the file or its bytes. Raises ``ConfigError`` where onnxruntime is missing, ``ModelError`` where it
-    cannot load the model or metadata is not JSON.
-    """
-
-    def __init__(self, model: Path | bytes) -> None:
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise ConfigError(
-                f"the network of fault tables needs onnxruntime ({error}): pip install 'cellwatt[model]'"
-            ) from error
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4  # what goes wrong is raised
-        source = str(model) if isinstance(model, Path) else model
-        self.where = f"fault network {model}" if isinstance(model, Path) else "fault network"
-        try:
-            if isinstance(model, Path):
-                check_file(model)
-            self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
-            self._properties = dict(self._session.get_modelmeta().custom_metadata_map)
-        except Exception as error:  # onnxruntime raises types of its own, not of one family
-            raise ModelError(f"{self.where}: onnxruntime cannot load it: {str(error).splitlines()[0]}") from error
-
-    def has(self, key: str) -> bool:
-        """True if there is metadata of a kind."""
-        return key in self._properties
-
-    def metadata(self, key: str) -> Any:
-        """One kind of its metadata. Raises ``ModelError`` where it is not JSON."""
-        try:
-            return json.loads(self._properties[key])
-        except ValueError as error:
-            raise ModelError(f"{self.where}: its metadata {key!r} is not JSON: {error}") from error
-
-    def sizes(self) -> tuple[list[int], list[int]]:
-        """Columns of its input tensors and of its output tensors."""
-        return [t.shape[-1] for t in self._session.get_inputs()], [t.shape[-1] for t in self._session.get_outputs()]
-
-    def run(self, ends: Ends, values: NDArray[Any]) -> Float:
-        """Return the outputs (n, outputs) for inputs (n, inputs)."""
-        found = self._session.run([ends.found], {ends.given: values.astype(np.float32)})[0]
-        return np.asarray(found, dtype=np.float64)

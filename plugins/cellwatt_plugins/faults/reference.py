@@ -47,7 +47,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
-from cellwatt.config import KeyPath, read_settings, version
+from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt.errors import ModelError
 from cellwatt.frames import Layout
 from cellwatt_plugins.faults.cycles.stored import StoredCycle, StoredModel
@@ -147,7 +147,7 @@ class Reference:
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
-    cellwatt_reference: Annotated[int, version(VERSION, "learn it anew with `cellwatt reference`")]
+    cellwatt_reference: Annotated[int, reads_version(VERSION, "learn it anew with `cellwatt reference`")]
     robot: str | None
     arm: str
     power: str

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError, ModelError, why
+from cellwatt.onnx_file import OnnxFile
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
 from cellwatt_plugins.faults.paper.course import Key, courses_of
@@ -148,7 +149,6 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
     from cellwatt_plugins.faults.cycles.match import find_cycles
     from cellwatt_plugins.faults.cycles.recording import recording_of
     from cellwatt_plugins.faults.cycles.runs import find_runs
-    from cellwatt_plugins.faults.network_file import Opened
 
     if known.meter is not None:
         raise ModelError("the reference is of a slow meter: the network of a motion needs samples of the power")
@@ -158,7 +158,7 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
         trained = train_motion(known.arm, pattern, wanted.seed)
         content = exported(trained, pattern, {"seed": wanted.seed})
         path = _write(wanted.out, f"{pattern.task}-{pattern.speed:.2f}-motion.onnx", content)
-        networks.append(PatternNetwork(Opened(content)))
+        networks.append(PatternNetwork(OnnxFile(content)))
         reports.append(
             {
                 "file": str(path),

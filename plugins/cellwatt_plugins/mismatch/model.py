@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from cellwatt.config import KeyPath, read_settings, version
+from cellwatt.config import KeyPath, read_settings, reads_version
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
@@ -184,7 +184,7 @@ class _Effect(BaseModel):
 class _File(BaseModel):
     """Content of ``model.yaml``."""
 
-    format: Annotated[int, version(FORMAT, "run `cellwatt explain` again")]
+    format: Annotated[int, reads_version(FORMAT, "run `cellwatt explain` again")]
     robot: RobotDescription
     links: tuple[float, ...] | None = None
     retuned: _Retuned

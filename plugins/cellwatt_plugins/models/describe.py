@@ -6,8 +6,9 @@ from os import PathLike
 from pathlib import Path
 
 from cellwatt.errors import CellwattError
-from cellwatt_plugins.models.metadata import KEY, Metadata, encode, refused
-from cellwatt_plugins.models.network import Network, check_intact, metadata_of, open_session
+from cellwatt.onnx_file import OnnxFile, refused
+from cellwatt_plugins.models.metadata import KEY, Metadata, encode, metadata_of
+from cellwatt_plugins.models.network import Network, check_intact
 from cellwatt_plugins.models.seal import KEY as SEAL_KEY
 from cellwatt_plugins.models.seal import sealed
 
@@ -25,7 +26,7 @@ def describe(path: str | PathLike[str], metadata: Metadata) -> None:
             f"writing metadata into {path} needs onnx ({error}): install it with pip install onnx"
         ) from error
     file = Path(path)
-    Network(open_session(file), metadata, file)
+    Network(OnnxFile(file), metadata, file)
     model = onnx.load(file, load_external_data=False)
     properties = {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
     onnx.helper.set_model_props(model, properties)
@@ -43,4 +44,4 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Return the metadata of a model file. Raises ``ModelError`` where it is damaged or has none."""
     file = Path(path)
     check_intact(file)
-    return metadata_of(open_session(file), file)
+    return metadata_of(OnnxFile(file))

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import hashlib
 from datetime import UTC, datetime
-from os import PathLike
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import (
     AfterValidator,
     AwareDatetime,
+    BaseModel,
     ConfigDict,
     Field,
     FiniteFloat,
     TypeAdapter,
-    ValidationError,
     model_validator,
 )
 from pydantic.dataclasses import dataclass
-from pydantic_core import ErrorDetails, from_json
 
 from cellwatt.channel import UNITS
+from cellwatt.config import reads_version
 from cellwatt.errors import ModelError
+from cellwatt.onnx_file import OnnxFile
 
 KEY = "cellwatt"
 VERSION: Final = 1
@@ -137,56 +137,24 @@ class Metadata:
 _ADAPTER: TypeAdapter[Metadata] = TypeAdapter(Metadata)
 
 
-def refused(path: PathLike[str], reason: str) -> ModelError:
-    """The one line that says why a model file is not run."""
-    return ModelError(f"the model {path} is refused: {' '.join(reason.split())}")
-
-
 def encode(metadata: Metadata) -> str:
     """The text that stands in the file."""
     return _ADAPTER.dump_json(metadata).decode()
 
 
-def decode(text: str, path: PathLike[str]) -> Metadata:
-    """Metadata from the text in the file at ``path``.
+class _Stated(BaseModel):
+    """The key that must stand in a file, whatever else does."""
 
-    Raises ``ModelError`` where it is no JSON, of another version, or wrong; unknown keys are wrong.
-    """
-    try:
-        raw = from_json(text)
-    except ValueError as error:
-        raise refused(path, f"its metadata is not JSON: {error}") from error
-    if not isinstance(raw, dict):
-        raise refused(path, f"its metadata is {_short(raw)}, expected a JSON object")
-    version = raw.get("version")
-    if type(version) is not int:
-        raise refused(path, f"its metadata has version {_short(version)}, expected {VERSION}")
-    if version > VERSION:
-        raise refused(
-            path, f"its metadata is of version {version}, this cellwatt reads version {VERSION}: update cellwatt"
+    version: Annotated[int, reads_version(VERSION, "update cellwatt, or describe the model again")]
+
+
+def metadata_of(file: OnnxFile) -> Metadata:
+    """Metadata of an open file. Raises ``ModelError`` where there is none, or it is of another version, or wrong."""
+    if KEY not in file.properties:
+        there = ", ".join(map(repr, file.properties)) or "none"
+        raise file.refused(
+            f"it has no metadata: expected the key {KEY!r}, found {there}; "
+            "cellwatt_plugins.models.describe() writes it into the file"
         )
-    try:
-        return _ADAPTER.validate_json(text, strict=True)
-    except ValidationError as error:
-        raise refused(path, _explain(error.errors(include_url=False))) from error
-
-
-def _explain(errors: list[ErrorDetails]) -> str:
-    """The first mistake in words, and how many more there are."""
-    first = errors[0]
-    where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).removeprefix(".")
-    match first["type"]:
-        case "missing":
-            text = f"its metadata lacks {where}"
-        case "unexpected_keyword_argument":
-            text = f"its metadata has the unknown key {where}"
-        case _:
-            message = first["msg"].removeprefix("Value error, ").replace("Input should", "it should")
-            found = f" is {_short(first['input'])}" if where else ""
-            text = f"its metadata is wrong: {where}{found}{': ' if where else ''}{message}"
-    return text + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else "")
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}…"
+    file.metadata(KEY, _Stated)
+    return file.metadata(KEY, Metadata)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place
+from cellwatt.onnx_file import refused
 from cellwatt.tables import Table, read_table, write_table
-from cellwatt_plugins.models.metadata import Metadata, refused
+from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.network import Network, open_network
 from cellwatt_plugins.models.window import whole
 

@@ -17,8 +17,9 @@ from pydantic import ValidationError
 
 from cellwatt import CellwattError, ModelError
 from cellwatt.channel import UNITS
+from cellwatt.onnx_file import decoded
 from cellwatt_plugins.models import Input, Metadata, Output, Training, describe, read_metadata
-from cellwatt_plugins.models.metadata import decode, encode
+from cellwatt_plugins.models.metadata import encode
 from tests.plugins.models.making import Mlp, metadata, stage
 
 SEAL = 2 + 2 + len("cellwatt.sha256") + 2 + 64
@@ -50,13 +51,13 @@ def described(draw: st.DrawFn) -> Metadata:
 
 @given(described())
 def test_text_and_back(given):
-    assert decode(encode(given), Path("m.onnx")) == given
+    assert decoded(encode(given), Metadata, Path("m.onnx")) == given
 
 
 @given(st.text() | st.recursive(st.none() | st.integers() | st.text(), st.lists).map(repr))
 def test_any_text_is_refused_in_one_line(text):
     with pytest.raises(ModelError) as caught:
-        decode(text, Path("m.onnx"))
+        decoded(text, Metadata, Path("m.onnx"))
     assert str(caught.value).startswith("the model m.onnx is refused: ")
     assert len(str(caught.value).splitlines()) == 1
 

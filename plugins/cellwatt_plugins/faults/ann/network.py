@@ -5,18 +5,19 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 
-from cellwatt.errors import ModelError
+from cellwatt.config import reads_version
+from cellwatt.onnx_file import OnnxFile
 from cellwatt_plugins.faults.ann.bins import Bins, inputs_of
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
-from cellwatt_plugins.faults.network_file import MOTION, Ends, Opened
+from cellwatt_plugins.faults.network_file import MOTION, Ends
 
 Float = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ class PatternHead:
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
-    version: Literal[1]
+    version: Annotated[int, reads_version(VERSION, "train it anew, or update cellwatt")]
     task: str
     speed: float
     reference: str
@@ -68,20 +69,15 @@ class PatternNetwork:
     Raises ``ModelError`` where the file is none, or its metadata is wrong or does not agree with its graph.
     """
 
-    def __init__(self, network: Opened) -> None:
+    def __init__(self, network: OnnxFile) -> None:
         self._network = network
-        self.where = network.where
-        try:
-            self.head = TypeAdapter(PatternHead).validate_python(network.metadata(MOTION))
-        except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(map(str, first["loc"]))
-            raise ModelError(f"{self.where}: its metadata is wrong: {place}: {first['msg']}") from error
-        sizes = ([len(self.head.inputs)], [len(self.head.outputs)])
-        if network.sizes() != sizes or len(self.head.outputs) != 2 * self.head.joints + 1:
-            raise ModelError(
-                f"{self.where}: its graph has {network.sizes()[0]} inputs and {network.sizes()[1]} outputs, expected "
-                f"{sizes[0]} and {sizes[1]} as in its metadata, for {self.head.joints} joints"
+        self.head = network.metadata(MOTION, PatternHead)
+        columns = [tensor.shape[-1] for tensor in network.inputs], [tensor.shape[-1] for tensor in network.outputs]
+        sizes = [len(self.head.inputs)], [len(self.head.outputs)]
+        if columns != sizes or len(self.head.outputs) != 2 * self.head.joints + 1:
+            raise network.refused(
+                f"its graph has {columns[0]} inputs and {columns[1]} outputs, expected {sizes[0]} and {sizes[1]} as in "
+                f"its metadata, for {self.head.joints} joints"
             )
 
     def differs(self, pattern: Pattern) -> str:
@@ -93,7 +89,7 @@ class PatternNetwork:
 
     def probabilities(self, inputs: Float) -> Float:
         """(N, 2 n + 1) for inputs (N, inputs)."""
-        return self._network.run(ENDS, inputs)
+        return self._network.run(inputs.astype(np.float32))
 
     def tell(self, recording: Recording, match: Match, pattern: Pattern) -> Told:
         """Judge one cycle."""

@@ -19,14 +19,16 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel
 
+from cellwatt.config import reads_version
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt_plugins.faults.network_file import Ends, Opened, perceptron, versions
+from cellwatt.onnx_file import OnnxFile
+from cellwatt_plugins.faults.network_file import Ends, perceptron, versions
 from cellwatt_plugins.faults.paper.course import Course
 from cellwatt_plugins.faults.paper.trained_for import TrainedFor, not_the_motion
 
@@ -96,23 +98,22 @@ class FaultNetwork:
     cannot load the model, the model is not one of fault codes, or does not agree with what its metadata says.
     """
 
-    def __init__(self, model: Path | bytes | Opened) -> None:
-        self._network = model if isinstance(model, Opened) else Opened(model)
-        self._where = self._network.where
-        if not self._network.has(KEY):
-            raise ModelError(f"{self._where}: has no metadata {KEY!r}: it was not made from a fault table")
-        self.table = _table(self._network.metadata(KEY), self._where)
+    def __init__(self, model: Path | bytes | OnnxFile) -> None:
+        network = self._network = model if isinstance(model, OnnxFile) else OnnxFile(model)
+        if KEY not in network.properties:
+            raise network.refused(f"it has no metadata {KEY!r}: it was not made from a fault table")
+        self.table = _table(network)
         self.groups = groups_of(self.table)
         self.intervals = len(self.table)
-        about = self._network.metadata(MADE) if self._network.has(MADE) else {}
-        self.task = _task(about, self._where)
-        self.signed = bool(about.get("signed", (self.table < 0).any()))
-        sizes = ([self.intervals], [len(self.groups) + 1])
-        if self._network.sizes() != sizes:
-            given, found = self._network.sizes()
-            raise ModelError(
-                f"{self._where}: it has {given} inputs and {found} outputs, expected {sizes[0]} and {sizes[1]} for "
-                "the table in its metadata"
+        about = network.metadata(MADE, _Made) if MADE in network.properties else _Made()
+        self.task = about.task
+        self.signed = bool((self.table < 0).any()) if about.signed is None else about.signed
+        columns = [tensor.shape[-1] for tensor in network.inputs], [tensor.shape[-1] for tensor in network.outputs]
+        sizes = [self.intervals], [len(self.groups) + 1]
+        if columns != sizes:
+            raise network.refused(
+                f"it has {columns[0]} inputs and {columns[1]} outputs, expected {sizes[0]} and {sizes[1]} for the "
+                "table in its metadata"
             )
 
     def differs(self, course: Course) -> str:
@@ -123,7 +124,7 @@ class FaultNetwork:
         """Y1 … Yn and the one for "free", (m, groups + 1), for the codes of m cycles (m, intervals)."""
         if codes.ndim != 2 or codes.shape[1] != self.intervals:
             raise ModelError(f"fault network: codes are {codes.shape}, expected (cycles, {self.intervals} intervals)")
-        return self._network.run(_ENDS, codes if self.signed else np.abs(codes))
+        return self._network.run((codes if self.signed else np.abs(codes)).astype(np.float32))
 
     def joints(self, codes: Codes) -> tuple[int, ...]:
         """The joints (from 1) of the largest output for one cycle's codes (intervals,); none for "free"."""
@@ -131,29 +132,20 @@ class FaultNetwork:
         return () if largest == len(self.groups) else self.groups[largest]
 
 
-def _table(content: Any, where: str) -> Codes:
+class _Made(BaseModel):
+    """Metadata under ``MADE``."""
+
+    version: Annotated[int, reads_version(VERSION, "train it anew, or update cellwatt")] = VERSION
+    task: TrainedFor | None = None
+    signed: bool | None = None
+
+
+def _table(network: OnnxFile) -> Codes:
     """The table in a file's metadata."""
-    try:
-        table = np.array(content, np.int8)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise ModelError(f"{where}: its table is no table of codes: {error}") from error
-    if table.ndim != 2 or not np.isin(table, (-1, 0, 1)).all():
-        raise ModelError(f"{where}: its table is no table of codes -1, 0 and 1: {str(content)[:60]}")
-    return table
-
-
-def _task(about: Any, where: str) -> TrainedFor | None:
-    """The task in a file's metadata; None where there is none."""
-    if not isinstance(about, dict) or about.get("version", VERSION) != VERSION:
-        raise ModelError(f"{where}: its metadata is not of version {VERSION}: train it anew, or update cellwatt")
-    if about.get("task") is None:
-        return None
-    try:
-        return TypeAdapter(TrainedFor).validate_python(about["task"])
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise ModelError(f"{where}: its metadata is wrong: task.{place}: {first['msg']}") from error
+    content = network.metadata(KEY, list[list[Literal[-1, 0, 1]]])
+    if len({len(row) for row in content}) != 1:
+        raise network.refused(f"its table is no table of codes -1, 0 and 1: {str(content)[:60]}")
+    return np.array(content, np.int8)
 
 
 def groups_of(table: Codes) -> tuple[tuple[int, ...], ...]:

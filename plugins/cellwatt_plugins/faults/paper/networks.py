@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cellwatt.errors import ConfigError, ModelError
-from cellwatt_plugins.faults.network_file import MOTION, Opened
+from cellwatt.onnx_file import OnnxFile
+from cellwatt_plugins.faults.network_file import MOTION
 from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.reference import Reference
@@ -31,13 +32,13 @@ def networks_of(path: Path, reference: Reference, where: Path) -> Networks:
     Raises ``ModelError`` where there is none, one is of no task of the reference, or two are of the same;
     ``ConfigError`` where a package is missing that it needs.
     """
-    opened = [(file, Opened(file)) for file in _files(path)]
-    motions = [each for each in opened if each[1].has(MOTION)]
-    codes = [each for each in opened if not each[1].has(MOTION)]
+    opened = [(file, OnnxFile(file)) for file in _files(path)]
+    motions = [each for each in opened if MOTION in each[1].properties]
+    codes = [each for each in opened if MOTION not in each[1].properties]
     return Networks(_codes(codes, courses_of(reference), where), _motions(motions, reference, where))
 
 
-def _codes(opened: Sequence[tuple[Path, Opened]], courses: Sequence[Course], where: Path) -> dict[Key, FaultNetwork]:
+def _codes(opened: Sequence[tuple[Path, OnnxFile]], courses: Sequence[Course], where: Path) -> dict[Key, FaultNetwork]:
     out: dict[Key, FaultNetwork] = {}
     files: dict[Key, Path] = {}
     for file, content in opened:
@@ -52,7 +53,7 @@ def _codes(opened: Sequence[tuple[Path, Opened]], courses: Sequence[Course], whe
     return out
 
 
-def _motions(opened: Sequence[tuple[Path, Opened]], reference: Reference, where: Path) -> NetworkJudge | None:
+def _motions(opened: Sequence[tuple[Path, OnnxFile]], reference: Reference, where: Path) -> NetworkJudge | None:
     if not opened:
         return None
     try:

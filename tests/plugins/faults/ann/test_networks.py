@@ -10,12 +10,13 @@ from click.testing import CliRunner
 
 from cellwatt.errors import ModelError
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.onnx_file import OnnxFile
 from cellwatt.stage import CellInfo
 from cellwatt_plugins.faults.ann import training
 from cellwatt_plugins.faults.ann.judging import faults_of
 from cellwatt_plugins.faults.ann.network import PatternNetwork, Told
 from cellwatt_plugins.faults.command import faults, reference
-from cellwatt_plugins.faults.network_file import MOTION, Ends, Opened, perceptron
+from cellwatt_plugins.faults.network_file import MOTION, Ends, perceptron
 from cellwatt_plugins.faults.paper.stage import PaperFaultsSettings, PaperFaultsStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.cycles.arm_of_points import RATE, Cycle, Fault, describe, run, write_table
@@ -151,7 +152,7 @@ def test_a_recording_is_judged_by_the_network_too(folder, tmp_path):
 
 def test_the_file_says_what_it_is(folder):
     file = next((folder / "nets").glob("*1.00-motion.onnx"))
-    network = PatternNetwork(Opened(file))
+    network = PatternNetwork(OnnxFile(file))
     head = network.head
     assert (head.joints, head.outputs[0], head.outputs[-1]) == (4, "joint_1", "any_joint")
     assert head.inputs[0] == "move_1.part_1.power"
@@ -193,12 +194,12 @@ def test_a_network_of_a_motion_needs_a_reference_with_whole_cycles(folder, tmp_p
 )
 def test_a_file_that_contradicts_itself_is_refused(folder, content, reason):
     head = json.loads(
-        json.dumps(Opened(next((folder / "nets").glob("*1.00-motion.onnx"))).metadata(MOTION))
+        json.dumps(OnnxFile(next((folder / "nets").glob("*1.00-motion.onnx"))).metadata(MOTION, dict))
     ) | content  # fmt: skip
     layers = [(np.zeros((len(head["inputs"]), 3)), np.zeros(3)), (np.zeros((3, 9)), np.zeros(9))]
     made = perceptron(layers, ("Asinh", "Sigmoid"), Ends("motion", "faults"), "x", {MOTION: head})
     with pytest.raises(ModelError, match=reason):
-        PatternNetwork(Opened(made))
+        PatternNetwork(OnnxFile(made))
 
 
 def test_it_says_that_it_cannot_tell(known):

@@ -69,5 +69,5 @@ def test_codes_of_another_task_and_files_that_are_no_network_are_refused(tmp_pat
     with pytest.raises(ModelError, match=r"expected \(cycles, 6 intervals\)"):
         network.outputs(np.zeros((1, 10), np.int8))
     (tmp_path / "x.onnx").write_bytes(b"no graph")
-    with pytest.raises(ModelError, match=r"x\.onnx: onnxruntime cannot load it"):
+    with pytest.raises(ModelError, match=r"x\.onnx is refused: onnxruntime cannot load it"):
         FaultNetwork(tmp_path / "x.onnx")

@@ -215,5 +215,5 @@ def test_check_refuses_a_network_that_does_not_fit_in_one_line_with_its_place(re
 
 def test_a_wrong_reference_is_refused(tmp_path):
     (tmp_path / "reference.yaml").write_text("{}")
-    with pytest.raises(ModelError, match="not a file made by"):
+    with pytest.raises(ModelError, match="the key 'cellwatt_reference' is missing"):
         watch(tmp_path / "reference.yaml", plan(1.0, cycles=1))

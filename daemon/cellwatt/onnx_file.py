@@ -1,0 +1,111 @@
+"""ONNX model files, opened for one thread on the CPU, with the JSON metadata that says what each is for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import from_json
+
+from cellwatt.config.wording import explain_value
+from cellwatt.errors import ConfigError, ModelError
+from cellwatt.files import check_file
+
+T = TypeVar("T")
+
+_PREFIX = re.compile(r"^\[ONNXRuntimeError\] : \d+ : \w+ : (Load model from .*? failed: ?)?")
+
+
+class Tensor(NamedTuple):
+    """An input or output of a graph."""
+
+    name: str
+    type: str
+    shape: list[int | str | None]
+
+
+def refused(model: PathLike[str] | str | None, reason: str) -> ModelError:
+    """The one line that says why a model, of the file where there is one, is not run."""
+    return ModelError(f"the model {'' if model is None else f'{model} '}is refused: {' '.join(reason.split())}")
+
+
+def decoded(text: str, kind: type[T], model: PathLike[str] | None) -> T:
+    """Metadata of a model from its JSON text. Raises ``ModelError`` where it is no JSON or not of that kind."""
+    try:
+        content = from_json(text)
+        return TypeAdapter(kind).validate_json(text, strict=True)
+    except ValidationError as error:
+        raise refused(model, f"its metadata is wrong: {explain_value(error, kind, content)}") from error
+    except ValueError as error:
+        raise refused(model, f"its metadata is not JSON: {error}") from error
+
+
+class OnnxFile:
+    """A model file, or its bytes, in onnxruntime.
+
+    Raises ``ConfigError`` where onnxruntime is not installed, ``ModelError`` where it cannot load the model.
+    """
+
+    def __init__(self, model: Path | bytes) -> None:
+        self.path = model if isinstance(model, Path) else None
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise ConfigError(
+                f"running the model {self.path or ''} needs onnxruntime ({error}): install it with "
+                "pip install 'cellwatt[model]'"
+            ) from error
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # what goes wrong is raised, and told in one line
+        source = model if isinstance(model, bytes) else str(model)
+        cpu = ["CPUExecutionProvider"]
+        with self._mapped("onnxruntime cannot load it as ONNX"):
+            if self.path is not None:
+                check_file(self.path)
+            # Its fallback to other providers prints what goes wrong.
+            self._session = onnxruntime.InferenceSession(source, options, providers=cpu, enable_fallback=0)
+        with self._mapped("onnxruntime cannot read its metadata"):
+            self.properties: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        with self._mapped("onnxruntime cannot read its tensors"):
+            self.inputs = [Tensor(t.name, t.type, list(t.shape)) for t in self._session.get_inputs()]
+            self.outputs = [Tensor(t.name, t.type, list(t.shape)) for t in self._session.get_outputs()]
+
+    def refused(self, reason: str) -> ModelError:
+        """See ``refused``."""
+        return refused(self.path, reason)
+
+    def metadata(self, key: str, kind: type[T]) -> T:
+        """Metadata under a key as ``kind``. Raises ``ModelError`` where it is missing, no JSON or not of that kind."""
+        if key not in self.properties:
+            there = ", ".join(map(repr, self.properties)) or "none"
+            raise self.refused(f"it has no metadata {key!r}, found {there}")
+        return decoded(self.properties[key], kind, self.path)
+
+    def run(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """First output (N, …) for the first input (N, …). Raises ``ModelError`` where the model fails on it."""
+        try:
+            given = self._session.run([self.outputs[0].name], {self.inputs[0].name: values})[0]
+        except Exception as error:  # as in _mapped, without its cost for every frame
+            raise self.refused(f"it fails on inputs of shape {list(values.shape)}: {_reason(error)}") from error
+        return np.asarray(given, dtype=np.float64)
+
+    @contextmanager
+    def _mapped(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise self.refused(f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
+        except Exception as error:  # onnxruntime's errors share no other root
+            raise self.refused(f"{what}: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    return _PREFIX.sub("", " ".join(str(error).split()))[:300]
