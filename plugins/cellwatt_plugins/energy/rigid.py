@@ -22,7 +22,7 @@ from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
 from cellwatt_plugins.robot.motion import direction, rates, smooth
 from cellwatt_plugins.robot.priors import body_prior, links_prior
-from cellwatt_plugins.robot.regression import Prior, solve
+from cellwatt_plugins.robot.regression import Prior, solve, variance_of
 
 Float = NDArray[np.float64]
 
@@ -80,11 +80,13 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
     prior = _prior(arm, float(samples.payload.max()), given, uncertainty * given**2)
     largest = np.abs(samples.torque).max(axis=0)
     least = LEAST * float(largest.max())
-    missed = np.tile(MISSED * largest + least, (len(samples.position), 1))
+    variance = np.tile((MISSED * largest + least) ** 2, len(samples.position))
+    # Fast runs are smoothed the most: each joint's torque is missed in each run by as much as in this run.
+    kind = np.add.outer(n * (np.arange(len(samples.position)) // SAMPLES), np.arange(n)).reshape(-1)
     for _ in range(ROUNDS):
         design = _equations(arm, samples, given)
-        fit = solve(design, value, ALIKE * missed.reshape(-1) ** 2, prior)
-        missed = _missed((value - design @ fit.coefficients).reshape(-1, n)) + least
+        fit = solve(design, value, ALIKE * variance, prior)
+        variance = variance_of(value - design @ fit.coefficients, kind, 0.0) + least**2
         given = np.clip(fit.coefficients[:n], 1 / FURTHEST, FURTHEST)
     lower = np.full(len(prior.mean), -np.inf)
     # Friction takes energy: all but the offset only ever brakes.
@@ -92,12 +94,6 @@ def fit_rigid(arm: Arm, runs: Sequence[Recorded], expected: Float, uncertainty: 
     bounded = fit.bounded(lower, np.full(len(lower), np.inf))
     friction = bounded[-(len(LAWS) + 1) * n :].reshape(-1, n) / given
     return RigidFit(1.0 / given, fit.deviations[:n] / given**2, dict(zip((*LAWS, OFFSET), friction, strict=True)))
-
-
-def _missed(residual: Float) -> Float:
-    """Error (N, n) Nm of each joint's torque in each run: fast runs are smoothed the most."""
-    runs = residual.reshape(-1, SAMPLES, residual.shape[1])
-    return np.asarray(np.repeat(np.sqrt(np.mean(runs**2, axis=1)), SAMPLES, axis=0))
 
 
 def _gather(runs: Sequence[Recorded]) -> _Samples:

@@ -30,13 +30,13 @@ class Block:
         return int(self.columns.shape[-1])
 
     def of(self, channel: int) -> Float | None:
-        """The columns (N, m) as they act on a channel; None where they do not."""
+        """Return the columns (N, m) as they act on a channel; None where they do not."""
         if self.channel is None:
             return np.asarray(self.columns[:, channel])
         return self.columns if self.channel == channel else None
 
     def times(self, coefficients: Float, channels: int) -> Float:
-        """Contribution (N, C) of the term to all channels."""
+        """Return what the term adds to all channels, (N, C)."""
         if self.channel is None:
             return np.asarray(self.columns @ coefficients)
         out = np.zeros((len(self.columns), channels))
@@ -98,7 +98,7 @@ class Design:
         return out
 
     def products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
-        """For each block its products with every channel that it acts on; blocks of a channel share the work."""
+        """Return each block's products with every channel that it acts on; blocks of a channel share the work."""
         out: list[list[_Product]] = [[] for _ in blocks]
         for c, channel in enumerate(self.channels):
             acting = [(i, part) for i, block in enumerate(blocks) if (part := block.of(c)) is not None]
@@ -115,14 +115,14 @@ class Design:
         return out
 
     def kept_products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
-        """``products``, remembered for blocks that are tried again and again."""
+        """Return ``products``, remembered for blocks that are tried again and again."""
         new = [block for block in blocks if block not in self._products]
         self._products.update(zip(new, self.products(new), strict=True))
         return [self._products[block] for block in blocks]
 
 
 def places(blocks: Sequence[Block], start: int) -> list[slice]:
-    """Place of each block's coefficients, from ``start`` on."""
+    """Return the place of each block's coefficients, from ``start`` on."""
     out = []
     for block in blocks:
         out.append(slice(start, start + block.size))
@@ -131,7 +131,10 @@ def places(blocks: Sequence[Block], start: int) -> list[slice]:
 
 
 class Regression:
-    """The design's blocks and further ``blocks`` together, each channel with its correlation ``factor`` (C,)."""
+    """Fit of the design's blocks and further ``blocks`` together, each channel with its correlation ``factor`` (C,).
+
+    Raises ``numpy.linalg.LinAlgError`` where data and priors do not determine the coefficients.
+    """
 
     def __init__(self, design: Design, blocks: Sequence[Block], factor: Float) -> None:
         self.design, self.blocks, self.factor = design, tuple(blocks), factor
@@ -160,11 +163,11 @@ class Regression:
         return self._fit.covariance
 
     def gain(self, block: Block) -> tuple[float, Float]:
-        """Log evidence (nats) that a further block adds, and the coefficients (m,) that it would have."""
+        """Return the log evidence (nats) that a further block adds, and the coefficients (m,) that it would have."""
         return self.gains([block])[0]
 
     def gains(self, blocks: Sequence[Block], keep: bool = False) -> list[tuple[float, Float]]:
-        """``gain`` of several blocks, each alone; ``keep`` their products for the next time."""
+        """Return the ``gain`` of several blocks, each alone; ``keep`` their products for the next time."""
         if not blocks:
             return []
         products = self.design.kept_products(blocks) if keep else self.design.products(blocks)

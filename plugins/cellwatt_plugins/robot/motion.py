@@ -84,7 +84,11 @@ class Moved:
 
 
 def about_plan(position: Float, plan: Plan, step: float) -> Moved:
-    """Motion of encoders ``position`` (N, n) rad that follow a ``plan``: the plan and the smoothed tracking error."""
+    """Return the motion of encoders ``position`` (N, n) rad, every ``step`` s, that follow a ``plan``.
+
+    It is the plan and the tracking error, of which each octave is kept as far as it exceeds the encoders' noise
+    (Wiener's filter).
+    """
     error = position - plan.position
     noise = encoder_noise(error)
     kept = _in_octaves(error, noise, step, _octaves(step, ERROR_OCTAVES))
@@ -95,7 +99,10 @@ def about_plan(position: Float, plan: Plan, step: float) -> Moved:
 
 
 def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_OCTAVES) -> Moved:
-    """Motion of ``encoders`` (N, n) rad alone, smoothed in ``octaves`` Hz."""
+    """Return the motion of ``encoders`` (N, n) rad alone, every ``step`` s.
+
+    Each of the ``octaves`` (Hz) is kept as far as it exceeds the encoders' noise; what is beyond the last is doubt.
+    """
     noise = encoder_noise(encoders)
     octaves = _octaves(step, octaves)
     base = smooth(encoders, step, octaves[0])
@@ -107,7 +114,7 @@ def from_encoders(encoders: Float, step: float, octaves: Sequence[float] = OWN_O
 
 
 def exact(position: Float, velocity: Float, acceleration: Float) -> Moved:
-    """A motion that is known exactly, e.g. a planned one."""
+    """Return the motion of exact ``position`` rad and its derivatives in s, (N, n) each: a plan's, without doubt."""
     return Moved(
         position,
         velocity,
@@ -126,7 +133,7 @@ def direction(velocity: Float) -> Float:
 
 
 def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
-    """Mean and standard deviation of tanh(v / 0.004) for a normal velocity with standard deviation ``spread``."""
+    """Return mean and standard deviation of ``direction`` for a ``velocity`` known to ``spread`` (one sigma), rad/s."""
     # Nearly all of a motion is so quick that the sign is sure: one sum for all of it, and nodes for the rest.
     unsure = ~(np.abs(velocity) >= SURE_SIGN * SIGN_WIDTH + _NODES[-1] * np.abs(spread))
     mean, square = np.sign(velocity) * _WHOLE, np.full_like(velocity, _WHOLE)
@@ -173,7 +180,11 @@ def rates(position: Float, step: float, bandwidth: float = OWN_BANDWIDTH) -> tup
 
 
 def smooth(values: Float, step: float, bandwidth: float) -> Float:
-    """Values (N, n) without what is above ``bandwidth`` Hz: minimises |x - values|² + λ |third differences|²."""
+    """Return ``values`` (N, n), N > 3, every ``step`` s, without what is above ``bandwidth`` Hz.
+
+    Minimises |x - values|² + λ |third differences of x|² (Whittaker; Eilers, Analytical Chemistry 75, 2003), with a λ
+    that halves the amplitude at the bandwidth.
+    """
     strength = _strength(step, bandwidth)
     if strength < 1e-3:
         return values.copy()
@@ -181,7 +192,7 @@ def smooth(values: Float, step: float, bandwidth: float) -> Float:
 
 
 def differentiate(values: Float, step: float) -> tuple[Float, Float]:
-    """First and second derivative (N, n) of evenly spaced values (N, n), central differences."""
+    """Return the first and second derivative (N, n) of ``values`` (N, n) every ``step`` s: central differences."""
     first = np.gradient(values, step, axis=0)
     second = np.zeros_like(values)
     second[1:-1] = (values[2:] - 2 * values[1:-1] + values[:-2]) / step**2

@@ -86,7 +86,8 @@ class Motion:
     """Follows the joints of one arm through frames without a gap; ``step`` is the frame step in ns.
 
     ``moving`` holds a bit per joint, ``changes`` the starts and stops not yet taken by the caller, in the
-    order in which they were confirmed, ``trail`` the newest samples.
+    order in which they were confirmed, ``trail`` the newest samples. Speeds are differences over the window, as
+    ``robot.motion`` smooths over times that are still to come.
     """
 
     def __init__(self, joints: int, step: int, thresholds: Thresholds) -> None:

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import CellwattError
-from cellwatt_plugins.robot.regression import Fit, Products
-from cellwatt_plugins.robot.regression import Prior as Normal
+from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 Float = NDArray[np.float64]
 Evaluate = Callable[[Float], tuple[Float, Float]]
@@ -30,8 +29,8 @@ _NOISE_BELIEF: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Prior:
-    """Prior: groups of parameters by ``slices``, each parameter's ``scale`` (P,).
+class Belief:
+    """Groups of parameters by ``slices`` and each parameter's ``scale`` (P,), as thought before the data.
 
     ``needs`` says by how much (natural log) a group must make the data more probable to be taken in.
     """
@@ -68,7 +67,7 @@ class Posterior:
         return np.sqrt(np.diag(self.covariance))
 
 
-def fit(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], prior: Prior) -> Posterior:
+def fit(evaluate: Evaluate, measured: Float, used: NDArray[np.bool_], prior: Belief) -> Posterior:
     """Fit to ``measured`` (N, n), where ``used`` (N, n).
 
     Raises ``CellwattError`` where the poses do not determine a model.
@@ -102,7 +101,7 @@ class _Search:
 
     fit: Fit
 
-    def __init__(self, prior: Prior) -> None:
+    def __init__(self, prior: Belief) -> None:
         self.prior, self.noise = prior, prior.noise.copy()
         self.spread, self.active = np.ones(len(prior.slices)), np.ones(len(prior.slices), dtype=np.bool_)
         self.mean = np.zeros(len(prior.scale))
@@ -120,7 +119,7 @@ class _Search:
         parts = [each.part(on) for each in sums]
         for _ in range(_SWEEPS):
             weight = 1.0 / self.noise**2
-            within = Normal.spread(scale * self.spread[owner])
+            within = Prior.spread(scale * self.spread[owner])
             gram = np.tensordot(weight, np.stack([part.gram for part in parts]), 1)
             self.fit = Fit(Products(gram, weight @ np.stack([part.pull for part in parts])), within)
             found, covariance = self.fit.coefficients, self.fit.covariance

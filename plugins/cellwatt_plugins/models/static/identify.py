@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.models.static.basis import Basis, gravity_parameters, joint_limits
 from cellwatt_plugins.models.static.effects import Effects
-from cellwatt_plugins.models.static.evidence import Posterior, Prior, fit
+from cellwatt_plugins.models.static.evidence import Belief, Posterior, fit
 from cellwatt_plugins.models.static.leftover import Leftover, learned
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.robot import Arm
@@ -150,11 +150,11 @@ def folds(count: int, seed: int) -> list[NDArray[np.intp]]:
     return [np.sort(part) for part in np.array_split(rows, min(FOLDS, count))]
 
 
-def _prior(effects: Effects) -> Prior:
+def _prior(effects: Effects) -> Belief:
     needs = np.array([_NEEDS.get(group.kind, _NEEDED) for group in effects.groups])
     every = tuple(range(effects.joints))
     outputs = tuple(group.joints or every for group in effects.groups)
-    return Prior(tuple(effects.slices.values()), effects.scale, needs, _NOISE * effects.rated, outputs)
+    return Belief(tuple(effects.slices.values()), effects.scale, needs, _NOISE * effects.rated, outputs)
 
 
 def _outlying(rest: Float, used: NDArray[np.bool_], noise: Float) -> NDArray[np.bool_]:

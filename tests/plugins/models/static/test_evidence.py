@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt_plugins.models.static.evidence import Prior, fit
+from cellwatt_plugins.models.static.evidence import Belief, fit
 
 
 def problem(seed=0, noise=(0.1, 0.3), count=200):
@@ -13,7 +13,7 @@ def problem(seed=0, noise=(0.1, 0.3), count=200):
     slopes = rng.normal(size=(count, 2, 6))
     truth = np.array([1.0, -2.0, 0.3, 0.5, 0.0, 0.0])
     measured = slopes @ truth + rng.normal(size=(count, 2)) * noise
-    prior = Prior(
+    prior = Belief(
         (slice(0, 2), slice(2, 4), slice(4, 6)), np.ones(6), np.full(3, 3.0), np.array([0.2, 0.2]), ((0, 1),) * 3
     )
     return slopes, truth, measured, prior
@@ -43,7 +43,7 @@ def test_groups_of_other_outputs_are_left_out_together():
     apart[:, 0, :3], apart[:, 1, 3:] = slopes[:, 0, :3], slopes[:, 1, 3:]
     parts = tuple(slice(k, k + 1) for k in range(6))
     outputs = ((0,), (0,), (0,), (1,), (1,), (1,))
-    each = Prior(parts, np.ones(6), np.full(6, 3.0), prior.noise, outputs)
+    each = Belief(parts, np.ones(6), np.full(6, 3.0), prior.noise, outputs)
     truth = np.array([1.0, 0.0, -1.0, 0.0, 0.0, 2.0])
     said = apart @ truth + 0.1 * np.random.default_rng(5).normal(size=(200, 2))
     found = fit(lambda p: (apart @ p, apart.copy()), said, np.ones((200, 2), bool), each)
@@ -71,7 +71,7 @@ def test_curved_models_are_followed():
         return value, slope
 
     measured = evaluate(truth)[0] + 0.05 * rng.normal(size=(300, 1))
-    prior = Prior((slice(0, 1), slice(1, 2)), np.ones(2), np.zeros(2), np.array([0.1]), ((0,), (0,)))
+    prior = Belief((slice(0, 1), slice(1, 2)), np.ones(2), np.zeros(2), np.array([0.1]), ((0,), (0,)))
     found = fit(evaluate, measured, np.ones((300, 1), bool), prior)
     np.testing.assert_allclose(found.mean, truth, atol=0.02)
 
