@@ -172,7 +172,7 @@ def packages() -> str:
     """The three packages and who may import whom."""
     return picture(
         {
-            "drivers": Box(0, 0, "code", "cellwatt_drivers", "a device's protocol;\ndrivers never import each other"),
+            "drivers": Box(0, 0, "code", "cellwatt_drivers", "a folder per device family,\nand the room they share"),
             "methods": Box(
                 2, 0, "code", "cellwatt_plugins", "segment, models, faults,\nmismatch, energy:\nnever import each other"
             ),
