@@ -25,7 +25,7 @@ from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.power.exported import write
 from cellwatt_plugins.models.power.moves import read_moves
 from cellwatt_plugins.models.power.training import model_of
-from cellwatt_plugins.robot import Body, load_robot
+from cellwatt_plugins.robot import Arm
 
 SECONDS = 40.0
 LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
@@ -55,7 +55,7 @@ async def record(folder: Path, seconds: float = SECONDS) -> None:
 
 
 def demo_robot(folder: Path) -> Path:
-    """Writes what is known of the demo's arm, ``robot.yaml`` with its URDF, and gives its path.
+    """Write the description of the demo's arm, ``robot.yaml`` with its URDF; return its path.
 
     Joints 2 to 4 lift; their angles add up, as those of the emulated arm. Links are about right, friction is left out.
     """
@@ -84,14 +84,13 @@ def demo_robot(folder: Path) -> Path:
 
 
 def train_demo(recording: Path, robot: Path, out: Path) -> Metadata:
-    """Trains on a recording of the demo (its frames, or a table of them) and writes the model file ``out``.
+    """Train on a recording of the demo (its frames, or a table of them) and write the model file ``out``.
 
-    Takes seconds: errors on held-out moves are not worked out. Raises as ``cellwatt train power`` does.
+    Takes seconds, as held-out errors are not computed. Raises as ``cellwatt train power`` does.
     """
-    description = load_robot(robot)
-    body = Body(description.urdf, tuple(joint.name for joint in description.joints))
-    moves = read_moves([recording], body.joints)
-    return write(out, model_of(moves, description, body), moves, body, description.robot)
+    arm = Arm.load(robot)
+    moves = read_moves([recording], arm.joints)
+    return write(out, model_of(moves, arm), moves, arm)
 
 
 def main(out: Path) -> None:
