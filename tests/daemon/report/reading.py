@@ -11,6 +11,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+from cellwatt.report import page as pages
+from cellwatt.report.theme import custom_properties
+
+STYLE = custom_properties() + Path(pages.__file__).with_name("page.css").read_text(encoding="utf-8")
+"""The one style sheet of all pages."""
+
 
 @dataclass
 class Page(HTMLParser):
@@ -93,6 +99,7 @@ def check(page: Page, most: int = 4_000_000) -> None:
     assert len(page.labels) == len(page.figures)
     assert all(page.tables)
     assert "Plotly" in page.engine or not page.figures
+    assert page.style == STYLE
     assert "prefers-color-scheme: dark" in page.style
     assert "@media print" in page.style
 
