@@ -1,4 +1,4 @@
-"""What a model file says about itself."""
+"""Metadata of a model file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cellwatt.errors import ModelError
-from cellwatt_plugins.models.metadata import decode, encode
+from cellwatt.onnx_file import decoded
+from cellwatt_plugins.models.metadata import Metadata, encode
 from fuzz.target import Target
 
 PLACE = Path("model.onnx")
@@ -15,11 +16,11 @@ PLACE = Path("model.onnx")
 def run(data: bytes) -> None:
     """As the text in the file."""
     try:
-        found = decode(data.decode("utf-8", "replace"), PLACE)
+        found = decoded(data.decode("utf-8", "replace"), Metadata, PLACE)
     except ModelError as error:
         assert "\n" not in str(error)
         return
-    assert decode(encode(found), PLACE) == found
+    assert decoded(encode(found), Metadata, PLACE) == found
 
 
 def seeds() -> Iterable[bytes]:
