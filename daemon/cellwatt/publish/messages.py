@@ -31,7 +31,7 @@ TYPES: Final[Mapping[str, type[Result | Event]]] = {
 }
 """What the messages of a kind of topic hold."""
 
-LONGEST_REASON: Final = 300
+LONGEST_REASON: Final = 500
 """Characters of what is wrong with a message; it may repeat what was in it."""
 _NUMBERS: Final = ("speed", "total", "uncertainty", "positive_mechanical", "motion_efficiency_percent")
 _NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")

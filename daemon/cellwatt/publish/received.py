@@ -14,7 +14,7 @@ from cellwatt.publish.encode import decode
 from cellwatt.publish.follow import Positions
 from cellwatt.publish.keys import FRAME, is_topic
 from cellwatt.publish.mark import Mark
-from cellwatt.publish.messages import decode_item, from_json, parse_json
+from cellwatt.publish.messages import LONGEST_REASON, decode_item, from_json, parse_json
 from cellwatt.results import Event, Result
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _LARGEST_JSON: Final = 4 * 1024 * 1024
 """Bytes of one result, event or health message; the largest of a cell have some 100 kB."""
-_LONGEST_REASON: Final = 500
 _MOST_TOPICS: Final = 1000
 _END: Final = 2**63
 """Numbers and times are below it."""
@@ -129,6 +128,6 @@ def read_refusal(error: zenoh.ReplyError) -> str | None:
     """The reason for which the cell refused a question; ``None`` if Zenoh itself gave up."""
     try:
         with _reading("a refusal"):
-            return str(parse_json(_small(error.payload.to_bytes()))["error"])[:_LONGEST_REASON]
+            return str(parse_json(_small(error.payload.to_bytes()))["error"])[:LONGEST_REASON]
     except ProtocolError:
         return None
