@@ -50,6 +50,10 @@ class CollectingOutlet:
         self.account.count(kind)
         self._changed.set()
 
+    def wake(self) -> None:
+        """Let whoever waits look again."""
+        self._changed.set()
+
     @property
     def values(self) -> np.ndarray:
         """All samples (n, channels)."""
@@ -73,3 +77,20 @@ class CollectingOutlet:
                     await self._changed.wait()
         except TimeoutError:
             raise AssertionError(f"never came: {self.account.snapshot()}, {self.events[-5:]}") from None
+
+
+class PolledOutlet(CollectingOutlet):
+    """Of a polled device, which has no clock; events are not counted in the account."""
+
+    def event(self, kind: str, text: str, **data: str | float) -> None:
+        self.events.append((kind, text, data))
+        self._changed.set()
+
+    def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
+        raise AssertionError("a polled device has no clock")
+
+    def clock_reset(self, stream: Stream, reason: str) -> None:
+        raise AssertionError("a polled device has no clock")
+
+    def of(self, stream: str) -> list[Reading]:
+        return [r for r in self.readings if r.stream.name == stream]

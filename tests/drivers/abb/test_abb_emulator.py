@@ -15,7 +15,7 @@ from cellwatt.emulation import Fault
 from cellwatt_drivers.abb.emulator import AbbEmulator
 from tests.patience import PATIENCE
 
-from .rig import ANGLES, Steady, emulated
+from .rig import ANGLES, STILL, emulated
 
 
 def listen(port: int, count: int):
@@ -129,10 +129,10 @@ async def test_curl_reads_its_pages_as_the_manual_shows(robotware, scheme):
 @pytest.mark.parametrize("options", [{"robotware": "8"}, {"egg": "1"}, {"certificate": "nowhere"}])
 def test_wrong_options(options):
     with pytest.raises((ValueError, OSError)):
-        AbbEmulator(Steady(), "", options=options)
+        AbbEmulator(STILL, "", options=options)
 
 
 def test_every_fault_is_known():
-    emulator = AbbEmulator(Steady(), "")
+    emulator = AbbEmulator(STILL, "")
     for kind in AbbEmulator.faults:
         emulator.inject(Fault(kind))

@@ -10,7 +10,7 @@ from cellwatt_drivers.abb.intake import Intake
 from cellwatt_drivers.abb.wire import columns
 
 from ..outlet import CollectingOutlet
-from .rig import Steady
+from .rig import STILL
 
 START = 1_700_000_000.0
 
@@ -20,7 +20,7 @@ class Rig:
         self.outlet = CollectingOutlet()
         found = columns(("joints",), 6, ())
         self.intake = Intake(self.outlet, Stream("egm", found.channels, 250.0, "device"), found, lambda: None)
-        self.robot = EmulatedRobot(Steady(), 7, 6, 0.004)
+        self.robot = EmulatedRobot(STILL, 7, 6, 0.004)
 
     def packet(self, number, at=None, clocked=True, start=START):
         return self.robot.packet(0, Stamp(number, start + 0.004 * (number if at is None else at), clocked))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import itertools
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,21 +14,14 @@ from cellwatt_drivers.can_sensor import CanSensorDriver, CanSensorSettings
 from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 
 from ..outlet import CollectingOutlet
+from ..running import Steady, served, supervised
 
 FAST = {"cycles": "current=10,voltage_1=20"}
 READ = {"read": ["current", "voltage_1"], "rates": {"current": "100 Hz", "voltage_1": "50 Hz"}}
 _numbers = itertools.count()
 
 
-@dataclass
-class Steady:
-    """48 V, -2.5 A."""
-
-    def at(self, t):
-        return {"bus.voltage": np.full(len(t), 48.0), "bus.current": np.full(len(t), -2.5)}
-
-    def disturb(self, change):
-        raise ValueError("nothing to disturb")
+STILL = Steady({"bus.voltage": 48.0, "bus.current": -2.5})
 
 
 def virtual() -> str:
@@ -41,16 +33,9 @@ def virtual() -> str:
 async def emulated(address: str | None = None, **options: str) -> AsyncIterator[tuple[CanSensorEmulator, str]]:
     """An emulator and its address; that of the port on ``pty``."""
     where = address or virtual()
-    emulator = CanSensorEmulator(Steady(), where, seed=5, options=FAST | options)
-    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    serving = asyncio.create_task(emulator.serve(ready.set_result))
-    try:
-        place = await ready
+    emulator = CanSensorEmulator(STILL, where, seed=5, options=FAST | options)
+    async with served(emulator) as place:
         yield emulator, place if where == "pty" else where
-    finally:
-        serving.cancel()
-        with suppress(asyncio.CancelledError):
-            await serving
 
 
 def settings(place: str, **changes: object) -> CanSensorSettings:
@@ -84,20 +69,5 @@ async def running(wanted: CanSensorSettings) -> AsyncIterator[Run]:
     outlet = CollectingOutlet()
     run = Run(CanSensorDriver("battery", wanted, outlet), outlet, [])
 
-    async def supervise() -> None:
-        while True:
-            try:
-                await run.driver.run()
-            except SourceError as error:
-                run.failures.append(error)
-                outlet.event("failed", str(error))
-            await asyncio.sleep(0.01)
-
-    task = asyncio.create_task(supervise())
-    try:
+    async with supervised(run.driver, outlet) as run.failures:
         yield run
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-    assert outlet.account.residue == 0

@@ -15,7 +15,7 @@ from cellwatt_drivers.can_sensor.emulator import CanSensorEmulator
 from tests.patience import PATIENCE
 
 from ..outlet import CollectingOutlet
-from .rig import Steady, emulated, running, settings, virtual
+from .rig import STILL, emulated, running, settings, virtual
 
 GROUP = "udp_multicast:239.74.163.2:43917"
 
@@ -270,4 +270,4 @@ async def test_the_bus_is_released_on_cancellation():
 )
 def test_wrong_options_of_the_emulator(address, options, why):
     with pytest.raises(ValueError, match=why):
-        CanSensorEmulator(Steady(), address, options=options)
+        CanSensorEmulator(STILL, address, options=options)

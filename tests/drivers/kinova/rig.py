@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
-
-import numpy as np
+from contextlib import asynccontextmanager
 
 from cellwatt.emulation import Fault
 from cellwatt_drivers.kinova import KinovaDriver, KinovaSettings
@@ -14,6 +12,7 @@ from cellwatt_drivers.kinova.emulator import KinovaEmulator
 from tests.patience import eventually
 
 from ..outlet import CollectingOutlet
+from ..running import Steady, going, served
 
 ANGLES = (0.5, -0.25, 1.0, -1.5, 0.75, 2.0, -3.0)
 STILL = (
@@ -26,28 +25,12 @@ STILL = (
 )
 
 
-class Steady:
-    """Signals that stand still."""
-
-    def at(self, t):
-        return {name: np.full(len(t), value) for name, value in STILL.items()}
-
-    def disturb(self, change):
-        raise ValueError("nothing to disturb")
-
-
 @asynccontextmanager
 async def emulated(signals=None, **options: str) -> AsyncIterator[tuple[KinovaEmulator, int]]:
     """An emulator and its port."""
-    emulator = KinovaEmulator(signals or Steady(), "127.0.0.1:0", seed=1, options=options)
-    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    serving = asyncio.create_task(emulator.serve(ready.set_result))
-    try:
-        yield emulator, int((await ready).rpartition(":")[2])
-    finally:
-        serving.cancel()
-        with suppress(asyncio.CancelledError):
-            await serving
+    emulator = KinovaEmulator(signals or Steady(STILL), "127.0.0.1:0", seed=1, options=options)
+    async with served(emulator) as address:
+        yield emulator, int(address.rpartition(":")[2])
 
 
 def driver(port: int, outlet: CollectingOutlet, **changes: object) -> KinovaDriver:
@@ -59,13 +42,8 @@ def driver(port: int, outlet: CollectingOutlet, **changes: object) -> KinovaDriv
 async def running(port: int, **changes: object) -> AsyncIterator[tuple[CollectingOutlet, asyncio.Task[None]]]:
     """A driver running until the end of the context; fails when it failed."""
     outlet = CollectingOutlet()
-    task = asyncio.create_task(driver(port, outlet, **changes).run())
-    try:
+    async with going(driver(port, outlet, **changes).run()) as task:
         yield outlet, task
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
     assert outlet.account.residue == 0
 
 

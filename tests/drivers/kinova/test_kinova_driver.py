@@ -28,7 +28,7 @@ async def test_everything_in_two_requests():
         assert found[name] == pytest.approx(STILL[name], rel=1e-6), name
     assert of(outlet, "arm")[-1].values[0].tolist() == [24, 1.25, 30, 45, 38, 7, 0, 0]
     assert motion.asked < motion.arrival
-    assert set(outlet.account.missed) <= {"merged tick", "slow answers"}  # of a busy test machine
+    assert set(outlet.account.missed) <= {"host stalled", "merged tick", "slow answers"}  # of a busy test machine
     assert emulator.counts["written"] == emulator.counts["refused"] == 0
     assert outlet.account.counters["motion repeats"] > 0
 

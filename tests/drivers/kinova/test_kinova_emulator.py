@@ -12,7 +12,7 @@ from cellwatt_drivers.kinova.emulator import KinovaEmulator
 from tests.patience import eventually
 
 from ..outlet import CollectingOutlet
-from .rig import ANGLES, Steady, driver, emulated, of, running
+from .rig import ANGLES, STILL, Steady, driver, emulated, of, running
 
 pymodbus = pytest.importorskip("pymodbus", reason="pymodbus is not installed")
 
@@ -85,5 +85,5 @@ async def test_the_driver_reads_a_server_of_pymodbus():
 
 def test_wrong_options():
     with pytest.raises(ValueError, match="unknown options: wrp"):
-        KinovaEmulator(Steady(), "", options={"wrp": "1"})
+        KinovaEmulator(Steady(STILL), "", options={"wrp": "1"})
     assert driver(1, CollectingOutlet()).settings.axes == len(ANGLES)

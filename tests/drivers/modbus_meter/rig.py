@@ -2,44 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
-
-import numpy as np
 
 from cellwatt.errors import SourceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver, ModbusMeterSettings
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 
 from ..outlet import CollectingOutlet
+from ..running import Steady, served, supervised
 
-
-@dataclass
-class Steady:
-    """A load that stands still: 230 V, 2.5 A, 500 W."""
-
-    def at(self, t):
-        values = {"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0}
-        return {name: np.full(len(t), value) for name, value in values.items()}
-
-    def disturb(self, change):
-        raise ValueError("nothing to disturb")
+STILL = Steady({"supply.voltage": 230.0, "supply.current": 2.5, "supply.power": 500.0})
 
 
 @asynccontextmanager
 async def emulated(address: str = "127.0.0.1:0", **options: str) -> AsyncIterator[tuple[ModbusMeterEmulator, str]]:
     """An emulator and where it listens."""
-    emulator = ModbusMeterEmulator(Steady(), address, seed=3, options=options)
-    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    serving = asyncio.create_task(emulator.serve(ready.set_result))
-    try:
-        yield emulator, await ready
-    finally:
-        serving.cancel()
-        with suppress(asyncio.CancelledError):
-            await serving
+    emulator = ModbusMeterEmulator(STILL, address, seed=3, options=options)
+    async with served(emulator) as address:
+        yield emulator, address
 
 
 def settings(place: str, **changes: object) -> ModbusMeterSettings:
@@ -66,20 +48,5 @@ async def running(wanted: ModbusMeterSettings) -> AsyncIterator[Run]:
     outlet = CollectingOutlet()
     run = Run(ModbusMeterDriver("meter", wanted, outlet), outlet, [])
 
-    async def supervise() -> None:
-        while True:
-            try:
-                await run.driver.run()
-            except SourceError as error:
-                run.failures.append(error)
-                outlet.event("failed", str(error))
-            await asyncio.sleep(0.01)
-
-    task = asyncio.create_task(supervise())
-    try:
+    async with supervised(run.driver, outlet) as run.failures:
         yield run
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-    assert outlet.account.residue == 0

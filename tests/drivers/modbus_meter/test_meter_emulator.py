@@ -12,7 +12,7 @@ from pymodbus.exceptions import ModbusIOException
 from cellwatt_drivers.modbus_meter.emulator import ModbusMeterEmulator
 from tests.patience import PATIENCE
 
-from .rig import Steady, emulated
+from .rig import STILL, emulated
 
 FLOAT32 = AsyncModbusTcpClient.DATATYPE.FLOAT32
 INT32 = AsyncModbusTcpClient.DATATYPE.INT32
@@ -104,4 +104,4 @@ async def test_nothing_can_be_written():
 )
 def test_wrong_options_are_refused(options, why):
     with pytest.raises(ValueError, match=why):
-        ModbusMeterEmulator(Steady(), "", options=options)
+        ModbusMeterEmulator(STILL, "", options=options)

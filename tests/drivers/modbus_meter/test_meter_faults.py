@@ -68,7 +68,7 @@ async def test_a_silent_meter_is_given_up():
         async with running(wanted) as run:
             await run.outlet.until(lambda o: len(o.readings) >= 2)
             emulator.inject(Fault("loss"))
-            await run.outlet.until(lambda o: "failed" in o.kinds())
+            await run.outlet.until(lambda _: run.failures)
         assert "unit 1 at TCP 127.0.0.1" in str(run.failures[0])
         assert "no answer" in str(run.failures[0])
 
@@ -78,5 +78,5 @@ async def test_a_meter_that_is_silent_on_a_line_is_given_up():
         async with running(settings(line, timeout="30 ms", silence="300 ms", retries=0)) as run:
             await run.outlet.until(lambda o: len(o.readings) >= 2)
             emulator.inject(Fault("loss"))
-            await run.outlet.until(lambda o: "failed" in o.kinds())
+            await run.outlet.until(lambda _: run.failures)
         assert str(run.failures[0]).startswith("no good answer for 0.")

@@ -106,7 +106,7 @@ async def test_overload_is_flagged_counted_and_told_once():
     assert reading.quality is not None
     assert reading.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(reading.values[0]).tolist() == [False, True, True, False, False, False]
-    assert [text for kind, text in outlet.events if kind == "overload"] == [
+    assert [text for kind, text, _ in outlet.events if kind == "overload"] == [
         "supply: IRMS, P overloaded: the range is too small"
     ]
     last = outlet.readings[-1]
@@ -131,7 +131,7 @@ async def test_the_error_queue_is_read():
             await eventually(lambda: len(outlet.readings) >= 2)
             emulator.analyzer.execute("CHAN1:MEAS:FUNC NONSENSE", 0.0)
             await eventually(lambda: outlet.kinds().count("instrument_error") == 2)
-    texts = [text for kind, text in outlet.events if kind == "instrument_error"]
+    texts = [text for kind, text, _ in outlet.events if kind == "instrument_error"]
     assert "left from before: -113 Undefined header" in texts[0]
     assert "while measuring: -224 Illegal parameter value" in texts[1]
     assert outlet.account.counters["instrument errors"] == 2

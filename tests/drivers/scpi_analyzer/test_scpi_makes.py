@@ -133,7 +133,7 @@ async def test_overload_and_the_error_queue(model):
     assert last.quality is not None
     assert last.quality.tolist() == [Quality.CLIPPED]
     assert np.isnan(last.values[0]).tolist() == [False, True, False, False, False, False]
-    assert any("-113 Undefined header" in text for _, text in outlet.events)
+    assert any("-113 Undefined header" in text for _, text, _ in outlet.events)
 
 
 @pytest.mark.parametrize("model", OTHERS)

@@ -52,7 +52,7 @@ async def test_torque_that_cannot_be_is_told_once_with_what_it_may_be():
     """Yaskawa's own dissector shows torque as floats: 12.0 read as a whole number is 1,094,713,344."""
     async with emulated(torque="float") as (_, port), running(settings(port, rate="100 Hz")) as (_, outlet, _):
         await eventually(lambda: len(outlet.of("torque")) > 5)
-    ((kind, text),) = outlet.events
+    ((kind, text, _),) = outlet.events
     assert kind == "implausible_torque"
     assert "joint 1 reads 1094713344 counts" in text
     assert text.endswith("read as a float it is 12: this controller seems to send floats")
@@ -66,7 +66,7 @@ def test_ten_times_the_rated_torque_is_the_limit(counts, told):
     for _ in range(2):
         watch.see(encode_axes((*counts, 0, 0, 0, 0)))
     assert len(outlet.events) == told
-    assert all("float" not in text for _, text in outlet.events)  # as floats these are next to nothing
+    assert all("float" not in text for _, text, _ in outlet.events)  # as floats these are next to nothing
     watch.see(encode_axes((0,) * 6))
     watch.see(encode_axes((*counts, 0, 0, 0, 0)))
     assert len(outlet.events) == 2 * told
@@ -82,7 +82,7 @@ async def test_an_alarm_is_read_told_once_and_its_end_too():
         await eventually(lambda: len(outlet.of("state")) > seen + 3)
         emulator.alarm = Alarm(0)
         await eventually(lambda: outlet.of("state")[-1].values[0, -1] == 0)
-    assert [kind for kind, _ in outlet.events] == ["controller_alarm", "controller_alarm_cleared"]
+    assert [kind for kind, _, _ in outlet.events] == ["controller_alarm", "controller_alarm_cleared"]
     assert "4315 'COLLISION DETECT'" in outlet.events[0][1]
 
 

@@ -1,0 +1,72 @@
+"""An emulator and a driver on one loop, and a world that stands still."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Coroutine, Mapping
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cellwatt.driver import Driver
+from cellwatt.emulation import Emulator
+from cellwatt.errors import SourceError
+
+from .outlet import CollectingOutlet
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Signals that stand still."""
+
+    values: Mapping[str, float]
+
+    def at(self, t):
+        return {name: np.full(len(t), value) for name, value in self.values.items()}
+
+    def disturb(self, change):
+        raise ValueError("nothing to disturb")
+
+
+@asynccontextmanager
+async def going(coroutine: Coroutine[Any, Any, Any]) -> AsyncIterator[asyncio.Task[Any]]:
+    """A task that is cancelled at the end; an error of its own comes out there."""
+    task = asyncio.create_task(coroutine)
+    try:
+        yield task
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+@asynccontextmanager
+async def served(emulator: Emulator) -> AsyncIterator[str]:
+    """An emulator that serves; its address."""
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    async with going(emulator.serve(ready.set_result)) as serving:
+        await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
+        if serving.done():
+            serving.result()
+        yield await ready
+
+
+@asynccontextmanager
+async def supervised(driver: Driver[Any], outlet: CollectingOutlet) -> AsyncIterator[list[SourceError]]:
+    """A driver that is run again when it fails, until the end; its failures. The account must be even then."""
+    failures: list[SourceError] = []
+
+    async def run() -> None:
+        while True:
+            try:
+                await driver.run()
+            except SourceError as error:
+                failures.append(error)
+                outlet.wake()
+            await asyncio.sleep(0.01)
+
+    async with going(run()):
+        yield failures
+    assert outlet.account.residue == 0
