@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from cellwatt.config import KeyPath, read_settings, reads_version
+from cellwatt.errors import ConfigError, ModelError
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
@@ -194,7 +195,10 @@ class _File(BaseModel):
 def load_model(path: Path) -> Model:
     """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` with file, line and column."""
     file = path / "model.yaml" if path.is_dir() else path
-    found = read_settings(file, _File, _known, computed=True)
+    try:
+        found = read_settings(file, _File, _known, refusal=ModelError, computed=True)
+    except ModelError as error:
+        raise ConfigError(f"{error}; models are written by `cellwatt explain`") from error
     given = found.retuned
     families = (given.inertial, given.coulomb_friction, given.viscous_friction, given.rotor_inertia, given.resistance)
     inertial, coulomb, viscous, rotor, resistance = map(_array, families)

@@ -261,7 +261,7 @@ def test_simulate_refuses_what_is_no_model(cell, call, tmp_path):
     words = ["simulate", "--model", cell / "robot.yaml", "--motion", source, "--out", tmp_path / "p.parquet"]
     code, errors = one_line(call, *words)
     assert code == EXIT_USAGE
-    assert "not a model" in errors
+    assert "models are written by `cellwatt explain`" in errors
 
 
 def test_simulate_refuses_a_motion_of_another_arm(call, explained, tmp_path):

@@ -120,7 +120,7 @@ def test_the_campaign_of_another_robot_is_not_gone_on_with(campaign, tmp_path):
         campaign(Operator())
 
 
-@pytest.mark.parametrize(("text", "said"), [("{", "Invalid JSON"), ('{"robot": 3}', "robot: ")])
+@pytest.mark.parametrize(("text", "said"), [("{", "not valid YAML"), ('{"robot": 3}', "robot: ")])
 def test_a_log_that_cannot_be_read(tmp_path, text, said):
     (tmp_path / LOG).write_text(text)
     with pytest.raises(RecordingError, match=said):

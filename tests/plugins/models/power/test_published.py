@@ -49,7 +49,7 @@ def test_numbers_are_those_that_a_motor_can_have(trained):
 
 def test_one_k_m_serves_current_and_power(trained):
     """Mechanical work turns into power by the constant that turns torque into current: (12) and (13)."""
-    _, _, _, _, _, seen, models, _ = trained
+    _, _, _, _, seen, models, _ = trained
     nls = models["nls"]
     power, current = nls.predict(seen)
     inductance, resistance = nls.power[1:].reshape(2, -1)
@@ -100,6 +100,6 @@ def test_live_it_says_the_same_as_offline(trained, tmp_path, name):
 def test_the_report_names_doubts_and_has_no_second_k_m(trained):
     from cellwatt_plugins.models.power.wording import _nls
 
-    said = json.loads(json.dumps(_nls(trained[6]["nls"])))
+    said = json.loads(json.dumps(_nls(trained[5]["nls"])))
     assert set(said["power"]) == {"P_c", *(f"{name}_{i}" for name in "LR" for i in range(1, 7))}
     assert isinstance(said["doubts"], list)

@@ -15,6 +15,7 @@ from cellwatt_plugins.models.network import open_network
 from cellwatt_plugins.models.static.exported import Widths, write_best, write_paper
 from cellwatt_plugins.models.static.identify import Identified, identify, with_leftover
 from cellwatt_plugins.models.static.paper import trained
+from cellwatt_plugins.robot import Arm
 from tests.plugins.models.static import arms
 from tests.plugins.models.static.test_identify import collection, known
 
@@ -63,9 +64,10 @@ def test_power_that_holds_a_pose_where_the_motors_are_known(tmp_path, fitted):
     constant, resistance = np.linspace(20, 8, 6), np.linspace(0.4, 2.1, 6)
     joints = tuple(
         joint.model_copy(update={"torque_constant": k, "winding_resistance": r})
-        for joint, k, r in zip(arm.robot.joints, constant.tolist(), resistance.tolist(), strict=True)
+        for joint, k, r in zip(arm.arm.description.joints, constant.tolist(), resistance.tolist(), strict=True)
     )
-    path = save(tmp_path, (model, replace(arm, robot=arm.robot.model_copy(update={"joints": joints})), poses))
+    known = Arm.of(arm.arm.description.model_copy(update={"joints": joints}))
+    path = save(tmp_path, (model, replace(arm, arm=known), poses))
     assert [(o.name, o.unit) for o in read_metadata(path).outputs][-1] == ("holding_power", "W")
     given = open_network(path).run(inputs(poses))
     current = given[:, :6] / constant  # 000 (3)

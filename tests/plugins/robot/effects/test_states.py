@@ -6,7 +6,7 @@ from tests.plugins.mismatch import plant
 
 @pytest.fixture(scope="module")
 def states(tmp_path_factory):
-    return plant.states(*plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))), seconds=6.0)
+    return plant.states(plant.load(plant.write_robot(tmp_path_factory.mktemp("plant"))), seconds=6.0)
 
 
 def test_what_the_links_need_is_what_the_closed_form_says(states):
