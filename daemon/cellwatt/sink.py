@@ -99,6 +99,9 @@ class Sink(ABC, Generic[S]):
     def health(self, status: Mapping[str, Any]) -> None:
         """Take the cell's health, about once a second; never blocks."""
 
+    def succeed(self, before: Sink[Any]) -> None:
+        """Take over from the sink of this name that new settings have ended what its consumers may still ask for."""
+
     def trouble(self) -> str | None:
         """Reason why the running sink does not serve, for health; ``None`` if all is well."""
         return None

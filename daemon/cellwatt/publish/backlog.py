@@ -83,6 +83,13 @@ class Backlog:
                 self._frame_bytes -= _size(self._frames.popleft()[1])
         return mark
 
+    def succeed(self, before: Backlog) -> None:
+        """Keep the frames, and go on with their numbering, of another one that takes no more."""
+        with before._lock, self._lock:
+            if FRAME in before._topics and before.session == self.session:
+                self._topics[FRAME] = before._topics[FRAME]
+                self._frames, self._frame_bytes = before._frames, before._frame_bytes
+
     def active(self) -> list[tuple[Mark, Alarm]]:
         """The alarms active now, oldest first."""
         with self._lock:

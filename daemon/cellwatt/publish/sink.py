@@ -120,6 +120,11 @@ class ZenohSink(Sink[ZenohSettings]):
             mark, paths = self._backlog.add(item)
             self._outbox.put(Lane.RESULTS, Outgoing(topic_of(item), paths, item, mark))
 
+    def succeed(self, before: Sink[Any]) -> None:
+        """Keep the frames that the sink before this one kept."""
+        if isinstance(before, ZenohSink):
+            self._backlog.succeed(before._backlog)
+
     def _put_samples(self, lane: Lane, outgoing: Outgoing) -> None:
         """Send all waiting samples from the event loop if no receiver blocks."""
         publisher = self._publisher

@@ -33,6 +33,10 @@ class Delivery:
         self._broke: str | None = None
         self._told: str | None = None
 
+    def succeed(self, before: Delivery) -> None:
+        """Take over from the sink that new settings have ended."""
+        self._contained("predecessors lost", lambda: self._sink.succeed(before._sink))
+
     def offer(self, item: Item) -> None:
         """Hand over one item; where the sink breaks at it, it is lost and counted."""
         self._contained("items lost", lambda: self._sink.offer(item))

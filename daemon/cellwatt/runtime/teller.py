@@ -80,9 +80,9 @@ class Teller:
         stages = {s.alarm.stage for s in self.alarms.raised if s.alarm.stage is not None}
         self.withdraw(stages - config.stages.keys(), "is no longer part of the cell")
         for name in names:
-            self.sinks.pop(name, None)
+            before = self.sinks.pop(name, None)
             if name in config.sinks:
-                self._start_sink(tasks, config.sinks[name])
+                self._start_sink(tasks, config.sinks[name], before)
 
     def redeclare(self, streams: Mapping[str, tuple[Stream, ...]], layout: Layout) -> None:
         """Begin a new file: what follows comes from other streams, or is laid out otherwise."""
@@ -104,9 +104,11 @@ class Teller:
         for recovery in await recorder.recovered():
             self.take(Event(self._now(), None, "recovered", str(recovery)))
 
-    def _start_sink(self, tasks: Tasks, config: SinkConfig) -> None:
+    def _start_sink(self, tasks: Tasks, config: SinkConfig, before: Delivery | None = None) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
         delivery = self.sinks[config.name] = Delivery(config.name, sink)
+        if before is not None:
+            delivery.succeed(before)
         for warning in config.settings.warnings():
             log.warning("sink %s: %s", config.name, warning)
         tasks.spawn(f"sink {config.name}", delivery.run())

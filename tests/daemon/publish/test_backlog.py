@@ -82,3 +82,13 @@ def test_frames_whose_numbers_jump_begin_a_new_numbering(jump: int) -> None:
 
 def test_numbers_of_frames_begin_where_the_cell_is() -> None:
     assert backlog().add_frames(frames(500, 2)).sequence == 500
+
+
+def test_frames_of_a_sink_that_was_ended_are_still_given_by_the_one_after_it() -> None:
+    before, after = backlog(), backlog()
+    kept = before.add_frames(frames(10, 5))
+    after.succeed(before)
+    assert [mark for mark, _ in after.frames(EPOCH, 12, 1)] == [kept]
+    following = after.add_frames(frames(15, 5))
+    assert (following.session, following.sequence) == (kept.session, kept.end)
+    assert [mark for mark, _ in after.frames(EPOCH, 0, 99)] == [kept, following]

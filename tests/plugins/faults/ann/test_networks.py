@@ -52,7 +52,7 @@ def folder(tmp_path_factory):
             patch.setattr(training, name, value)
         done = called(
             faults, "train", calm, "--reference", where / "reference.yaml", "--robot", robot, "--out", where / "nets",
-            "--json",
+            "--seed", 1, "--json",
         )  # fmt: skip
     assert done.exit_code == 0, done.output or done.exception
     (where / "report.json").write_text(done.output)
