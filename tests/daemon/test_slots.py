@@ -44,7 +44,7 @@ async def main(how):
             elif how == "merged tick":
                 asyncio.get_running_loop().call_soon(compute)
             else:
-                print("stop me", flush=True)
+                asyncio.get_running_loop().call_soon(lambda: print("stop me", flush=True))  # once the slot has ended
     print(json.dumps(missed))
 
 asyncio.run(main(sys.argv[1]))
