@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 Severity = Literal["info", "warning", "error"]
 VariantKey = str
-"""How a task was run, e.g. ``speed=0.60``; two runs with the same key are comparable."""
+"""Variant in which a task was run, e.g. ``speed=0.60``; two runs with the same key are comparable."""
 
 
 @dataclass(frozen=True, slots=True)

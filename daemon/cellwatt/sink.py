@@ -25,7 +25,7 @@ class SinkSettings(BaseModel):
 
 
 Item = Batch | Frames | Result | Event
-"""What is published live."""
+"""Items that are published live."""
 
 
 class Journal(Protocol):
@@ -48,7 +48,7 @@ class CellView(Protocol):
     session: int
     """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
     journal: Journal | None
-    """What was told so far, where the process that tells may be begun anew within a session."""
+    """Items published so far, if the process that publishes may be started again within a session."""
 
     def status(self) -> Mapping[str, Any]:
         """Health of every part with its figures, JSON-ready."""

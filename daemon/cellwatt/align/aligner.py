@@ -17,7 +17,7 @@ _SECOND = 1_000_000_000
 _BLOCK = 512
 """Most frames in one block."""
 _HOLE = 60 * _SECOND
-"""Where the cell's time itself jumped further than this, the frames in between are left out and counted."""
+"""A jump of the cell's time beyond this leaves the frames in between out; they are counted."""
 
 
 class Aligner:

@@ -35,7 +35,7 @@ class Lane:
         )
         """The method in force for each channel; what is a mean over more than a step already is not averaged anew."""
         self.reach = step - step // 2 if "average" in self.methods else 0
-        """How far beyond a grid point samples must be there to settle it, ns."""
+        """Time in ns beyond a grid point from which samples must be there to settle it."""
         self.track = Track(len(stream.channels))
         self.start = NEVER
         """Since when the stream could have spoken, ns."""

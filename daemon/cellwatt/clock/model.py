@@ -11,7 +11,7 @@ from cellwatt.batch import Float, Nanoseconds
 from cellwatt.clock.lines import BLOCK, MAX_DRIFT, SECOND, SPAN, Facts, Lines, claims, possible
 
 _STALL = SPAN * BLOCK
-"""How late the very first sample may be."""
+"""Delay that the very first sample may have."""
 _FRESH = 30 * SECOND
 """Brackets are facts and make claims needless, as long as the newest is no older than this."""
 _BACK = "the device's time went back"

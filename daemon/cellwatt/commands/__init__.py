@@ -10,7 +10,7 @@ from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.registry import available
 
 EXIT_FAILED = 1
-"""What was asked for was done and the answer is no (a check failed, the demo lost data)."""
+"""The command ran and the answer is no (a check failed, the demo lost data)."""
 EXIT_USAGE = 2
 """The command line or a settings file is wrong."""
 EXIT_ERROR = 3

@@ -24,7 +24,7 @@ KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 
 
 class CellName(BaseModel):
-    """What the cell is called, and the robot in it."""
+    """Name of the cell, and the robot in it."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
@@ -44,7 +44,7 @@ class FrameSettings(BaseModel):
     rate: Hertz = 50.0
     """Frames a second, at most 1000 Hz."""
     latency: Seconds = Field(default=0.1, validate_default=True)
-    """How long a frame waits for late samples before it is given; at least one grid step."""
+    """Time that a frame waits for late samples; at least one grid step."""
 
     @field_validator("rate")
     @classmethod
@@ -114,12 +114,12 @@ class CellConfig:
 
     @property
     def folder(self) -> Path:
-        """Where relative paths in the settings start."""
+        """Folder that relative paths in the settings start from."""
         return self.path.absolute().parent
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is allowed and yet worth a word, a line each."""
+        """Warnings about settings that are allowed, a line each."""
         told = {name: sink.settings.warnings() for name, sink in self.sinks.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)

@@ -266,7 +266,7 @@ def _same_device(reading: _Reading, sources: Mapping[str, SourceConfig]) -> None
 
 
 def _device(source: SourceConfig) -> tuple[str, ...]:
-    """What only one source may open, a serial port or a driver's host and port; empty where there is nothing such.
+    """Port that only one source may open, serial or a driver's host and port; empty if there is none.
 
     A settings class may name fields in ``device_parts`` that tell apart what can be read side by side.
     """

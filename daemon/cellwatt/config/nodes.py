@@ -15,7 +15,7 @@ from cellwatt.yaml_file import DEEPEST, MOST_VALUES, check_bounds
 
 
 class Bounds(NamedTuple):
-    """How large a file may be; ``values`` count also after aliases and merges are followed: a few nested ones can
+    """Bounds of a file; ``values`` count also after aliases and merges are followed: a few nested ones can
     stand for billions."""
 
     bytes: int
@@ -102,7 +102,7 @@ def too_much(values: int, bounds: Bounds) -> str:
 
 
 def mark_of(node: yaml.Node) -> Mark:
-    """Where a node starts."""
+    """Place at which a node starts."""
     return Mark(node.start_mark.line + 1, node.start_mark.column + 1)
 
 

@@ -1,4 +1,4 @@
-"""Where in a settings file something stands, and in which order mistakes are told."""
+"""Places in a settings file, and the order in which mistakes are reported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a value and its key stand; ``written`` is the text of a scalar as it stands in the file, else ``""``.
+    """Place of a value and its key; ``written`` is the text of a scalar as it stands in the file, else ``""``.
 
     ``span`` holds the characters of the value, with anchor and tag.
     """

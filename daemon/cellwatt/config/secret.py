@@ -26,7 +26,7 @@ class SecretKeys:
     words: tuple[str, ...]
 
     def name(self, key: object) -> bool:
-        """Whether a key names a secret."""
+        """True if a key names a secret."""
         return any(word in str(key).lower() for word in self.words)
 
 

@@ -1,4 +1,4 @@
-"""What every device emulator shares: signals to serve, faults to inject, and a process of its own."""
+"""Shared parts of device emulators: signals to serve, faults to inject, and a process of its own."""
 
 from cellwatt.emulation.arm import ArmSignals
 from cellwatt.emulation.datagrams import Datagrams

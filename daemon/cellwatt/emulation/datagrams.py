@@ -35,7 +35,7 @@ class Datagrams:
         take: Callable[[bytes, Address], object] | None = None,
     ) -> None:
         self.to: Address | None = None
-        """Where datagrams go that are put without an address; ``None``: to nobody."""
+        """Address of datagrams that are put without one; ``None``: nobody."""
         self._injector = emulator.injector
         self._tally = emulator.tally
         self._cut = cut

@@ -26,7 +26,7 @@ class Emulator(ABC):
     faults: ClassVar[tuple[FaultKind, ...]]
     """Fault kinds it can inject."""
     usual_address: ClassVar[str]
-    """Where it listens unless told otherwise."""
+    """Address at which it listens by default."""
 
     def __init__(
         self,

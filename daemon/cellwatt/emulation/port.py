@@ -1,4 +1,4 @@
-"""Where clients of an emulated device come in, and the faults that strike what is asked and answered there."""
+"""Port of an emulated device, and the faults that strike its questions and answers."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ class EmulatorProcess:
         await self._ask({"disturb": change})
 
     async def counts(self) -> Mapping[str, int]:
-        """What it truly sent and injected so far."""
+        """Samples and faults that it truly sent and injected so far."""
         answer = await self._ask({"counts": True})
         counts: Mapping[str, int] = answer["counts"]
         return counts

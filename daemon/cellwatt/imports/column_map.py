@@ -56,7 +56,7 @@ class ColumnMap(_Strict):
     title: str
     licence: str
     documented: str
-    """Where the publisher documents the columns."""
+    """Page on which the publisher documents the columns."""
     unverified: str = ""
     layout: Literal["table", "matlab"] = "table"
     part: str | None = None

@@ -51,7 +51,7 @@ _Declared = Stream | Layout
 _ready: dict[tuple[int, str, int, bool], tuple[_Declared, bytes]] = {}
 _CHANNEL: Final = ("name", "unit", "kind", "align", "window")
 _FRAME_CHANNEL: Final = ("name", "unit", "kind", "method", "window")
-"""What is said of a channel, in order."""
+"""Fields of a channel's declaration, in order."""
 _STREAM: Final[TypeAdapter[Stream]] = TypeAdapter(Stream)
 _LAYOUT: Final[TypeAdapter[Layout]] = TypeAdapter(Layout)
 

@@ -29,7 +29,7 @@ TYPES: Final[Mapping[str, type[Result | Event]]] = {
     ALARM: Alarm,
     EVENT: Event,
 }
-"""What the messages of a kind of topic hold."""
+"""Content of the messages of each kind of topic."""
 
 LONGEST_REASON: Final = 500
 """Characters of what is wrong with a message; it may repeat what was in it."""

@@ -47,7 +47,7 @@ class ZenohSettings(LinkSettings):
     """Publication over Zenoh."""
 
     publish: PublishSettings = PublishSettings()
-    """What is put on the bus live."""
+    """Items that are put on the bus live."""
     queue: PositiveInt = 4096
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 16e6

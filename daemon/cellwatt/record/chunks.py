@@ -104,7 +104,7 @@ def _decompress(packed: bytes, compression: bytes, size: int) -> bytes:
 
 @dataclass(slots=True)
 class Walk:
-    """What a chunk holds: ``definitions``; by channel flat ``pairs`` of log time and offset, and the ``first`` and
+    """Content of a chunk: ``definitions``; by channel flat ``pairs`` of log time and offset, and the ``first`` and
     ``last`` sequence number.
     """
 

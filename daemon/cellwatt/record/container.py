@@ -46,7 +46,7 @@ TAIL = 9 + 20 + len(MAGIC)
 
 
 class Chunk(NamedTuple):
-    """Where a chunk stands in its file; ``indexes`` holds (channel, offset of its message index)."""
+    """Place of a chunk in its file; ``indexes`` holds (channel, offset of its message index)."""
 
     offset: int
     length: int
@@ -98,7 +98,7 @@ class Chunks(Sequence[Chunk]):
 
 @dataclass
 class Contents:
-    """What the summary of a file tells: definitions by id, chunks in file order, messages by channel."""
+    """Content of a file's summary: definitions by id, chunks in file order, messages by channel."""
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)

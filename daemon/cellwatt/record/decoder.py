@@ -26,7 +26,7 @@ _LONGEST = 200  # characters of what is wrong with a declaration
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """How to read one channel: ``rows`` of blocks that begin at sequence number ``first``, or JSON of a ``kind``."""
+    """Reader of one channel: ``rows`` of blocks that begin at sequence number ``first``, or JSON of a ``kind``."""
 
     topic: str
     rows: SampleRows | FrameRows | None = None
@@ -35,7 +35,7 @@ class Track:
 
 
 def track_of(channel: Channel) -> Track | None:
-    """How to read a channel; ``None`` where it is not one of ours. Raises ``ValueError`` where it is damaged."""
+    """Return the reader of a channel; ``None`` if it is not one of ours. Raises ``ValueError`` if it is damaged."""
     kind = _KINDS.get(channel.topic)
     if kind is not None:
         return Track(channel.topic, kind=kind)
@@ -56,7 +56,7 @@ def track_of(channel: Channel) -> Track | None:
 
 
 def tracks_of(channels: Mapping[int, Channel]) -> tuple[dict[int, Track], list[str]]:
-    """How to read all channels that are ours, by number, and what is wrong with those that are damaged."""
+    """Return readers of all channels that are ours, by number, and the faults of those that are damaged."""
     found: dict[int, Track] = {}
     wrong: list[str] = []
     for number, channel in channels.items():

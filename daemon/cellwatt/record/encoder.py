@@ -1,4 +1,4 @@
-"""What goes into a file: which topic, which schema, which bytes."""
+"""Encoding of items for a file: topic, schema, bytes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Redeclared(Exception):  # noqa: N818
 
 
 def topic_of(source: str, stream: str) -> str:
-    """Where samples of a stream are filed."""
+    """Topic under which samples of a stream are filed."""
     return f"/raw/{source}/{stream}"
 
 

@@ -23,7 +23,7 @@ CHUNK = 1 << 20
 RETRY = 1.0
 """Pause after a disk error, s."""
 RETAIN_EVERY = 60.0
-"""How often files are compared with age and budget, and repairs that failed are tried again, s."""
+"""Period in s at which files are compared with age and budget, and failed repairs are tried again."""
 
 
 class Entry(NamedTuple):

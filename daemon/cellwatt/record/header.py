@@ -1,4 +1,4 @@
-"""What a recording says about itself, and how its files are called."""
+"""Header of a recording, and the names of its files."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from cellwatt.record.writer import Recorder
 FLUSH_TIMEOUT = 1.0
 """Longest wait for the newest samples to reach the file, s."""
 ATTEMPTS = 5
-"""How often a search begins again because the files changed under it."""
+"""Repetitions of a search if the files change under it."""
 CACHED_FILES = 2
 """Files whose list of chunks is kept in memory."""
 
@@ -37,7 +37,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What is remembered of a file: ``firsts`` maps topics to their channel and first sequence number."""
+    """Index of a file: ``firsts`` maps topics to their channel and first sequence number."""
 
     kept: Kept
     state: str
@@ -46,7 +46,7 @@ class Known:
     messages: int
     firsts: Mapping[str, tuple[int, int]]
     seal: Mapping[str, Any] | None = None
-    """What the cell signed about it, see ``record.seal``."""
+    """Signature of the cell for it, see ``record.seal``."""
 
 
 class History:

@@ -45,7 +45,7 @@ def varint(value: int) -> bytes:
 
 
 def tag(number: int, wire: int) -> bytes:
-    """What stands in front of a field's value."""
+    """Tag in front of a field's value."""
     return varint(number << 3 | wire)
 
 

@@ -159,7 +159,7 @@ class Recording:
         return list(self.results(Alarm))
 
     def events(self) -> Iterator[Event]:
-        """What happened to sources and the daemon."""
+        """Events of sources and the daemon."""
         return self._of((Event,), lambda t: t.topic == TOPICS[Event])
 
     def health(self) -> Iterator[Health]:
@@ -295,7 +295,7 @@ def _by_now(path: Path) -> Path:
 
 
 def _survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
-    """What can be read; a file that holds nothing readable is damage where others do, an error where none does."""
+    """Files that can be read; one without anything readable is damage if others have something, else an error."""
     surveys, damage, errors = [], [], []
     for path in paths:
         try:

@@ -31,7 +31,7 @@ from cellwatt.record.summary import guess_header
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What became of one file that was left open.
+    """Result of the recovery of one file that was left open.
 
     ``result`` is the closed file, ``None`` where it held no message or could not be repaired (then
     ``problem`` says why and it stays as it was). ``missing`` counts by topic the messages that the

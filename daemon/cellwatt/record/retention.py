@@ -37,7 +37,7 @@ def listing(folder: Path, cell: str) -> list[Kept]:
 
 
 def surplus(files: Sequence[Kept], *, keep: float, age: float, now: float, reserve: float) -> list[Kept]:
-    """What to remove, oldest first, so that all files and ``reserve`` bytes more fit into ``keep`` bytes.
+    """Files to remove, oldest first, so that all files and ``reserve`` bytes more fit into ``keep`` bytes.
 
     Closed files last written more than ``age`` s before ``now`` (UTC s) go as well; 0 keeps them.
     """

@@ -1,4 +1,4 @@
-"""Whether a record folder can be made and written here, and whether the disk has the room that the settings ask for."""
+"""Check that a record folder can be made and written, and that the disk has the room that the settings ask for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cellwatt.record.settings import RecordSettings
 
 
 def troubles(settings: RecordSettings) -> tuple[str, ...]:
-    """What would stand in the way of recording on this PC, for the user who asks, a line each; writes nothing."""
+    """Obstacles to recording on this PC for the user who asks, a line each; writes nothing."""
     folder = settings.folder.absolute()
     there = next(parent for parent in (folder, *folder.parents) if parent.exists())
     if not there.is_dir():

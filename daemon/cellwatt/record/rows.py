@@ -44,7 +44,7 @@ DEVICE_TIME = Field("device_time", 1, Kind.SFIXED64)
 BOUND = Field("bound", 2, Kind.SFIXED64)
 QUALITY = Field("quality", 3, Kind.FIXED32)
 LEFT = Field("block_left", 4, Kind.FIXED32)
-"""How many samples of the same block follow: tells where recorded blocks begin and end."""
+"""Samples of the same block that follow: tells where recorded blocks begin and end."""
 QUALITIES = Field("quality", 1, Kind.BYTES)
 BOUNDS = Field("bound", 2, Kind.SFIXED64, repeated=True)
 

@@ -51,7 +51,7 @@ class Damage:
 
 @dataclass
 class Scan:
-    """What was found.
+    """Findings of a scan.
 
     ``end`` is where the last whole record of the data ends and ``tail`` the message indexes missing there.
     ``closed`` is true where the file has a valid end of its own. ``missing`` counts by topic the messages

@@ -27,7 +27,7 @@ _LARGEST: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """What is said about one file; ``signature`` is hexadecimal."""
+    """Seal of one file; ``signature`` is hexadecimal."""
 
     file: str
     bytes: int
@@ -37,12 +37,12 @@ class Seal:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What is signed."""
+        """Bytes that are signed."""
         return (RECORDING, self.file, str(self.bytes), self.sha256, self.state)
 
 
 def seal_of(recording: Path) -> Path:
-    """Where a recording's seal is."""
+    """Path of a recording's seal."""
     return recording.with_name(recording.name + SUFFIX)
 
 
@@ -64,7 +64,7 @@ def write(recording: Path, state: State, signer: Signer) -> None:
 
 
 def read(recording: Path) -> dict[str, Any] | None:
-    """What the seal of a recording says, unchecked; ``None`` where there is none."""
+    """Return the content of a recording's seal, unchecked; ``None`` if there is none."""
     found = _read(recording)
     return None if found is None else asdict(found)
 
@@ -90,7 +90,7 @@ def verify(recordings: Iterable[Path], key: Path) -> Iterator[tuple[Path, State 
 
 
 def _problem(file: Path, verifier: Verifier) -> str:
-    """What is wrong with a file; nothing where it is what its cell signed."""
+    """Return the faults of a file; none if it is what its cell signed."""
     seal = _read(file)
     if seal is None:
         return "is not finished, so it is not signed yet" if file.name.endswith(PART) else "is not signed"

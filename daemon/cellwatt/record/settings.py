@@ -10,7 +10,7 @@ from cellwatt.quantity import Bytes, Seconds
 
 
 class RecordSettings(BaseModel):
-    """Where and how much to record."""
+    """Folder of the record, and the space that it may take."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 

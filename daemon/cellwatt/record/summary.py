@@ -1,4 +1,4 @@
-"""What a file tells about itself: from its summary where that is sound, else by reading all of it."""
+"""Summary of a file: its own where that is sound, else made by reading all of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Survey:
 
 
 def survey(path: Path, *, chunks: bool = True) -> Survey:
-    """What is in a file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
+    """Content of a file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
 
     Raises ``RecordingError`` where the file cannot be opened or nothing in it is a recording.
     """
@@ -122,7 +122,7 @@ def _header(file: FileIO, contents: Contents) -> Header | None:
 
 
 def guess_header(path: Path, contents: Contents) -> Header:
-    """What can be said of a file whose header is lost: its name tells cell and session, its channels the streams."""
+    """Header of a file that lost it: its name tells cell and session, its channels the streams."""
     streams: dict[str, tuple[Stream, ...]] = {}
     for track in tracks_of(contents.channels)[0].values():
         if isinstance(track.rows, SampleRows):

@@ -137,7 +137,7 @@ class Table:
 
 
 def about(header: Header, start: int) -> dict[str, Any]:
-    """What every table says of its recording; ``start`` UTC ns."""
+    """Columns that every table has of its recording; ``start`` UTC ns."""
     return {"site": header.site, "cell": header.cell, "session": header.session, "start_utc_ns": start}
 
 

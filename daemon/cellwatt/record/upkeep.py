@@ -1,4 +1,4 @@
-"""What a recording folder needs beside the writing: syncing, closing, repairing, making room."""
+"""Upkeep of a recording folder: syncing, closing, repairing, making room."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Upkeep:
         self._repairs.shutdown(wait=True, cancel_futures=True)
 
     async def recovered(self) -> list[Recovery]:
-        """What became of the files left open, once all are dealt with."""
+        """Return the recoveries of the files left open, once all are dealt with."""
         await asyncio.gather(*map(asyncio.wrap_future, self._repairing), return_exceptions=True)
         return list(self._recovered)
 
@@ -165,7 +165,7 @@ class Upkeep:
         self._retain()
 
     def _sign(self, recording: Path, state: seal.State) -> None:
-        """Where that fails the recording is kept unsigned, and it is told."""
+        """Sign a recording; if that fails it is kept unsigned, and the failure is reported."""
         if self._settings.sign is None:
             return
         try:

@@ -24,7 +24,7 @@ from cellwatt.record.upkeep import Upkeep
 from cellwatt.results import Event, Result
 
 IDLE = 0.5
-"""How often files are looked after while nothing arrives, s."""
+"""Period in s at which files are looked after while nothing arrives."""
 OVERHEAD = 1000
 """Bytes that a block takes in memory beside its numbers."""
 
@@ -70,7 +70,7 @@ class Recorder:
         self._thread.start()
 
     async def recovered(self) -> list[Recovery]:
-        """What became of the files that an earlier run left open, once all are dealt with."""
+        """Return the recoveries of files that an earlier run left open, once all are dealt with."""
         return await self._upkeep.recovered()
 
     async def close(self) -> None:
@@ -130,7 +130,7 @@ class Recorder:
             return self._settled >= target
 
     def progress(self) -> tuple[int, int]:
-        """How many items were taken so far, and how many of them, the first ones, are dealt with."""
+        """Count of the items taken so far, and of those, the first ones, that are dealt with."""
         return self._accepted, self._settled
 
     def live(self) -> tuple[Path, Contents] | None:

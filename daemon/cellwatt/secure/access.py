@@ -14,9 +14,9 @@ from typing import Any, Final
 from cellwatt.publish.keys import PREFIX, CellKeys
 
 _TELLS: Final = ("put", "declare_queryable", "reply", "liveliness_token")
-"""What comes from a cell."""
+"""Messages that a cell sends."""
 _SEES: Final = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
-"""How a viewer says what it wants to see."""
+"""Messages by which a viewer subscribes."""
 _ASKS: Final = ("query",)
 
 

@@ -148,7 +148,7 @@ def _numbers(column: Any) -> NDArray[np.float64] | None:
 
 
 def _first_word(column: Any, content: bytes | None) -> str:
-    """Where a column of text holds the first cell that is no number, and what it is."""
+    """Place and content of the first cell in a column of text that is no number."""
     words = ((row, str(cell.as_py())) for row, cell in enumerate(column) if cell.is_valid)
     row, word = next(((row, word) for row, word in words if not _is_number(word)), (0, str(column.type)))
     place = f"row {row + 1}"

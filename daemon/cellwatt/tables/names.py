@@ -61,7 +61,7 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 }
 """Units of each quantity, and what they are in its SI unit, the first."""
 _ZERO: Final = {"K": -273.15}
-"""What is added to a value in this unit."""
+"""Offset that is added to a value in this unit."""
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
@@ -75,7 +75,7 @@ class Name:
     quantity: str
     """A key of ``JOINT`` or ``WHOLE``."""
     family: str
-    """What columns that are numbered together share: the stem, or the source and a dot."""
+    """Name that columns numbered together share: the stem, or the source and a dot."""
     number: int | None
     """The joint's, as written; None where the quantity belongs to none."""
     unit: str | None

@@ -120,7 +120,7 @@ class Table:
         return self._values(found[0]) if found else None
 
     def lacks(self, wanted: str) -> RecordingError:
-        """What to raise where a column is missing: names the nearest that is not understood, and what there is."""
+        """Return the error of a missing column: it names the nearest that is not understood, and all that there are."""
         strange = [name for name in self.names if understood(name) is None]
         near = did_you_mean(re.split(r"[ ,]", wanted)[0], strange)
         return RecordingError(f"{self.path}: no column {wanted}{near}; {self.there()}")

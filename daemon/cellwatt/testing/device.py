@@ -36,7 +36,7 @@ class EmulatedDevice:
         self._emulator: Emulator | None = None
         self._failure: NotConformingError | None = None
         self.address = ""
-        """Where it listens, also while it is off."""
+        """Address at which it listens, also while it is off."""
 
     async def __aenter__(self) -> EmulatedDevice:
         await self.switch_on()

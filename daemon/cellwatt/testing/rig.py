@@ -21,7 +21,7 @@ USUAL_FAULTS: dict[FaultKind, Fault] = {
     "disconnect": Fault("disconnect", seconds=0.3),
     "clock_jump": Fault("clock_jump", seconds=5.0),
 }
-"""How faults are injected that have more to them than a probability."""
+"""Injection of faults that need more than a probability."""
 
 
 class NotConformingError(AssertionError):

@@ -39,7 +39,7 @@ class AbbSettings(SourceSettings):
     robotware: RobotWare = 7
     """Generation of the controller: 6 for IRC5, 7 for OmniCore."""
     egm: tuple[wire.Group, ...] = ("joints", "planned", "state")
-    """What to take from the EGM stream; ``[]`` does not listen to it."""
+    """Groups to take from the EGM stream; ``[]`` does not listen to it."""
     egm_port: int = Field(wire.PORT, ge=1, le=65535)
     """UDP port of this PC to which the controller sends; each robot of a PC needs one of its own."""
     bind: str = "0.0.0.0"
@@ -51,7 +51,7 @@ class AbbSettings(SourceSettings):
     external: tuple[wire.External, ...] = Field((), max_length=6)
     """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
     web: tuple[Page, ...] = ("state", "energy")
-    """What to read from Robot Web Services; ``[]`` does not ask it."""
+    """Groups to read from Robot Web Services; ``[]`` does not ask it."""
     web_rate: Hertz = 2.0
     """Polls of the pages; more often than the controller makes a new energy figure."""
     user: str = "Default User"

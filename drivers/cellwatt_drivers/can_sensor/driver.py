@@ -35,7 +35,7 @@ class CanSensorSettings(SourceSettings):
     map: FilePath | None = None
     """File with a map of one's own instead of ``sensor``."""
     interface: Interface = "socketcan"
-    """How python-can reaches the bus."""
+    """Interface by which python-can reaches the bus."""
     channel: str = "can0"
     """Network interface (``can0``), serial port of an slcan adapter, multicast group, or name of a virtual bus."""
     port: int = Field(MULTICAST_PORT, ge=1, le=65535)

@@ -36,7 +36,7 @@ _SI: dict[str, tuple[str, float]] = {unit: (unit, 1.0) for unit in UNITS} | {
     "1/min": ("rad/s", math.pi / 30), "°C": ("degC", 1.0), "C": ("degC", 1.0), "ms": ("s", 1e-3), "h": ("s", 3.6e3),
     "kHz": ("Hz", 1e3), "bar": ("Pa", 1e5), "kPa": ("Pa", 1e3), "mm": ("m", 1e-3), "kN": ("N", 1e3),
 }  # fmt: skip
-"""How DBC files write units, and SI units per such a unit."""
+"""Units as DBC files write them, and SI units per such a unit."""
 
 
 class _Part(BaseModel):
@@ -49,7 +49,7 @@ class SensorSignal(_Part):
     channel: ChannelName
     """Channel that it feeds."""
     unit: str | None = None
-    """What it is in, in place of the DBC file's unit."""
+    """Unit in place of the DBC file's."""
     counter: bool = False
     """It only counts up: held, not interpolated."""
 
@@ -75,11 +75,11 @@ class SensorMap(_Part):
     """A make of sensor."""
 
     maker: str
-    """Who makes it."""
+    """Maker of the sensor."""
     model: str
-    """What it is called."""
+    """Model of the sensor."""
     source: str = ""
-    """Where this is from."""
+    """Source of this map."""
     dbc: Path
     """DBC file; a relative path starts at the map's folder."""
     streams: dict[StreamName, SensorStream] = Field(min_length=1)

@@ -25,7 +25,7 @@ class FrankaSettings(SourceSettings):
     host: Host
     """Address of the robot (its control unit)."""
     read: tuple[Group, ...] = ("joints", "motors", "external", "state")
-    """What to keep of each state."""
+    """Groups to keep of each state."""
     rate: Hertz = FASTEST
     """States a second to keep: 1 kHz or a whole part of it."""
     timeout: Seconds = Field(2.0, gt=0)

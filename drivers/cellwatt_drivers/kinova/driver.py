@@ -51,7 +51,7 @@ class KinovaSettings(SourceSettings):
     axes: int = Field(7, ge=6, le=7)
     """Joints of the arm."""
     read: tuple[Block, ...] = ("arm", "joints")
-    """What to read: ``arm`` (supply, temperatures, state), ``joints``, ``tool``; two requests in all."""
+    """Groups to read: ``arm`` (supply, temperatures, state), ``joints``, ``tool``; two requests in all."""
     rate: Hertz = 40.0
     """Polls a second."""
     timeout: Seconds = Field(0.5, gt=0)

@@ -66,7 +66,7 @@ class ModbusMeterSettings(SourceSettings):
     rate: Hertz = 1.0
     """Polls a second."""
     window: Seconds | None = Field(None, gt=0)
-    """What each power is a mean over, by the meter's data sheet; left out: what the map says of it."""
+    """Window that each power is a mean over, by the meter's data sheet; left out: as the map says."""
     timeout: Seconds = Field(1.0, gt=0)
     """Wait this long for an answer."""
     retries: int = Field(1, ge=0, le=10)

@@ -56,9 +56,9 @@ class MeterValue(_Part):
     address: int = Field(ge=0, le=65535)
     """Address of its first register on the wire, from 0; manuals that count from 1 or 40001 say one more."""
     unit: Annotated[MeterUnit, BeforeValidator(_written)]
-    """What the number is in, after ``scale``."""
+    """Unit of the number, after ``scale``."""
     type: RegisterType | None = None
-    """How it is written; left out: the map's ``type``."""
+    """Type in which it is written; left out: the map's ``type``."""
     scale: float = Field(1.0, allow_inf_nan=False)
     """The number in the registers times this is in ``unit``."""
     counter: bool | None = None
@@ -99,11 +99,11 @@ class MeterMap(_Part):
     """A make of meter: how its registers are read, and what stands in them."""
 
     maker: str
-    """Who makes it."""
+    """Maker of the meter."""
     model: str
-    """What it is called."""
+    """Model of the meter."""
     source: str = ""
-    """Where the addresses are from, and what of them is not sure."""
+    """Source of the addresses, and the ones that are not sure."""
     function: Literal["input", "holding"]
     """Read by function code 4 (``input``) or 3 (``holding``)."""
     both_functions: bool = False
@@ -111,7 +111,7 @@ class MeterMap(_Part):
     delivered: str = ""
     """Unit, speed and parity that it has at delivery."""
     type: RegisterType
-    """How most values are written."""
+    """Type in which most values are written."""
     word_order: WordOrder = "big"
     """Which word of a value comes first: the high one (``big``) or the low one (``little``)."""
     longest_read: int = Field(LONGEST, ge=4, le=LONGEST)
@@ -119,7 +119,7 @@ class MeterMap(_Part):
     gap: int = Field(0, ge=0, le=LONGEST)
     """Registers between two values that may be read with them, to save a request."""
     window: float = Field(0.0, ge=0)
-    """What each power is a mean over, s; 0: not known."""
+    """Window in s that each power is a mean over; 0: not known."""
     values: dict[ChannelName, MeterValue] = Field(min_length=1)
     """By channel."""
 

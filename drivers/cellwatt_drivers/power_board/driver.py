@@ -44,7 +44,7 @@ class PowerBoardSettings(SourceSettings):
     baud: StrictInt = Field(115200, ge=1200, le=4_000_000)
     """Speed of the serial line, as set in the receiver (BD)."""
     mode: wire.Mode = "api"
-    """How the receiver is set: api (AP=1), api_escaped (AP=2) or transparent (AP=0)."""
+    """Mode of the receiver: api (AP=1), api_escaped (AP=2) or transparent (AP=0)."""
     boards: Annotated[tuple[BoardNumber, ...] | None, BeforeValidator(_listed)] = None
     """Number of the board, or a list of numbers; left out: the first one heard."""
     phases: StrictInt = Field(3, ge=1, le=3)

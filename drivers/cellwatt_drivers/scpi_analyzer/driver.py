@@ -48,11 +48,11 @@ class ScpiAnalyzerSettings(SourceSettings):
     baud: int = Field(115200, gt=0)
     """Speed of the serial port; a USB virtual port ignores it."""
     functions: tuple[FunctionName, ...] = ("URMS", "IRMS", "P", "S", "Q", "LAMB")
-    """What to read; WH counts only while the integrator runs (not on an LMG600)."""
+    """Quantities to read; WH counts only while the integrator runs (not on an LMG600)."""
     rate: Hertz = 10.0
     """Polls a second; the HMC8015 makes 10 readings a second, the others as many as they are set to."""
     window: Seconds | None = Field(None, gt=0)
-    """What each value is a mean over, as set at the analyzer; left out: 0.1 s for an HMC8015, else not known."""
+    """Window that each value is a mean over, as set at the analyzer; left out: 0.1 s for an HMC8015, else unknown."""
     timeout: Seconds = Field(1.0, gt=0)
     """Wait this long for an answer, then open the connection anew."""
     select: bool = True

@@ -15,7 +15,7 @@ WINDOW = 50
 SHARE = 0.9
 """Part of the steps of a window that must be whole multiples of the grid's step."""
 OFF_GRID = 0.1
-"""How far a step may be from a whole multiple, in steps of the grid …"""
+"""Distance of a step from a whole multiple, in steps of the grid …"""
 SLACK = 1e-4
 """… and how much further for each step it spans."""
 RESOLUTION = 100_000

@@ -58,7 +58,7 @@ class UrSettings(SourceSettings):
     client: Literal["native", "ur_rtde"] = "native"
     """``native`` keeps every package; ``ur_rtde`` reads the newest state through the ur-rtde library."""
     gaps: Policy = "auto"
-    """How lost packages are counted: ``auto`` on the grid the controller is seen to keep, ``requested`` on the
+    """Counting of lost packages: ``auto`` on the grid the controller is seen to keep, ``requested`` on the
     one asked for, ``off`` not at all."""
     timeout: Seconds = Field(2.0, gt=0)
     """Silence after which the connection is given up and made anew."""

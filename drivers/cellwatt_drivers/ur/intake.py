@@ -52,7 +52,7 @@ class Intake:
         self._quiet = False
         self._states = StateWatch(outlet, stream, _STATES)
         self.resets = 0
-        """How often the controller's time had a new base."""
+        """Count of the controller's new time bases."""
 
     def opened(self, identity: Identity, loop: float, rate: float) -> None:
         """A connection to a controller that runs at ``loop`` Hz and was asked for ``rate`` Hz stands.

@@ -52,7 +52,7 @@ CONSTANTS: Mapping[str, float | Sequence[float]] = {
     "actual_execution_time": 0.2,
     "payload": 1.0,
 }
-"""What the other fields show where the signals lack them; a field not named here shows 0."""
+"""Values of other fields that the signals lack; a field not named here shows 0."""
 
 
 class Timeline(Protocol):

@@ -46,7 +46,7 @@ class YaskawaSettings(SourceSettings):
     port: int = Field(wire.PORT, ge=1, le=65535)
     """UDP port of the robot division."""
     read: tuple[Read, ...] = ("position", "torque", "status", "alarm")
-    """What to ask for; ``alarm`` is read while the status shows one."""
+    """Groups to ask for; ``alarm`` is read while the status shows one."""
     rate: Hertz = 50.0
     """Polls of position, of torque and of the Cartesian position, each."""
     status_rate: Hertz = 2.0
@@ -64,7 +64,7 @@ class YaskawaSettings(SourceSettings):
     rated_torque: tuple[Finite, ...] | None = None
     """Nm at each joint at 100 %; without it torque comes as a share of the rated one (``torque_ratio``)."""
     torque_count: Fraction = 0.01
-    """What one count of the torque answer is, as a share of the rated torque."""
+    """Value of one count of the torque answer, as a share of the rated torque."""
     timeout: Seconds = Field(0.05, gt=0)
     """Wait this long for an answer; FS100 wants 200 ms."""
     retries: int = Field(2, ge=0, le=10)

@@ -190,7 +190,7 @@ def columns_of(
 
 
 def _check(reference: Reference) -> Iterator[tuple[KeyPath, str]]:
-    """What types cannot say: joint numbers and lengths of poses."""
+    """Check what types cannot express: joint numbers and lengths of poses."""
     for t, task in enumerate(reference.tasks):
         for v, variant in enumerate(task.variants):
             for i, interval in enumerate(variant.intervals):
