@@ -185,9 +185,9 @@ class Trajectory:
 def move(start: Float, end: Float, limits: Limits, speed: float = np.inf) -> tuple[Piece, ...]:
     """From pose to pose within the limits, no joint faster than ``speed`` rad/s; () where there is no way to go."""
     go = np.abs(end - start)
-    if np.max(go) < 1e-9:
-        return ()
     moving = go > 1e-9
+    if not moving.any():
+        return ()
     top = float(np.min(np.minimum(limits.cruise, speed)[moving] / go[moving]))
     # A raised cosine's greatest slope is π/2 times its mean.
     least = float(np.max(np.pi / 2 * go[moving] / limits.ramp[moving]))

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cellwatt_plugins.mismatch.command import explain as explain_command
@@ -81,6 +81,7 @@ bounded = st.floats(-1.9, 1.9)
 class TestTrajectory:
     @settings(max_examples=60, deadline=None)
     @given(st.tuples(bounded, bounded), st.tuples(bounded, bounded), st.sampled_from([0.002, 0.1, np.inf]))
+    @example((0.0, 0.0), (0.0, 1e-9), 0.002)
     def test_move_keeps_limits_and_arrives(self, start, end, speed):
         limits = room(lower=(-2, -2), upper=(2, 2))
         pieces = move(np.array(start), np.array(end), limits, speed)
