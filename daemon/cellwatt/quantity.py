@@ -9,14 +9,17 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, WithJsonSchema
 
+from cellwatt.units import factors
+
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s].*?)?\s*$")
 
 _HERTZ = {"hz": 1.0, "khz": 1e3}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _BYTES = {"b": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12, "kib": 2**10, "mib": 2**20, "gib": 2**30}
-_RADIANS = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+_ANGLES = factors("angle")
+_RADIANS = {"rad": _ANGLES["rad"], "deg": _ANGLES["deg"], "°": _ANGLES["deg"]}
 _FRACTION = {"%": 0.01}
-_WATT = {"w": 1.0, "mw": 1e-3, "kw": 1e3}
+_WATT = {name.lower(): factor for name, factor in factors("power").items()}
 
 
 def parse(text: object, units: Mapping[str, float], example: str) -> float:

@@ -16,6 +16,7 @@ from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import unusable
 from cellwatt.sink import SinkSettings
 from cellwatt.stage import StageSettings
+from cellwatt.units import Units
 
 LARGEST_FRAME_RATE = 1000.0  # Hz
 
@@ -109,6 +110,7 @@ class CellConfig:
     stages: dict[str, StageConfig]
     record: RecordSettings | None
     sinks: dict[str, SinkConfig]
+    units: Units = field(default_factory=Units)
     environment: Mapping[KeyPath, str] = field(default_factory=dict, repr=False)
     secrets: Mapping[str, str] = field(default_factory=dict, repr=False)
 

@@ -22,6 +22,7 @@ from cellwatt.config.wording import explain, found, missing_key, nearest, unknow
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.record.settings import RecordSettings
 from cellwatt.registry import available, driver, sink, stage
+from cellwatt.units import Units
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 DEFAULT_SINK = "zenoh"
@@ -31,7 +32,7 @@ MOST_NAMES = 100
 """Sources of a cell, and stages."""
 _WORDED = 10 * MOST
 """Problems for which words are looked for, which takes time."""
-_SECTIONS = ("sources", "frames", "stages", "record")
+_SECTIONS = ("sources", "frames", "stages", "record", "units")
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -139,7 +140,8 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     stages = dict(_stages(reading, top))
     record = _section(reading, "record", RecordSettings, top) if "record" in top else None
     outlets = dict(_sinks(reading, top, sinks))
-    if name is None or frames is None:
+    units = _section(reading, "units", Units, top) if "units" in top else Units()
+    if name is None or frames is None or units is None:
         return None
     return CellConfig(
         path=path,
@@ -152,6 +154,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         stages=stages,
         record=record,
         sinks=outlets,
+        units=units,
         environment=document.environment,
         secrets=document.secrets,
     )

@@ -12,6 +12,7 @@ from cellwatt.config.cell import CellName, FrameSettings
 from cellwatt.config.installed import Part, installed
 from cellwatt.config.reference import written
 from cellwatt.record.settings import RecordSettings
+from cellwatt.units import Units
 
 _NAMES = {"pattern": "^[a-z][a-z0-9_]*$"}
 
@@ -21,7 +22,7 @@ Schema = dict[str, Any]
 def json_schema() -> Schema:
     """The schema of a settings file with every driver, stage and sink that is installed here."""
     parts = installed()
-    models: list[type[BaseModel]] = [CellName, FrameSettings, RecordSettings]
+    models: list[type[BaseModel]] = [CellName, FrameSettings, RecordSettings, Units]
     models += [p.settings for p in parts if p.settings is not None]
     refs, shared = models_json_schema([(m, "validation") for m in dict.fromkeys(models)])
     definitions: Schema = shared.get("$defs", {})
@@ -42,6 +43,7 @@ def json_schema() -> Schema:
         "frames": _optional(inline[FrameSettings]),
         "stages": _stages(by_kind["stage"], inline),
         "record": inline[RecordSettings],
+        "units": _optional(inline[Units]),
         **{p.name: _sink(p, inline) for p in by_kind["sink"]},
     }
     return {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_SIGNS = {"*": "·", "^2": "²", "^3": "³", "Ohm": "Ω", "ohm": "Ω", "degC": "°C"}
+_SIGNS = {"*": "·", "^2": "²", "^3": "³", "Ohm": "Ω", "ohm": "Ω", "degC": "°C", "degF": "°F", "deg": "°"}
 
 
 def unit(text: str) -> str:

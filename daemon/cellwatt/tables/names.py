@@ -8,11 +8,12 @@ follow: ``q_1 [deg]``, ``tau_1 (Nm)``, ``power_kW``; without one, values are in 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
+
+from cellwatt.units import TABLE, Unit
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
     "position": ("q", "actual_q", "position"),
@@ -38,30 +39,40 @@ WHOLE: Final[Mapping[str, tuple[str, ...]]] = {
 """Names of what belongs to no joint, likewise; those with a dot may have a source before them."""
 
 _STEMS: Final = {**JOINT, **WHOLE}
-_ANGLE: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180}
-_PER_SECOND: Final = {f"{unit}/s": factor for unit, factor in _ANGLE.items()}
-_PER_SQUARE: Final = {f"{unit}/s^2": factor for unit, factor in _ANGLE.items()}
-_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+_TORQUE: Final = TABLE["torque"]
+_POWER: Final = TABLE["power"]
+_ANGLE: Final = {**TABLE["angle"], "°": TABLE["angle"]["deg"]}
+_PER_SECOND: Final = {**TABLE["angular_velocity"], "°/s": TABLE["angular_velocity"]["deg/s"]}
+_PER_SQUARE: Final = {**TABLE["angular_acceleration"], "°/s^2": TABLE["angular_acceleration"]["deg/s^2"]}
+_TEMPERATURE: Final = TABLE["temperature"]
+_RATIO: Final = {"1": Unit("1"), "%": Unit("%", 0.01)}
+_TIME: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     "position": _ANGLE,
     "velocity": _PER_SECOND,
     "acceleration": _PER_SQUARE,
-    "torque": {"Nm": 1.0, "mNm": 1e-3, "kNm": 1e3},
-    "torque_ratio": {"1": 1.0, "%": 0.01, "percent": 0.01},
-    "torque_spread": {"Nm": 1.0, "1": 1.0},
-    "current": {"A": 1.0, "mA": 1e-3},
-    "temperature": {"degC": 1.0, "C": 1.0, "°C": 1.0, "K": 1.0},
+    "torque": _TORQUE,
+    "torque_ratio": {**_RATIO, "percent": _RATIO["%"]},
+    "torque_spread": {"Nm": _TORQUE["Nm"], "1": _RATIO["1"]},
+    "current": TABLE["current"],
+    "temperature": {
+        "degC": _TEMPERATURE["degC"],
+        "C": _TEMPERATURE["degC"],
+        "°C": _TEMPERATURE["degC"],
+        "K": _TEMPERATURE["K"],
+        "degF": _TEMPERATURE["degF"],
+        "°F": _TEMPERATURE["degF"],
+    },
     "target_position": _ANGLE,
     "target_velocity": _PER_SECOND,
     "target_acceleration": _PER_SQUARE,
     "came_from": _ANGLE,
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
-    "supply.power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
-    "bus.power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
-    "tool.payload": {"kg": 1.0, "g": 1e-3},
+    "time": {name: Unit(name, factor) for name, factor in _TIME.items()},
+    "supply.power": _POWER,
+    "bus.power": _POWER,
+    "tool.payload": TABLE["mass"],
 }
-"""Units of each quantity, and what they are in its SI unit, the first."""
-_ZERO: Final = {"K": -273.15}
-"""Offset that is added to a value in this unit."""
+"""Units of each quantity by the names that they may be written with, the SI unit first."""
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
@@ -105,7 +116,9 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
     plain = unit.replace(" ", "").replace("·", "").replace("²", "^2").replace("**2", "^2").replace("s2", "s^2")
     known = {each.casefold(): each for each in _UNITS[quantity]}
     found = plain if plain in _UNITS[quantity] else known.get(plain.casefold())
-    return None if found is None else (_UNITS[quantity][found], _ZERO.get(found, 0.0))
+    if found is None:
+        return None
+    return _UNITS[quantity][found].factor, float(_UNITS[quantity][found].si(0.0))
 
 
 def units_of(quantity: str) -> tuple[str, ...]:

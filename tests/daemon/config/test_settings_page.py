@@ -14,6 +14,7 @@ from cellwatt.config.cell import CellName, FrameSettings
 from cellwatt.config.installed import installed
 from cellwatt.config.reference import markdown
 from cellwatt.record.settings import RecordSettings
+from cellwatt.units import Units
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "settings.md"
@@ -22,7 +23,7 @@ FIRST_GENERATED = "The same as `cellwatt drivers NAME` shows, which also knows w
 
 def tables() -> dict[str, str]:
     """Table by the name that its comment gives."""
-    found = {"the cell": CellName, "frames": FrameSettings, "record": RecordSettings}
+    found = {"the cell": CellName, "frames": FrameSettings, "record": RecordSettings, "units": Units}
     return {name: markdown(model) for name, model in found.items()}
 
 

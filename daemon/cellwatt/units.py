@@ -1,0 +1,120 @@
+"""Units in which people are shown values, and the one table of what each is in SI.
+
+Inside cellwatt, in recordings and in messages every value is in the SI unit; what is drawn, printed or exported may be
+in another, chosen by the settings' ``units`` or by ``--units``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A unit: its name, what one of it is in the SI unit, and where SI's zero lies on its scale."""
+
+    name: str
+    factor: float = 1.0
+    zero: float = 0.0
+
+    def of(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Values in this unit of values in the SI unit, of any shape."""
+        return np.asarray(values, np.float64) / self.factor + self.zero
+
+    def difference(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Differences and deviations in this unit of those in the SI unit, of any shape."""
+        return np.asarray(values, np.float64) / self.factor
+
+    def si(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Values in the SI unit of values in this one, of any shape."""
+        return (np.asarray(values, np.float64) - self.zero) * self.factor
+
+
+_ANGLES: Final = (Unit("rad"), Unit("mrad", 1e-3), Unit("deg", math.pi / 180))
+_OF: Final[Mapping[str, tuple[Unit, ...]]] = {
+    "energy": (Unit("J"), Unit("kJ", 1e3), Unit("MJ", 1e6), Unit("Wh", 3.6e3), Unit("kWh", 3.6e6)),
+    "power": (Unit("W"), Unit("mW", 1e-3), Unit("kW", 1e3)),
+    "angle": _ANGLES,
+    "angular_velocity": (*(Unit(f"{u.name}/s", u.factor) for u in _ANGLES), Unit("rpm", 2 * math.pi / 60)),
+    "angular_acceleration": tuple(Unit(f"{u.name}/s^2", u.factor) for u in _ANGLES),
+    "torque": (Unit("Nm"), Unit("mNm", 1e-3), Unit("kNm", 1e3)),
+    "force": (Unit("N"), Unit("kN", 1e3)),
+    "length": (Unit("m"), Unit("mm", 1e-3)),
+    "velocity": (Unit("m/s"), Unit("mm/s", 1e-3)),
+    "current": (Unit("A"), Unit("mA", 1e-3)),
+    "mass": (Unit("kg"), Unit("g", 1e-3)),
+    "pressure": (Unit("Pa"), Unit("kPa", 1e3), Unit("bar", 1e5)),
+    "temperature": (Unit("degC"), Unit("K", 1.0, 273.15), Unit("degF", 5 / 9, 32.0)),
+}
+TABLE: Final[Mapping[str, Mapping[str, Unit]]] = {kind: {u.name: u for u in units} for kind, units in _OF.items()}
+"""Units of each quantity by name, the SI unit first; no name stands for two quantities."""
+_KINDS: Final = {name: kind for kind, units in TABLE.items() for name in units}
+_WRITTEN: Final = {name.casefold(): name for name in _KINDS}
+
+
+class Units(BaseModel):
+    """Units of what people are shown and of what is exported; recordings and messages are in SI units always."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    energy: Literal["J", "kJ", "MJ", "Wh", "kWh"] = "J"
+    """Energy."""
+    power: Literal["W", "mW", "kW"] = "W"
+    """Power."""
+    angle: Literal["rad", "mrad", "deg"] = "rad"
+    """Position of a joint."""
+    angular_velocity: Literal["rad/s", "mrad/s", "deg/s", "rpm"] = "rad/s"
+    """Velocity of a joint."""
+    angular_acceleration: Literal["rad/s^2", "mrad/s^2", "deg/s^2"] = "rad/s^2"
+    """Acceleration of a joint."""
+    torque: Literal["Nm", "mNm", "kNm"] = "Nm"
+    """Torque."""
+    force: Literal["N", "kN"] = "N"
+    """Force."""
+    length: Literal["m", "mm"] = "m"
+    """Position of the tool."""
+    velocity: Literal["m/s", "mm/s"] = "m/s"
+    """Velocity of the tool."""
+    current: Literal["A", "mA"] = "A"
+    """Electric current."""
+    mass: Literal["kg", "g"] = "kg"
+    """Mass."""
+    pressure: Literal["Pa", "kPa", "bar"] = "Pa"
+    """Pressure."""
+    temperature: Literal["degC", "K", "degF"] = "degC"
+    """Temperature."""
+
+    def of(self, si: str) -> Unit:
+        """Unit in which values of the unit ``si`` are shown: itself where there is no choice."""
+        kind = _KINDS.get(si)
+        return Unit(si) if kind is None else TABLE[kind][getattr(self, kind)]
+
+    def show(self, values: ArrayLike, si: str) -> tuple[NDArray[np.float64], str]:
+        """Values given in the unit ``si`` as they are shown, of any shape, and the unit's name."""
+        unit = self.of(si)
+        return unit.of(values), unit.name
+
+    def but(self, names: Iterable[str]) -> Units:
+        """These units with those of ``names`` in their place; ``SI`` takes all back. Raises ``ValueError``."""
+        chosen = self
+        for name in names:
+            if name == "SI":
+                chosen = Units()
+                continue
+            kind = _KINDS.get(_WRITTEN.get(name.casefold(), name))
+            if kind is None:
+                raise ValueError(f"no unit {name!r}: expected SI, or any of {', '.join(_KINDS)}")
+            chosen = chosen.model_copy(update={kind: _WRITTEN[name.casefold()]})
+        return chosen
+
+
+def factors(kind: str) -> dict[str, float]:
+    """Factor to SI of each unit of a quantity by name, the SI unit first."""
+    return {name: unit.factor for name, unit in TABLE[kind].items()}
