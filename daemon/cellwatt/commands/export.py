@@ -61,15 +61,13 @@ def command(
         total = sum(n for topic, n in counts.items() if topic == FRAME_TOPIC or topic.startswith("/raw/"))
         task = progress.add_task("export", total=total)
         written = export.run(only, lambda n: progress.advance(task, n))
-    damage = [str(d) for d in recording.damage]
     if as_json:
+        damage = [str(d) for d in recording.damage]
         report = {"start": recording.start, "end": recording.end, "files": written, "damage": damage}
         click.echo(json.dumps(report))
         return
     for file in written:
         click.echo(f"{out / file['file']}: {file['rows']} rows")
-    for text in damage:
-        click.echo(f"warning: {text}", err=True)
     if not written:
         click.echo("nothing to export")
 

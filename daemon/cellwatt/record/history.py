@@ -20,9 +20,10 @@ from cellwatt.record import decoder, seal
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import topic_of
+from cellwatt.record.opening import survey
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import Kept, listing
-from cellwatt.record.summary import Survey, read_summary, survey
+from cellwatt.record.summary import Survey, read_summary
 from cellwatt.record.writer import Recorder
 
 FLUSH_TIMEOUT = 1.0

@@ -173,6 +173,12 @@ class OpenFile:
                 self.part.unlink(missing_ok=True)
         self.release()
 
+    def discard(self) -> None:
+        """Let go of the file and remove it, unless it has its final name."""
+        self.release()
+        with contextlib.suppress(OSError):
+            self.part.unlink(missing_ok=True)
+
     def release(self) -> None:
         """Let go of the file as it is."""
         with contextlib.suppress(OSError):

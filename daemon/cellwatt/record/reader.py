@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
@@ -16,7 +17,7 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.blocks import concatenate, cut
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
-from cellwatt.files import Places, open_file, paths_of
+from cellwatt.files import Places, paths_of
 from cellwatt.frames import Frames
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
@@ -25,14 +26,17 @@ from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.messages import TOPICS, Health, time_of
+from cellwatt.record.opening import identity_of, in_folder, in_order, open_recording, open_until, removed, survey_all
 from cellwatt.record.rows import FrameRows, SampleRows
 from cellwatt.record.samples import Samples, join
 from cellwatt.record.scan import Damage, read_at
-from cellwatt.record.summary import Survey, survey
+from cellwatt.record.summary import Survey, survey_open
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 
 if TYPE_CHECKING:
     from cellwatt.record.dataframe import Library
+
+log = logging.getLogger(__name__)
 
 RESULTS = (Interval, Task, Energy, Prediction, Alarm)
 EVER = 2**62
@@ -48,6 +52,10 @@ class Recording:
     that of the frames, ``None`` where there are none; ``start`` and ``end`` are the earliest and latest time
     in it, UTC ns. ``damage`` lists what could not be read; it grows as chunks are read. Damaged chunks are
     passed over; the rest is exact. Files are open only while they are read.
+
+    The recording of a running cell ends with the last whole chunk at the moment in which it was opened, however
+    often it is read: ``unfinished`` names the files of which that is so. What retention removes before it is read
+    is in ``damage``. Both are logged as warnings.
     """
 
     def __init__(self, files: Sequence[Survey], damage: Iterable[Damage] = ()) -> None:
@@ -58,6 +66,7 @@ class Recording:
         self.start = min(f.contents.start for f in self._files)
         self.end = max(f.contents.end for f in self._files)
         self.streams = self._streams()
+        self._unfinished = [f for f in self._files if not f.closed and f.path.name.endswith(PART)]
         self._span: tuple[int, int] | None = None
         self.layout = next((t.rows.layout for t in self._all_tracks() if isinstance(t.rows, FrameRows)), None)
 
@@ -69,19 +78,32 @@ class Recording:
         Raises ``RecordingError`` where there is no recording, or they are of several cells.
         """
         given = paths_of(source)
-        paths = [p for path in given for p in (_in_folder(path) if path.is_dir() else [path])]
+        paths = [p for path in given for p in (in_folder(path) if path.is_dir() else [path])]
         if not paths:
             raise RecordingError(f"{', '.join(map(str, given))}: no recordings (*.mcap) there")
-        surveys, damage = _survey_all(paths)
+        surveys, damage = survey_all(paths)
         cells = sorted({f.header.cell for f in surveys})
         if len(cells) > 1:
             raise RecordingError(f"recordings of several cells ({', '.join(cells)}): name the files of one")
-        return cls(*_in_order(surveys, damage))
+        recording = cls(*in_order(surveys, damage))
+        for told in (*map(open_until, recording._unfinished), *recording.damage):
+            log.warning("%s", told)
+        return recording
 
     @property
     def paths(self) -> tuple[Path, ...]:
         """The files, in order."""
         return tuple(f.path for f in self._files)
+
+    @property
+    def spans(self) -> tuple[tuple[Header, int, int], ...]:
+        """Header, earliest and latest time (UTC ns) of each file, in order."""
+        return tuple((f.header, f.contents.start, f.contents.end) for f in self._files)
+
+    @property
+    def unfinished(self) -> tuple[Path, ...]:
+        """The files that were not closed when they were opened."""
+        return tuple(f.path for f in self._unfinished)
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -114,6 +136,12 @@ class Recording:
     def entries(self) -> Iterator[Batch | Tick]:
         """Batches and ticks exactly as they were recorded: what replay needs."""
         return self._of((Batch, Tick), lambda t: isinstance(t.rows, SampleRows) or t.kind is Tick)
+
+    def items(self) -> Iterator[tuple[Header, Item]]:
+        """Everything as it was recorded, each item with the header of its file."""
+        for file, tracks in zip(self._files, self._tracks, strict=True):
+            for item in self._of_file(file, tracks, set(tracks)):
+                yield file.header, item
 
     def batches(self, source: str, stream: str) -> Samples:
         """All samples of one stream. Raises ``RecordingError`` where there is no such stream."""
@@ -171,9 +199,13 @@ class Recording:
 
         ``streams``, ``counts``, ``start`` and ``end`` remain those of the whole.
         """
-        out = copy(self)
         first, last = (self.start + round(t * 1e9) if t is not None else None for t in (start, end))
-        out._span = (-EVER if first is None else first, EVER if last is None else last)
+        return self.between(-EVER if first is None else first, EVER if last is None else last)
+
+    def between(self, start: int, end: int) -> Recording:
+        """The same as ``within``, from ``start`` to ``end`` UTC ns."""
+        out = copy(self)
+        out._span = (start, end)
         return out
 
     def frame(
@@ -226,38 +258,47 @@ class Recording:
     def _of(self, kinds: tuple[type[T], ...], wanted: Callable[[Track], bool]) -> Iterator[T]:
         for file, tracks in zip(self._files, self._tracks, strict=True):
             numbers = {number for number, track in tracks.items() if wanted(track)}
-            contents, span = file.contents, self._span
-            if not numbers or (span is not None and (contents.start > span[1] or contents.end < span[0])):
-                continue
-            for item in self._read(file, tracks, numbers):
-                if not isinstance(item, kinds):
-                    continue
-                if (kept := item if self._span is None else _within(item, self._span)) is not None:
-                    yield kept
+            yield from (item for item in self._of_file(file, tracks, numbers) if isinstance(item, kinds))
+
+    def _of_file(self, file: Survey, tracks: dict[int, Track], numbers: set[int]) -> Iterator[Item]:
+        """The items of some channels of a file, as far as they are in the span."""
+        contents, span = file.contents, self._span
+        if not numbers or (span is not None and (contents.start > span[1] or contents.end < span[0])):
+            return
+        for item in self._read(file, tracks, numbers):
+            if (kept := item if span is None else _within(item, span)) is not None:
+                yield kept
 
     def _read(self, file: Survey, tracks: dict[int, Track], wanted: set[int]) -> Iterator[Item]:
         """The wanted items of a file; a chunk is decoded as a whole, so that a damaged one gives nothing."""
-        span, path = self._span, _by_now(file.path)
-        chunks = file.contents.chunks or survey(path).contents.chunks
+        span = self._span
         try:
-            with open_file(path) as opened:
-                for chunk in chunks:
-                    if span is not None and (chunk.start > span[1] or chunk.end < span[0]):
-                        continue
-                    if chunk.indexes and not any(number in wanted for number, _ in chunk.indexes):
-                        continue
-                    try:
-                        found = list(decoder.items(chunk_data(opened, chunk), tracks, wanted))
-                    except ValueError as error:
-                        self._note(Damage(file.path, chunk.offset, chunk.length, str(error)))
-                        continue
-                    yield from found
+            path, opened = open_recording(file.path)
+        except FileNotFoundError:
+            self._note(removed(file))
+            return
         except OSError as error:
             raise RecordingError(f"{file.path}: cannot be read: {error.strerror}") from error
+        with opened:
+            now = file
+            if not file.contents.chunks or identity_of(opened) != file.identity:  # the latter: repaired meanwhile
+                now = survey_open(opened, path)
+            for chunk in now.contents.chunks:
+                if span is not None and (chunk.start > span[1] or chunk.end < span[0]):
+                    continue
+                if chunk.indexes and not any(number in wanted for number, _ in chunk.indexes):
+                    continue
+                try:
+                    found = list(decoder.items(chunk_data(opened, chunk), tracks, wanted))
+                except ValueError as error:
+                    self._note(Damage(file.path, chunk.offset, chunk.length, str(error)))
+                    continue
+                yield from found
 
     def _note(self, damage: Damage) -> None:
         if damage not in self.damage:
             self.damage.append(damage)
+            log.warning("%s", damage)
 
     def _all_tracks(self) -> Iterator[Track]:
         return (track for tracks in self._tracks for track in tracks.values())
@@ -283,39 +324,3 @@ def _within(item: Any, span: tuple[int, int]) -> Any:
         return item if span[0] <= time_of(item) <= span[1] else None
     first, last = np.searchsorted(item.time, (span[0], span[1] + 1)).tolist()
     return cut(item, first, last) if first < last else None
-
-
-def _in_folder(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.iterdir() if p.name.endswith((".mcap", f".mcap{PART}")))
-
-
-def _by_now(path: Path) -> Path:
-    """The file's name once its writer has closed it."""
-    return path if path.exists() else path.with_name(path.name.removesuffix(PART))
-
-
-def _survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
-    """Files that can be read; one without anything readable is damage if others have something, else an error."""
-    surveys, damage, errors = [], [], []
-    for path in paths:
-        try:
-            surveys.append(survey(_by_now(path), chunks=False))
-        except RecordingError as error:
-            errors.append(error)
-            damage.append(Damage(path, 0, path.stat().st_size if path.exists() else 0, "nothing in it can be read"))
-    if not surveys:
-        raise errors[0]
-    return surveys, damage
-
-
-def _in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Survey], list[Damage]]:
-    """Files by session and number; of copies, the one that holds most."""
-    kept: dict[tuple[int, ...], Survey] = {}
-    for file in sorted(surveys, key=lambda f: (-f.contents.counts.total(), f.path.name)):
-        header, contents = file.header, file.contents
-        same = (header.session, header.number) if header.number else (header.session, 0, contents.start, contents.end)
-        first = kept.setdefault(same, file)
-        if first is not file:
-            damage.append(Damage(file.path, 0, 0, f"is a copy of {first.path.name}, not read again"))
-    filled = [f for f in kept.values() if f.contents.counts] or list(kept.values())[:1]
-    return sorted(filled, key=lambda f: (f.header.session, f.header.number, f.contents.start)), damage

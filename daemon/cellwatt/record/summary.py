@@ -14,14 +14,13 @@ from mcap.records import AttachmentIndex, Channel, Schema, Statistics
 
 from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
-from cellwatt.files import open_file
 from cellwatt.record.chunks import LARGEST_RECORD, parse, parse_attachment
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
 from cellwatt.record.decoder import tracks_of
-from cellwatt.record.header import FileName, Header
+from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
-from cellwatt.record.scan import LARGEST_SUMMARY, Damage, Scan, header_of, read_at, scan
+from cellwatt.record.scan import LARGEST_SUMMARY, Damage, header_of, read_at, scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,34 +33,30 @@ class Survey:
     contents: Contents
     damage: tuple[Damage, ...]
     closed: bool
+    identity: tuple[int, int]
+    """Device and inode, the same under every name."""
 
 
-def survey(path: Path, *, chunks: bool = True) -> Survey:
-    """Content of a file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
+def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
+    """Content of an open file, damaged or not. Without ``chunks`` they may be left out, which is much faster.
 
-    Raises ``RecordingError`` where the file cannot be opened or nothing in it is a recording.
+    A file that was not closed is read to its last whole chunk: what its writer is at there is no damage.
+    Raises ``OSError``, and ``RecordingError`` where nothing in it is a recording.
     """
-    try:
-        with open_file(path) as file:
-            summary = read_summary(file, chunks=chunks)
-            found = scan(file, path) if summary is None else None
-            size = os.fstat(file.fileno()).st_size
-            header = _header(file, summary) if summary is not None else None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    summary = read_summary(file, chunks=chunks)
+    status = os.fstat(file.fileno())
+    identity = (status.st_dev, status.st_ino)
     if summary is not None:
+        header = _header(file, summary) or guess_header(path, summary)
         damage = _undeclared(path, summary)
-        return Survey(path, size, header or guess_header(path, summary), summary, damage, closed=True)
-    assert found is not None
+        return Survey(path, status.st_size, header, summary, damage, closed=True, identity=identity)
+    found = scan(file, path)
     if not found.contents.chunks and found.header is None:
         raise RecordingError(f"{path}: holds nothing that is a recording")
-    return _from_scan(found)
-
-
-def _from_scan(found: Scan) -> Survey:
-    header = found.header or guess_header(found.path, found.contents)
-    damage = (*found.damage, *_undeclared(found.path, found.contents))
-    return Survey(found.path, found.size, header, found.contents, damage, found.closed)
+    header = found.header or guess_header(path, found.contents)
+    sound = found.end if path.name.endswith(PART) else found.size + 1
+    damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, found.contents))
+    return Survey(path, found.size, header, found.contents, damage, found.closed, identity)
 
 
 def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:

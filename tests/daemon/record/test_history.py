@@ -6,7 +6,7 @@ import pytest
 from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.header import PART
 from cellwatt.record.history import trim
-from cellwatt.record.summary import survey
+from cellwatt.record.opening import survey
 from tests.patience import PATIENCE, eventually
 
 from .making import HEADER, SESSION, batch_of, name_of, same_batch, stream_of, write_chunks

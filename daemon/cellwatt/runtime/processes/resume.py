@@ -17,9 +17,9 @@ from cellwatt.record import Recorder, decoder
 from cellwatt.record.decoder import tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.messages import Message
+from cellwatt.record.opening import survey
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import listing
-from cellwatt.record.summary import survey
 
 log = logging.getLogger(__name__)
 

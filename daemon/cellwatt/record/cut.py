@@ -1,0 +1,86 @@
+"""Cutting a span of time out of the record into one file, also while the record is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cellwatt.errors import RecordingError, why
+from cellwatt.record.encoder import Encoder, Item, Redeclared
+from cellwatt.record.files import CHUNK
+from cellwatt.record.header import PART, Header
+from cellwatt.record.openfile import OpenFile
+from cellwatt.record.opening import utc
+from cellwatt.record.reader import Recording
+from cellwatt.record.retention import listing
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """File that was cut out: ``start`` and ``end`` (UTC ns) are those of what is in it.
+
+    ``sources`` are the files that it came from; ``lost`` says what of them could not be read, a line each.
+    """
+
+    path: Path
+    start: int
+    end: int
+    messages: int
+    size: int
+    sources: tuple[Path, ...]
+    lost: tuple[str, ...]
+
+
+def cut(folder: Path, cell: str, start: int, end: int, to: Path) -> Cut:
+    """Write what a cell recorded into ``folder`` from ``start`` to ``end`` (UTC ns) to the file ``to``.
+
+    It holds everything that a recording does and opens as one. It appears under its name once it is whole; a file
+    that is there already is replaced. Its header is that of the newest file in the span. The caller may stop at any
+    time, for ``to`` with ``.part`` behind it is written anew. Raises ``RecordingError`` where nothing was recorded
+    in that span or the file cannot be written.
+    """
+    files = [kept.path for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", f".mcap{PART}"))]
+    if not files:
+        raise RecordingError(f"{folder}: no recordings of cell {cell}")
+    recording = Recording.open(files).between(start, end)
+    header = replace(_newest(recording, start, end), number=0)
+    try:
+        to.parent.mkdir(parents=True, exist_ok=True)
+        to.with_name(to.name + PART).unlink(missing_ok=True)
+        file = OpenFile(to, header)
+        try:
+            _fill(file, recording.items())
+            if file.contents.chunks:
+                file.finish()
+                file.publish()
+        finally:
+            file.discard()
+    except OSError as error:
+        raise RecordingError(f"{to} cannot be written: {why(error)}") from error
+    contents = file.contents
+    if not contents.chunks:
+        raise RecordingError(f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}")
+    lost = tuple(map(str, recording.damage))
+    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, recording.paths, lost)
+
+
+def _newest(recording: Recording, start: int, end: int) -> Header:
+    """The header of the last file with something of the span, else of the last one."""
+    within = [header for header, first, last in recording.spans if first <= end and last >= start]
+    return (within or [recording.spans[-1][0]])[-1]
+
+
+def _fill(file: OpenFile, items: Iterator[tuple[Header, Item]]) -> None:
+    session, encoder = -1, Encoder(file)
+    for header, item in items:
+        if header.session != session:  # numbers of samples begin anew
+            session, encoder = header.session, Encoder(file)
+        try:
+            encoder.add(item)
+        except Redeclared:
+            encoder = Encoder(file)
+            encoder.add(item)
+        if file.waiting > CHUNK:
+            file.write_chunk()
+    file.write_chunk()

@@ -1,0 +1,155 @@
+"""A span of time cut out of the record into one file."""
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from cellwatt import Alarm, Event, RecordingError, Tick
+from cellwatt.record import Header, Recording
+from cellwatt.record.cut import cut
+from cellwatt.record.encoder import Encoder
+from cellwatt.record.header import PART, FileName
+from cellwatt.record.openfile import OpenFile
+from tests.daemon.record.making import CELL, PERIOD, SESSION, batch_of, frames_of, same_batch, stream_of, write_chunks
+
+HALF = 500_000_000  # ns; 250 samples
+
+
+def alarm_at(time: int) -> Alarm:
+    return Alarm("faults.arm.joint_fault.2", "joint_fault", "error", True, time, time, "Joint 2 needs 38 W more")
+
+
+def write_record(folder: Path) -> list[int]:
+    """Three files of 1 s: samples, frames, and an alarm at 1.5 s; gives the numbers of the samples."""
+    for number in range(3):
+        first = 500 * number
+        chunks = [
+            [
+                batch_of(first + 50 * i, 50),
+                frames_of((first + 50 * i) // 10, 5),
+                Tick(SESSION + (first + 50 * i + 49) * PERIOD),
+            ]
+            for i in range(10)
+        ]
+        if number == 1:
+            chunks[5].append(alarm_at(SESSION + 750 * PERIOD))
+        write_chunks(folder, chunks, number=number + 1, close=number < 2)
+    return list(range(1500))
+
+
+def test_the_span_and_nothing_else_over_several_files_one_still_open(tmp_path):
+    write_record(tmp_path)
+    start, end = SESSION + 300 * PERIOD, SESSION + 1200 * PERIOD
+    made = cut(tmp_path, CELL, start, end, tmp_path / "evidence" / "pack.mcap")
+    assert (made.start, made.end) == (start, end) and not made.lost
+    assert [p.name for p in made.sources] == sorted(p.name for p in tmp_path.glob("*.mcap*"))
+    pack = Recording.open(made.path)
+    samples = pack.batches("arm", "rtde")
+    assert samples.sequence.tolist() == list(range(300, 1201))
+    truth = batch_of(300, 901)
+    assert samples.values.tobytes() == truth.values.tobytes() and samples.bound.tolist() == truth.bound.tolist()
+    assert pack.frames_table().sequence == 30 and len(pack.times) == 91
+    assert pack.alarms() == [alarm_at(SESSION + 750 * PERIOD)]
+    assert pack.header.session == SESSION and pack.header.settings == "site: plant-1\n" and pack.header.number == 0
+    assert made.size == made.path.stat().st_size and made.messages == sum(pack.counts.values())
+
+
+def test_blocks_stay_as_they_were_recorded(tmp_path):
+    write_record(tmp_path)
+    made = cut(tmp_path, CELL, SESSION + 520 * PERIOD, SESSION + 699 * PERIOD, tmp_path / "pack.cut")
+    batches = [b for b in Recording.open(made.path).entries() if not isinstance(b, Tick)]
+    truth = [batch_of(520, 30), *(batch_of(n, 50) for n in (550, 600, 650))]
+    assert [len(b) for b in batches] == [30, 50, 50, 50]
+    # What arrived in one block keeps the time at which it arrived, also where the block is cut.
+    assert all(same_batch(a, b) for a, b in zip(batches, truth, strict=True))
+
+
+def test_any_reader_of_mcap_opens_it(tmp_path):
+    write_record(tmp_path)
+    made = cut(tmp_path, CELL, SESSION + 700 * PERIOD, SESSION + 800 * PERIOD, tmp_path / "pack.mcap")
+    with made.path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = [(channel.topic, message) for _, channel, message in reader.iter_messages()]
+    (alarm,) = [message for topic, message in found if topic == "/alarm"]
+    assert json.loads(alarm.data)["statement"] == "Joint 2 needs 38 W more"
+    raw = [message.log_time for topic, message in found if topic == "/raw/arm/rtde"]
+    assert raw == [SESSION + n * PERIOD for n in range(700, 801)]
+
+
+def test_a_restart_of_the_daemon_and_new_channels_within_the_span(tmp_path):
+    """Numbers of samples begin anew with a session, and channels change with new settings."""
+    write_chunks(tmp_path, [[batch_of(1000, 100)]], number=1)
+    wider = stream_of(7)
+    write_chunks(tmp_path, [[batch_of(1100, 100, stream=wider)]], number=2)
+    later = SESSION + 10**10
+    file = OpenFile(tmp_path / str(FileName(later, 1, CELL)), Header("plant-1", CELL, later, number=1))
+    encoder = Encoder(file)
+    encoder.add(batch_of(0, 100, stream=wider))
+    encoder.add(Event(SESSION + 5 * 10**9, None, "begun", "again"))
+    file.finish()
+    file.publish()
+    made = cut(tmp_path, CELL, SESSION, SESSION + 6 * 10**9, tmp_path / "out" / "pack.mcap")
+    batches = [b for b in Recording.open(made.path).entries() if not isinstance(b, Tick)]
+    assert [(b.sequence, len(b.stream.channels)) for b in batches] == [(1000, 6), (1100, 7), (0, 7)]
+    assert Recording.open(made.path).header.session == later
+
+
+def test_others_files_in_the_folder_are_left_out(tmp_path):
+    write_record(tmp_path)
+    other = OpenFile(tmp_path / str(FileName(SESSION, 1, "paint-1")), Header("plant-1", "paint-1", SESSION, number=1))
+    Encoder(other).add(batch_of(0, 100, source="other"))
+    other.finish()
+    other.publish()
+    (tmp_path / "notes.mcap").write_bytes(b"not ours")
+    made = cut(tmp_path, CELL, SESSION, SESSION + HALF, tmp_path / "out" / "pack.mcap")
+    assert Recording.open(made.path).sources == ("arm",)
+
+
+@pytest.mark.parametrize(("start", "end"), [(-(10**9), -1), (3 * 10**9, 4 * 10**9)])
+def test_a_span_without_anything_is_said_and_leaves_no_file(tmp_path, start, end):
+    write_record(tmp_path)
+    with pytest.raises(RecordingError, match=r"nothing of cell weld-3 was recorded from 2026-11-2\d "):
+        cut(tmp_path, CELL, SESSION + start, SESSION + end, tmp_path / "out" / "pack.mcap")
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_no_recordings_of_the_cell(tmp_path):
+    with pytest.raises(RecordingError, match="no recordings of cell weld-3"):
+        cut(tmp_path, CELL, SESSION, SESSION + 1, tmp_path / "pack.mcap")
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path):
+    write_record(tmp_path)
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(RecordingError, match=r"pack\.mcap cannot be written: (File exists|Not a directory)"):
+        cut(tmp_path, CELL, SESSION, SESSION + HALF, tmp_path / "out" / "pack.mcap")
+
+
+def test_what_a_killed_cut_left_is_written_anew(tmp_path):
+    write_record(tmp_path)
+    to = tmp_path / "out" / "pack.mcap"
+    to.parent.mkdir()
+    to.with_name(to.name + PART).write_bytes(b"half of it")
+    made = cut(tmp_path, CELL, SESSION, SESSION + HALF, to)
+    assert made.end == SESSION + HALF and [p.name for p in to.parent.iterdir()] == ["pack.mcap"]
+
+
+def test_a_file_removed_meanwhile_is_told(tmp_path, monkeypatch):
+    write_record(tmp_path)
+    items = Recording.items
+
+    def after_removal(self):
+        sorted(tmp_path.glob("*.mcap"))[1].unlink()
+        return items(self)
+
+    monkeypatch.setattr(Recording, "items", after_removal)
+    made = cut(tmp_path, CELL, SESSION, SESSION + 1499 * PERIOD, tmp_path / "out" / "pack.mcap")
+    (lost,) = made.lost
+    assert "was removed while the recording was read" in lost
+    sequence = Recording.open(made.path).batches("arm", "rtde").sequence
+    assert [(a, b) for a, b in pairwise(sequence.tolist()) if b - a > 1] == [(499, 1000)]
+    assert np.all(np.diff(sequence) > 0)
