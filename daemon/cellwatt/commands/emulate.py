@@ -1,25 +1,41 @@
-"""``cellwatt emulate``: a device's side of the wire."""
+"""``cellwatt emulate``: a device's side of the wire, or that of all devices of a cell."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 import sys
-from importlib import import_module
+import time
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cellwatt.commands import EXIT_ERROR
+from cellwatt.commands.emulate_cell import emulate_cell
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
-from cellwatt.errors import CellwattError
-from cellwatt.registry import driver as find_driver
+from cellwatt.emulation.cell import emulator_of
+from cellwatt.emulation.control import answers, say
+from cellwatt.emulation.words import Mishap, addressed, mishap
+from cellwatt.errors import CellwattError, ConfigError
+
+_ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loop", "options": "--option"}
 
 
 @click.command()
-@click.argument("driver")
-@click.option("--listen", "address", default="", help="Where to listen: HOST:PORT (port 0: any free one) or pty.")
+@click.argument("driver", required=False)
+@click.option(
+    "--cell",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Emulate all devices of this settings file, in one world, instead of one DRIVER's.",
+)
+@click.option(
+    "--write",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Listen at free addresses, and write a copy of the settings of --cell that reads these.",
+)
+@click.option(
+    "--listen", "address", default="", help="Where to listen: HOST:PORT (port 0: any free one), pty, or a link to one."
+)
 @click.option(
     "--recording",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
@@ -33,13 +49,17 @@ from cellwatt.registry import driver as find_driver
     "--fault",
     "faults",
     multiple=True,
-    metavar="JSON",
-    help='Fault from the start, e.g. \'{"kind": "loss", "probability": 0.01}\'.',
+    metavar="WORDS",
+    help="A fault: spring:joint=3,at=20s; with --cell board/loss:probability=1%; or JSON (docs/emulators.md).",
 )
 @click.option("--option", "options", multiple=True, metavar="KEY=VALUE", help="The emulator's own options.")
 @click.option("--control", is_flag=True, help="Take JSON lines on standard input; end of input ends it.")
+@click.pass_context
 def command(
-    driver: str,
+    context: click.Context,
+    driver: str | None,
+    cell: Path | None,
+    write: Path | None,
     address: str,
     recording: Path | None,
     loop: bool,
@@ -50,19 +70,32 @@ def command(
     options: tuple[str, ...],
     control: bool,
 ) -> None:
-    """Emulate the device that DRIVER speaks to."""
+    """Emulate the device that DRIVER speaks to, or with --cell all devices of a cell."""
+    if (driver is None) == (cell is None):
+        raise click.UsageError("expected either a DRIVER, like 'ur', or --cell FILE")
+    start = time.time() if epoch is None else epoch
+    if cell is not None:
+        for name, option in _ONE_DEVICE.items():
+            if context.params[name]:
+                raise click.UsageError(f"{option} is for one DRIVER, not for --cell")
+        emulate_cell(cell, write, start, speed, seed, faults, control)
+        return
+    assert driver is not None
+    if write is not None:
+        raise click.UsageError("--write goes with --cell FILE")
     signals: Signals = ArmSignals(speed=speed, seed=seed) if recording is None else load_signals(recording, loop=loop)
-    module, _, name = find_driver(driver).emulator.partition(":")
-    emulator_class: type[Emulator] = getattr(import_module(module), name)
+    emulator_class = emulator_of(driver)
     try:
         pairs = dict(_pair(option) for option in options)
-        emulator = emulator_class(signals, address, epoch=epoch, seed=seed, options=pairs)
-        for text in faults:
-            emulator.inject(_fault(text))
+        emulator = emulator_class(signals, address, epoch=start, seed=seed, options=pairs)
+        coming = [mishap(addressed(text)[1], emulator_class) for text in faults]
+        for planned in coming:
+            if planned.at <= 0:
+                begin(planned, emulator)
     except (ValueError, TypeError) as error:
-        raise click.UsageError(str(error)) from error
+        raise ConfigError(str(error)) from error
     try:
-        asyncio.run(_serve(emulator, control))
+        asyncio.run(_serve(emulator, [planned for planned in coming if planned.at > 0], control))
     except KeyboardInterrupt:
         sys.exit(130)
 
@@ -74,30 +107,36 @@ def _pair(option: str) -> tuple[str, str]:
     return key, value
 
 
-def _fault(text: str) -> Fault:
-    try:
-        return Fault(**json.loads(text))
-    except (ValueError, TypeError):
-        keys = ", ".join(Fault.__dataclass_fields__)
-        raise ValueError(f"found {text!r} as a fault, expected a JSON object with kind and others of {keys}") from None
+def begin(planned: Mishap, emulator: Emulator) -> None:
+    """Let a fault or change begin. Raises ``ValueError`` where the device does not know it."""
+    if isinstance(planned.what, Fault):
+        emulator.inject(planned.what)
+    else:
+        emulator.disturb(planned.what)
 
 
-async def _serve(emulator: Emulator, control: bool) -> None:
+async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> None:
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     serving = asyncio.create_task(emulator.serve(ready.set_result))
     await asyncio.wait((serving, ready), return_when=asyncio.FIRST_COMPLETED)
     if serving.done():
         error = serving.exception()
         if control:
-            _say({"error": f"{type(error).__name__}: {error}"})
+            say({"error": f"{type(error).__name__}: {error}"})
             sys.exit(EXIT_ERROR)
         raise CellwattError(str(error))
+    for planned in coming:
+        _begin_later(planned, emulator)
     if not control:
         click.echo(f"{emulator.title} at {ready.result()} (Ctrl-C ends)")
         await serving
         return
-    _say({"ready": ready.result()})
-    obeying = asyncio.create_task(_obey(emulator))
+    say({"ready": ready.result()})
+
+    async def answer(message: dict[str, Any]) -> dict[str, Any]:
+        return _answer(emulator, message)
+
+    obeying = asyncio.create_task(answers(answer))
     await asyncio.wait((serving, obeying), return_when=asyncio.FIRST_COMPLETED)
     for task in (serving, obeying):
         task.cancel()
@@ -106,28 +145,21 @@ async def _serve(emulator: Emulator, control: bool) -> None:
             raise outcome
 
 
-async def _obey(emulator: Emulator) -> None:
-    reader = asyncio.StreamReader()
-    await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-    while line := await reader.readline():
-        try:
-            _say(_answer(emulator, json.loads(line)))
-        except (ValueError, TypeError) as error:
-            _say({"error": str(error)})
+def _begin_later(planned: Mishap, emulator: Emulator) -> None:
+    delay = emulator.epoch + planned.at - time.time()
+    asyncio.get_running_loop().call_later(max(delay, 0.0), begin, planned, emulator)
 
 
 def _answer(emulator: Emulator, message: dict[str, Any]) -> dict[str, Any]:
-    if "fault" in message:
-        emulator.inject(Fault(**message["fault"]))
-    elif "disturb" in message:
-        emulator.disturb(message["disturb"])
-    elif "counts" in message:
-        return {"counts": dict(emulator.counts)}
-    else:
-        raise ValueError("expected one of fault, disturb, counts")
+    match message:
+        case {"fault": str(text)}:
+            _begin_later(mishap(text, type(emulator)), emulator)
+        case {"fault": fault}:
+            emulator.inject(Fault(**fault))
+        case {"disturb": change}:
+            emulator.disturb(change)
+        case {"counts": _}:
+            return {"counts": dict(emulator.counts)}
+        case _:
+            raise ValueError("expected one of fault, disturb, counts")
     return {"ok": True}
-
-
-def _say(message: dict[str, Any]) -> None:
-    sys.stdout.write(json.dumps(message) + "\n")
-    sys.stdout.flush()

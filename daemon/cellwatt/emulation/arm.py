@@ -41,8 +41,9 @@ PICK_AND_PLACE: tuple[Move, ...] = (
 class ArmSignals:
     """Six joints repeating ``moves`` for ever, starting at ``home`` (rad); ``speed`` 1 is as planned.
 
-    ``disturb(spring=3, stiffness=60, rest=0, at=12.5)`` hooks a spring (Nm/rad) on joint 3 at t = 12.5 s;
-    ``disturb(encoder=2, offset=0.05, at=…)`` shifts an encoder. ``noise`` scales the measurement noise.
+    ``disturb(spring=3, stiffness=60, rest=0, at=12.5)`` hooks a spring (Nm/rad) on joint 3 at t = 12.5 s; without
+    ``rest``, rad, it is slack where the joint is at home. ``disturb(encoder=2, offset=0.05, at=…)`` shifts an encoder.
+    Both end after ``for`` s, where that is given. ``noise`` scales the measurement noise.
     """
 
     moves: tuple[Move, ...] = PICK_AND_PLACE
@@ -59,8 +60,8 @@ class ArmSignals:
     torque_constant: tuple[float, ...] = (12.0, 12.0, 9.0, 6.5, 6.5, 6.5)  # Nm/A
     resistance: tuple[float, ...] = (1.1, 1.1, 1.2, 2.0, 2.0, 2.0)  # ohm
     stiffness: float = 60000.0  # Nm/rad of the position loop
-    _springs: list[tuple[int, float, float, float]] = field(default_factory=list)
-    _encoders: list[tuple[int, float, float]] = field(default_factory=list)
+    _springs: list[tuple[int, float, float, float, float]] = field(default_factory=list)
+    _encoders: list[tuple[int, float, float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._random = np.random.default_rng(self.seed)
@@ -83,12 +84,17 @@ class ArmSignals:
         """See the class; raises ``ValueError`` on a change it does not know."""
         known = {k: float(v) for k, v in change.items()}
         at = known.get("at", 0.0)
-        if "spring" in known:
-            self._springs.append((int(known["spring"]) - 1, known.get("stiffness", 60.0), known.get("rest", 0.0), at))
-        elif "encoder" in known:
-            self._encoders.append((int(known["encoder"]) - 1, known.get("offset", 0.05), at))
-        else:
+        end = at + known["for"] if "for" in known else np.inf
+        if not {"spring", "encoder"} & set(known):
             raise ValueError(f"an emulated arm knows spring and encoder, not {', '.join(change)}")
+        joint = int(known.get("spring", known.get("encoder", 0)))
+        if not 1 <= joint <= len(self.home):
+            raise ValueError(f"an emulated arm has joints 1 to {len(self.home)}, not {joint}")
+        if "spring" in known:
+            rest = known.get("rest", self.home[joint - 1])
+            self._springs.append((joint - 1, known.get("stiffness", 60.0), rest, at, end))
+        else:
+            self._encoders.append((joint - 1, known.get("offset", 0.05), at, end))
 
     def motion(self, t: Float) -> tuple[Float, Float, Float]:
         """Position, velocity, acceleration (n, 6) of the planned motion at t (n,) s."""
@@ -114,8 +120,8 @@ class ArmSignals:
         gravity[:, 4] = self.gravity[4] * np.cos(q[:, 4])
         friction = np.asarray(self.coulomb) * np.tanh(w / 0.01) + np.asarray(self.viscous) * w
         spring = np.zeros_like(q)
-        for joint, stiffness, rest, at in self._springs:
-            spring[:, joint] += np.where(t >= at, stiffness * (q[:, joint] - rest), 0.0)
+        for joint, stiffness, rest, at, end in self._springs:
+            spring[:, joint] += np.where((t >= at) & (t < end), stiffness * (q[:, joint] - rest), 0.0)
         return gravity + np.asarray(self.inertia) * a + friction + spring, spring
 
     def at(self, t: Float) -> Mapping[str, Float]:
@@ -126,8 +132,8 @@ class ArmSignals:
         current = torque / np.asarray(self.torque_constant)
         power = self.standby + (torque * w + np.asarray(self.resistance) * current**2).sum(axis=1)
         measured = q - spring / self.stiffness
-        for joint, offset, at in self._encoders:
-            measured[:, joint] += np.where(t >= at, offset, 0.0)
+        for joint, offset, at, end in self._encoders:
+            measured[:, joint] += np.where((t >= at) & (t < end), offset, 0.0)
 
         def noisy(x: Float, sigma: float) -> Float:
             return x + self.noise * sigma * self._random.standard_normal(x.shape)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
 
+from cellwatt.driver import SourceSettings
 from cellwatt.emulation.faults import Fault, FaultKind, Injector
 from cellwatt.emulation.options import Options
 from cellwatt.emulation.signals import Signals
@@ -16,7 +18,8 @@ from cellwatt.emulation.signals import Signals
 class Emulator(ABC):
     """The device's side of the wire, good enough for other people's clients.
 
-    ``address`` is where to listen (``127.0.0.1:30004``, port 0 for any free one, or ``pty``); empty: ``usual_address``.
+    ``address`` is where to listen: ``127.0.0.1:30004`` (port 0 for any free one), ``pty`` for a pseudo-terminal, or the
+    path of a symbolic link to one; empty: ``usual_address``.
     ``epoch`` is the UTC time in s at which the signals' t is 0, so that emulators in several processes
     serve one world. ``options`` are the emulator's own (its docstring lists them); unknown ones raise
     ``ValueError``. ``counts`` tells what was truly sent and injected, ``tally`` is where it counts the former.
@@ -27,6 +30,49 @@ class Emulator(ABC):
     """Fault kinds it can inject."""
     usual_address: ClassVar[str]
     """Address at which it listens by default."""
+    usual_port: ClassVar[int] = 0
+    """Port of a real device of its kind, for settings that name none."""
+    changes: ClassVar[Mapping[str, str]] = {}
+    """Changes that it knows beside those of the world, each with the key of its value in a fault's words."""
+    line: ClassVar[str] = ""
+    """Setting of the driver that holds the path of a serial port; empty where it is never behind one."""
+
+    # the device of a source -----------------------------------------------------------------------
+
+    @classmethod
+    def address_in(cls, settings: SourceSettings) -> str:
+        """Address at which a source looks for the device: HOST:PORT, or the path of a serial port.
+
+        Raises ``ValueError`` where there can be no emulator for such settings.
+        """
+        if host := getattr(settings, "host", None):
+            return f"{host}:{getattr(settings, 'port', None) or cls.usual_port}"
+        if cls.line:
+            return str(getattr(settings, cls.line))
+        raise ValueError("its settings name neither a host nor a serial port")
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """Options that make it the device which sources with these settings read, all at one address.
+
+        Raises ``ValueError`` where it cannot be that device.
+        """
+        return {}
+
+    @classmethod
+    def free_address(cls, settings: SourceSettings) -> str:
+        """An address for such a source at which nothing else listens."""
+        return "127.0.0.1:0" if getattr(settings, "host", None) else "pty"
+
+    @classmethod
+    def settings_at(cls, address: str, settings: SourceSettings) -> dict[str, Any]:
+        """Changed settings of a source, so that it reads the emulator at ``address``."""
+        if address.startswith("/"):
+            return {cls.line: address}
+        host, _, port = address.rpartition(":")
+        return {"host": host, "port": int(port)}
+
+    # the emulator ---------------------------------------------------------------------------------
 
     def __init__(
         self,
@@ -45,6 +91,16 @@ class Emulator(ABC):
         taken = Options(options or {})
         self.set_up(taken)
         taken.refuse_rest()
+
+    @property
+    def on_terminal(self) -> bool:
+        """True where it listens at a pseudo-terminal."""
+        return self.address == "pty" or self.link is not None
+
+    @property
+    def link(self) -> Path | None:
+        """Symbolic link to its pseudo-terminal."""
+        return Path(self.address) if self.address.startswith("/") else None
 
     @abstractmethod
     def set_up(self, options: Options) -> None:

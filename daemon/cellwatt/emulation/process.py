@@ -1,6 +1,7 @@
 """An emulator in a process of its own, spoken to in JSON lines.
 
-To the emulator: ``{"fault": {...}}``, ``{"disturb": {...}}``, ``{"counts": true}``; end of input ends it.
+To the emulator: ``{"fault": {...}}`` or ``{"fault": "loss:probability=1%"}``, ``{"disturb": {...}}``,
+``{"counts": true}``; end of input ends it.
 From it: ``{"ready": address}`` once, then one answer a line: ``{"ok": true}``, ``{"counts": {...}}`` or
 ``{"error": text}``.
 """
@@ -16,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from cellwatt.child import ends_with_parent
 from cellwatt.emulation.faults import Fault
 from cellwatt.errors import CellwattError
 
@@ -42,7 +44,10 @@ class EmulatorProcess:
     async def __aenter__(self) -> EmulatorProcess:
         command = [sys.executable, "-m", "cellwatt.commands", "emulate", self.driver, "--control", *self._arguments]
         self._child = await asyncio.create_subprocess_exec(
-            *command, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+            *command,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            preexec_fn=ends_with_parent(),
         )
         try:
             answer = await self._read()
@@ -71,19 +76,25 @@ class EmulatorProcess:
 
     async def inject(self, fault: Fault) -> None:
         """Begin a fault."""
-        await self._ask({"fault": asdict(fault)})
+        await self.ask({"fault": asdict(fault)})
 
     async def disturb(self, **change: float | str) -> None:
         """Change the emulated world."""
-        await self._ask({"disturb": change})
+        await self.ask({"disturb": change})
 
     async def counts(self) -> Mapping[str, int]:
         """Samples and faults that it truly sent and injected so far."""
-        answer = await self._ask({"counts": True})
+        answer = await self.ask({"counts": True})
         counts: Mapping[str, int] = answer["counts"]
         return counts
 
-    async def _ask(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
+    async def ended(self) -> int:
+        """Wait for the child's end; return its exit code."""
+        assert self._child is not None
+        return await self._child.wait()
+
+    async def ask(self, message: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Say something to the child, and return its answer. Raises ``CellwattError`` where that is an error."""
         child = self._child
         if child is None or child.stdin is None:
             raise CellwattError(f"the {self.driver} emulator is not running")

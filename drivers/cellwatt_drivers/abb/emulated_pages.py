@@ -82,6 +82,8 @@ class Pages:
 
     def _authorized(self, method: str, authorization: str) -> bool:
         scheme, _, rest = authorization.partition(" ")
+        if not self._password:
+            return bool(rest)
         if self._robotware == 7:
             with suppress(ValueError):
                 return scheme == "Basic" and base64.b64decode(rest).decode() == f"{self._user}:{self._password}"

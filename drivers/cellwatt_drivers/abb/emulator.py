@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from cellwatt.emulation import Datagrams, Emulator, Options, TcpPort
 from cellwatt.emulation.faults import FaultKind
@@ -26,7 +27,8 @@ class AbbEmulator(Emulator):
 
     The address is that of the pages (127.0.0.1:8080 unless told otherwise). Options: ``egm`` (where packets go:
     127.0.0.1:6510), ``robotware`` (7, or 6), ``rate`` (250 Hz, or a whole part, as a number), ``axes`` (6), ``clock``
-    (1; 0 leaves the controller's time out), ``user`` and ``password`` (Default User, robotics), ``certificate`` (file
+    (1; 0 leaves the controller's time out), ``user`` and ``password`` (Default User, robotics; an
+    empty password: any), ``certificate`` (file
     with key and certificate: pages over HTTPS), ``energy`` (yes; no: there is no page of energy). Pages are XHTML, or
     JSON (RobotWare 6: ``?json=1``, 7: ``Accept: application/hal+json;v=2.0``). A disturbance ``motors=off``,
     ``program=off`` (or ``on``) or ``session=1`` (numbering begins anew) is the controller's; all others are the
@@ -41,6 +43,7 @@ class AbbEmulator(Emulator):
 
     title: ClassVar[str] = "ABB controller (EGM and Robot Web Services)"
     usual_address: ClassVar[str] = "127.0.0.1:8080"
+    changes = MappingProxyType({"motors": "to", "program": "to", "session": "number"})
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay",
         "reorder",
@@ -52,6 +55,32 @@ class AbbEmulator(Emulator):
         "disconnect",
         "clock_jump",
     )
+
+    @classmethod
+    def address_in(cls, settings: Any) -> str:
+        """See ``Emulator.address_in``: the address of the pages."""
+        return f"{settings.host}:{settings.port or {6: 80, 7: 443}[settings.robotware]}"
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``."""
+        if len(sources) > 1:
+            raise ValueError("an emulated controller has one robot")
+        settings = sources[0]
+        return {
+            "egm": f"127.0.0.1:{settings.egm_port}",
+            "robotware": str(settings.robotware),
+            "rate": f"{settings.rate!r}",
+            "axes": str(settings.axes),
+            "user": settings.user,
+            "password": "",  # a command line is no place for the settings' own
+        }
+
+    @classmethod
+    def settings_at(cls, address: str, settings: Any) -> dict[str, Any]:
+        """See ``Emulator.settings_at``: its pages are plain HTTP, its packets go to a loopback address."""
+        local = {} if settings.bind in ("0.0.0.0", "127.0.0.1") else {"bind": "127.0.0.1"}
+        return {**super().settings_at(address, settings), "tls": False, **local}
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

@@ -6,6 +6,7 @@ import asyncio
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from cellwatt.emulation.terminal import raw_terminal
 
@@ -54,10 +55,10 @@ class Adapter:
 
 
 @contextmanager
-def virtual_adapter() -> Iterator[Adapter]:
-    """An adapter at a port of its own; must be entered on a running loop."""
+def virtual_adapter(link: Path | None = None) -> Iterator[Adapter]:
+    """An adapter at a port of its own, or at ``link``; must be entered on a running loop."""
     loop = asyncio.get_running_loop()
-    with raw_terminal() as (near, far):
+    with raw_terminal(link) as (near, far):
         adapter = Adapter(near, far)
         loop.add_reader(near, adapter.read)
         try:

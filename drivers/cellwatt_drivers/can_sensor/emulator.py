@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import can
 import numpy as np
 
+from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Emulator, Options
 from cellwatt.emulation.faults import FaultKind
 from cellwatt.ticker import Ticker
@@ -30,10 +31,10 @@ Send = Callable[[int, bytes], bool]
 class CanSensorEmulator(Emulator):
     """An IVT-S that measures ``bus.current`` and ``bus.voltage``, and sends each result in its cycle.
 
-    The address is ``pty`` (an slcan adapter), ``udp_multicast:GROUP:PORT`` (as python-can writes it, within this
-    host) or ``virtual:NAME`` (within this process). Options: ``cycles`` (stream=ms, comma-separated: results that
-    are sent, and how often; current=20,voltage_1=60,voltage_2=60,voltage_3=60), ``status`` (hex digit of the error
-    flags in byte 1).
+    The address is ``pty`` or the path of a link to it (an slcan adapter), ``udp_multicast:GROUP:PORT`` (as python-can
+    writes it, within this host) or ``virtual:NAME`` (within this process). Options: ``cycles`` (stream=ms,
+    comma-separated: results that are sent, and how often; current=20,voltage_1=60,voltage_2=60,voltage_3=60),
+    ``status`` (hex digit of the error flags in byte 1).
 
     Faults strike frames. ``loss``: not sent, its number is used; ``duplicate``: sent twice; ``garbage``: on ``pty``
     random bytes before it, on other buses an error frame; ``half_frame``: cut; ``stall``: nothing is sent for a
@@ -44,7 +45,31 @@ class CanSensorEmulator(Emulator):
 
     title: ClassVar[str] = "Isabellenhütte IVT-S current sensor (CAN)"
     usual_address: ClassVar[str] = "pty"
+    line = "channel"
     faults: ClassVar[tuple[FaultKind, ...]] = ("loss", "duplicate", "garbage", "half_frame", "stall", "disconnect")
+
+    @classmethod
+    def address_in(cls, settings: Any) -> str:
+        """See ``Emulator.address_in``; a bus of this PC's kernel is no address of an emulator's."""
+        if settings.interface == "udp_multicast":
+            return f"udp_multicast:{settings.channel}:{settings.port}"
+        return str(settings.channel) if settings.interface == "slcan" else f"{settings.interface}:{settings.channel}"
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``: the streams that are read, as often as they are said to come."""
+        settings = sources[0]
+        if settings.sensor != "ivt_s" or len(sources) > 1:
+            raise ValueError("the emulated sensor is one IVT-S, the only one on its bus")
+        streams = load_decodings("ivt_s", None)[0].streams
+        read = settings.read or [name for name, stream in streams.items() if not stream.optional]
+        cycles = {name: 1 / settings.rates[name] if name in settings.rates else streams[name].cycle for name in read}
+        return {"cycles": ",".join(f"{name}={1e3 * cycle:g}" for name, cycle in cycles.items())}
+
+    @classmethod
+    def settings_at(cls, address: str, settings: SourceSettings) -> dict[str, Any]:
+        """See ``Emulator.settings_at``."""
+        return {"interface": "slcan", "channel": address}
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
@@ -135,8 +160,8 @@ class CanSensorEmulator(Emulator):
     @contextmanager
     def _bus(self) -> Iterator[tuple[str, Send]]:
         kind, _, rest = self.address.partition(":")
-        if kind == "pty":
-            with virtual_adapter() as adapter:
+        if self.on_terminal:
+            with virtual_adapter(self.link) as adapter:
                 self._error = lambda _: adapter.write(self.injector.random_bytes(1, 8).replace(b"\r", b"?") + b"\r")
                 yield adapter.port, adapter.send
             return

@@ -5,15 +5,18 @@ from __future__ import annotations
 import asyncio
 import math
 import os
+import socket
 import struct
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import ClassVar
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.driver import SourceSettings
 from cellwatt.emulation import Datagrams, Emulator, Options, Signals, TcpPort
 from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FaultKind
@@ -47,6 +50,8 @@ class FrankaEmulator(Emulator):
 
     title: ClassVar[str] = "Franka robot (FCI)"
     usual_address: ClassVar[str] = f"127.0.0.1:{fci.PORT}"
+    usual_port = fci.PORT
+    changes = MappingProxyType({"mode": "number", "error": "number"})
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay",
         "reorder",
@@ -57,6 +62,25 @@ class FrankaEmulator(Emulator):
         "disconnect",
         "clock_jump",
     )
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``: the library loses states that come together."""
+        return {"realtime": "1"}
+
+    @classmethod
+    def free_address(cls, settings: SourceSettings) -> str:
+        """See ``Emulator.free_address``: the library knows one port, so each robot has a loopback address."""
+        for last in range(2, 255):
+            with socket.socket() as probe, suppress(OSError):
+                probe.bind((f"127.0.77.{last}", fci.PORT))
+                return f"127.0.77.{last}:{fci.PORT}"
+        raise ValueError(f"port {fci.PORT} is taken at all of 127.0.77.2 to 127.0.77.254; end what listens there")
+
+    @classmethod
+    def settings_at(cls, address: str, settings: SourceSettings) -> dict[str, Any]:
+        """See ``Emulator.settings_at``."""
+        return {"host": address.rpartition(":")[0]}
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
@@ -27,7 +27,7 @@ _FUNCTIONS = {"holding": 3, "input": 4}
 
 
 class ModbusMeterEmulator(Emulator):
-    """Meters of one make on one TCP port, or on a serial line (``pty``).
+    """Meters of one make on one TCP port, or on a serial line (``pty`` or the path of a link to it).
 
     Listens on 127.0.0.1:5020 unless told otherwise; a pseudo-terminal knows no parity. Options: ``meter`` (a packaged
     map, ``eastron_sdm630``) or ``map`` (a file), ``unit`` (numbers on the line, comma-separated, 1; others are not
@@ -41,7 +41,18 @@ class ModbusMeterEmulator(Emulator):
 
     title: ClassVar[str] = "Modbus energy meter"
     usual_address: ClassVar[str] = "127.0.0.1:5020"
+    usual_port = 502
+    line = "line"
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``: one meter a source, all of one make."""
+        first = sources[0]
+        if len({(s.meter, s.map, s.framing) for s in sources}) > 1:
+            raise ValueError("an emulated gateway has meters of one make")
+        options = {"unit": ",".join(str(s.unit) for s in sources), "framing": first.framing}
+        return options | ({"meter": first.meter} if first.meter else {"map": str(first.map)})
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
@@ -52,7 +63,7 @@ class ModbusMeterEmulator(Emulator):
             FramerType.SOCKET if options.choice("framing", "tcp", ("tcp", "rtu")) == "tcp" else FramerType.RTU
         )
         self._strict = options.flag("strict", False)
-        if self.address == "pty":
+        if self.on_terminal:
             self._framer = FramerType.RTU
         self._map = made
         self.tally.update(refused=0)
@@ -68,8 +79,8 @@ class ModbusMeterEmulator(Emulator):
         """See ``Emulator.serve``."""
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
         with ExitStack() as stack:
-            if self.address == "pty":
-                near, far = stack.enter_context(virtual_line())
+            if self.on_terminal:
+                near, far = stack.enter_context(virtual_line(self.link))
             else:
                 near, far = self.address, ""
             told = False

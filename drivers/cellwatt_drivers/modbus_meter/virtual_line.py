@@ -6,6 +6,7 @@ import asyncio
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from cellwatt.emulation.terminal import raw_terminal
 
@@ -13,10 +14,10 @@ CHUNK = 4096
 
 
 @contextmanager
-def virtual_line() -> Iterator[tuple[str, str]]:
-    """Paths of both ends of a serial line; must be entered on a running loop."""
+def virtual_line(link: Path | None = None) -> Iterator[tuple[str, str]]:
+    """Paths of both ends of a serial line, the other one's as ``link``; must be entered on a running loop."""
     loop = asyncio.get_running_loop()
-    with raw_terminal() as (one, path_one), raw_terminal() as (other, path_other):
+    with raw_terminal() as (one, path_one), raw_terminal(link) as (other, path_other):
         loop.add_reader(one, _pass_on, one, other)
         loop.add_reader(other, _pass_on, other, one)
         try:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable
-from pathlib import Path
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,23 +38,25 @@ class _Item(NamedTuple):
 class PowerBoardEmulator(Emulator):
     """A board that measures ``supply.power``, ``.voltage`` and ``.current``, shared evenly by its phases.
 
-    The address is ``pty``. The board wakes up when somebody first opens the port, so every sample it makes
-    is one that could be read; a sample made while nobody has the port open counts as ``unheard``.
+    The address is ``pty``, or the path of a symbolic link to it, which stays the same when the port comes back. The
+    board wakes up when somebody first opens the port, so every sample it makes is one that could be read; a sample made
+    while nobody has the port open counts as ``unheard``.
 
     Options: ``mode`` (api, api_escaped, transparent), ``board`` (0–255), ``phases`` (1–3), ``rate`` (Hz),
-    ``batch`` (samples a radio packet), ``explicit`` (yes: frame type 0x91 in place of 0x90), ``link`` (path
-    of a symbolic link to the port, which stays the same when the port comes back).
+    ``batch`` (samples a radio packet), ``explicit`` (yes: frame type 0x91 in place of 0x90), ``link`` (that
+    path, as an option).
 
     Faults strike radio packets. ``loss``; ``half_frame``: cut off; ``garbage``: random bytes before it;
     ``duplicate``: sent twice; ``reorder``: overtaken by the next one; ``delay``: it and all behind it wait;
     ``stall``: nothing leaves for a while, then everything does; ``disconnect``: the port vanishes (needs
-    ``link``); ``clock_jump``: the board's clock is set on by ``seconds``. ``made``, ``sent`` (whole, to an
+    a link); ``clock_jump``: the board's clock is set on by ``seconds``. ``made``, ``sent`` (whole, to an
     open port) and ``unheard`` count samples, the faults and ``packets`` count packets, ``heard`` bytes
     that a client wrote.
     """
 
     title: ClassVar[str] = "Power board behind an XBee receiver"
     usual_address: ClassVar[str] = "pty"
+    line = "port"
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay",
         "reorder",
@@ -68,10 +69,25 @@ class PowerBoardEmulator(Emulator):
         "clock_jump",
     )
 
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``."""
+        settings = sources[0]
+        boards = settings.boards or (7,)
+        if len(boards) > 1:
+            raise ValueError("there is one emulated board at a port, and 'boards' names several")
+        form = {"mode": settings.mode, "board": str(boards[0]), "phases": str(settings.phases)}
+        return form | {"rate": f"{settings.rate!r}"}
+
+    @classmethod
+    def address_in(cls, settings: Any) -> str:
+        """See ``Emulator.address_in``."""
+        return str(settings.port)
+
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
-        if self.address != "pty":
-            raise ValueError(f"a power board's emulator listens at pty, not at {self.address!r}")
+        if not self.on_terminal:
+            raise ValueError(f"a power board's emulator listens at pty or a path, not at {self.address!r}")
         self._set_options(options)
         self._modem = None if self._mode == "transparent" else Modem(escaped=self._mode == "api_escaped")
         self.tally.update(unheard=0, packets=0, heard=0)
@@ -94,8 +110,7 @@ class PowerBoardEmulator(Emulator):
         self._rate = options.number("rate", 123.0)
         self._batch = options.whole("batch", 1)
         self._explicit = options.flag("explicit", False)
-        link = options.text("link")
-        self._link = Path(link) if link else None
+        self.address = options.text("link", self.address)
         if not 0 < self._rate <= 1000:
             raise ValueError(f"rate {self._rate:g} is not within 0 to 1000 Hz")
         zeros = (0,) * (3 * self._phases * self._batch)
@@ -108,13 +123,13 @@ class PowerBoardEmulator(Emulator):
 
     def inject(self, fault: Fault) -> None:
         """See ``Emulator.inject``."""
-        if fault.kind == "disconnect" and self._link is None:
+        if fault.kind == "disconnect" and self.link is None:
             raise ValueError("a port that vanishes needs the option link, else nobody finds it again")
         super().inject(fault)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
-        port = VirtualPort(self._link)
+        port = VirtualPort(self.link)
         try:
             ready(port.path)
             while True:

@@ -12,6 +12,8 @@ import termios
 import tty
 from pathlib import Path
 
+from cellwatt.emulation.terminal import put_link
+
 
 class VirtualPort:
     """A pseudo-terminal in raw mode; ``link``, where given, points to it while it is plugged in.
@@ -49,9 +51,7 @@ class VirtualPort:
         fcntl.ioctl(master, termios.TIOCPKT, struct.pack("i", 1))  # to be told of flushes
         self._master = master
         if self._link is not None:
-            if self._link.is_symlink():
-                self._link.unlink()
-            self._link.symlink_to(self._slave)
+            put_link(self._link, self._slave)
 
     def unplug(self) -> None:
         """Make the port vanish: who has it open gets end of file or an I/O error."""

@@ -36,12 +36,13 @@ class PtyPort(Port):
     def __init__(self, emulator: Emulator, talk: Callable[[asyncio.StreamReader, Writer], Awaitable[None]]) -> None:
         super().__init__(emulator)
         self._talk = talk
+        self._link = emulator.link
         self._outages: asyncio.Queue[float] = asyncio.Queue()
         self._stack = AsyncExitStack()
 
     async def __aenter__(self) -> str:
         """See ``Port``."""
-        near, far = self._stack.enter_context(raw_terminal())
+        near, far = self._stack.enter_context(raw_terminal(self._link))
         reader = asyncio.StreamReader()
         transport, _ = await asyncio.get_running_loop().connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(os.dup(near), "rb", 0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 from cellwatt.emulation import Emulator, Options, Port, TcpPort
 from cellwatt.emulation.faults import FaultKind
@@ -26,7 +26,8 @@ _MAKES: Mapping[str, tuple[type[EmulatedAnalyzer], str]] = {
 class ScpiAnalyzerEmulator(Emulator):
     """One analyzer on the mains of ``supply.power``, ``supply.voltage`` and ``supply.current``.
 
-    Listens on 127.0.0.1:5025 unless told otherwise; ``pty`` makes it a serial port. Options: ``model``
+    Listens on 127.0.0.1:5025 unless told otherwise; ``pty``, or the path of a link to it, makes it a serial
+    port. Options: ``model``
     (``hmc8015``, ``wt300``: a WT310E, ``lmg600``: an LMG670), ``idn`` (the answer to ``*IDN?``), ``overload``
     (functions, comma-separated, whose input is too large from the start).
 
@@ -39,7 +40,14 @@ class ScpiAnalyzerEmulator(Emulator):
 
     title: ClassVar[str] = "Power analyzer (SCPI: R&S HMC8015, Yokogawa WT310E, ZES LMG670)"
     usual_address: ClassVar[str] = f"127.0.0.1:{PORT}"
+    usual_port = PORT
+    line = "serial"
     faults: ClassVar[tuple[FaultKind, ...]] = ("delay", "loss", "garbage", "half_frame", "stall", "disconnect")
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``."""
+        return {"model": sources[0].model}
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""
@@ -50,7 +58,7 @@ class ScpiAnalyzerEmulator(Emulator):
         if unknown := set(overload) - self.analyzer.overload:
             raise ValueError(f"overload names functions it does not measure: {', '.join(sorted(unknown))}")
         self.lines: Counter[str] = Counter()
-        self._port: Port = PtyPort(self, self._talk) if self.address == "pty" else TcpPort(self, self._talk)
+        self._port: Port = PtyPort(self, self._talk) if self.on_terminal else TcpPort(self, self._talk)
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""

@@ -7,6 +7,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import NoReturn
 
 import numpy as np
@@ -53,7 +54,9 @@ class UrEmulator(Emulator):
 
     title = "Universal Robots controller (RTDE)"
     usual_address = "127.0.0.1:30004"
+    usual_port = 30004
     faults = ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump")
+    changes = MappingProxyType({"reboot": "seconds", "message": "text"})
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

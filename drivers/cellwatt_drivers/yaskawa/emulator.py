@@ -6,8 +6,8 @@ import asyncio
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 from cellwatt.emulation import Datagrams, Emulator, Options
 from cellwatt.emulation.datagrams import Address
@@ -54,9 +54,22 @@ class YaskawaEmulator(Emulator):
 
     title: ClassVar[str] = "Yaskawa controller (High-Speed Ethernet Server)"
     usual_address: ClassVar[str] = f"127.0.0.1:{wire.PORT}"
+    usual_port = wire.PORT
     faults: ClassVar[tuple[FaultKind, ...]] = (
         "delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect",
     )  # fmt: skip
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``: it answers fast, as the daemon that asks shares its PC."""
+        if len(sources) > 1 or sources[0].control_group != 1:
+            raise ValueError("an emulated controller has one robot, control_group 1")
+        settings = sources[0]
+        options = {"answer_ms": "2"}
+        for name in ("pulses_per_degree", "rated_torque"):
+            if numbers := getattr(settings, name):
+                options[name] = ",".join(f"{x!r}" for x in numbers)
+        return options
 
     def set_up(self, options: Options) -> None:
         """See ``Emulator.set_up``."""

@@ -111,7 +111,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("emulate", "skeleton", "--recording", "untimed.csv"), ERROR, "no column t, timestamp or time for the time"),
         (("emulate", "skeleton", "--option", "noise"), USAGE, "found 'noise' as an option, expected KEY=VALUE"),
         (("emulate", "skeleton", "--option", "noise=1"), USAGE, "unknown options: noise; there are none"),
-        (("emulate", "skeleton", "--fault", "loss"), USAGE, "found 'loss' as a fault, expected a JSON object"),
+        (("emulate", "skeleton", "--fault", "los"), USAGE, "cannot inject los; did you mean 'loss'? it can:"),
         (("emulate", "skeleton", "--fault", '["loss"]'), USAGE, "expected a JSON object with kind"),
         (("emulate", "skeleton", "--fault", '{"kind": "fire"}'), USAGE, "cannot inject fire; it can:"),
         (("emulate", "skeleton", "--listen", "everywhere"), USAGE, "the address is HOST:PORT"),

@@ -1,0 +1,155 @@
+"""``cellwatt emulate --cell``: all devices of a cell, in one world."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cellwatt.commands.tables import show_table
+from cellwatt.config import CellConfig, load
+from cellwatt.config.document import read
+from cellwatt.config.edit import edited
+from cellwatt.emulation import EmulatorProcess
+from cellwatt.emulation.cell import Device, devices_of, faults_by_device, running, targets
+from cellwatt.emulation.control import answers, say
+from cellwatt.emulation.words import addressed
+from cellwatt.errors import CellwattError, ConfigError, why
+
+
+def emulate_cell(
+    file: Path, write: Path | None, epoch: float, speed: float, seed: int, faults: Sequence[str], control: bool
+) -> None:
+    """Emulate the devices of a settings file until SIGTERM, SIGINT or, with ``control``, the end of input.
+
+    Raises ``CellwattError`` where a device cannot be emulated, or its emulator ends by itself.
+    """
+    config = load(file)
+    if write is not None:
+        _check_place(file, write)
+    links = write.absolute().with_suffix("") if write is not None else None
+    devices = devices_of(config, free=write is not None, links=links)
+    if write is None:
+        _check_here(file, devices)
+    struck = faults_by_device(faults, devices)
+    run = _run(config, [replace(d, speed=speed) for d in devices], write, epoch, seed, struck, control)
+    if asyncio.run(run) == signal.SIGINT:
+        raise click.Abort
+
+
+def _check_place(file: Path, write: Path) -> None:
+    if write.absolute().parent.resolve() != file.absolute().parent.resolve():
+        raise ConfigError(f"found --write {write}, expected a file beside {file}, where its relative paths start")
+    if write.resolve() == file.resolve():
+        raise ConfigError(f"found --write {write}, which is the cell's own file; expected another name")
+
+
+def _check_here(file: Path, devices: Sequence[Device]) -> None:
+    elsewhere = [f"{device.name} ({device.there})" for device in devices if not device.is_here]
+    if elsewhere:
+        copy = file.with_name(f"{file.stem}-emulated.yaml")
+        raise ConfigError(
+            f"{file}: {', '.join(elsewhere)} can only be real; add --write {copy}, a copy that reads the emulators"
+        )
+
+
+def _note(asked: asyncio.Future[int], number: int) -> None:
+    if not asked.done():
+        asked.set_result(number)
+
+
+async def _run(
+    config: CellConfig,
+    devices: Sequence[Device],
+    write: Path | None,
+    epoch: float,
+    seed: int,
+    faults: Mapping[str, Sequence[str]],
+    control: bool,
+) -> int:
+    """Serve until the end; return the signal that asked for it, 0 for the end of input."""
+    loop = asyncio.get_running_loop()
+    asked: asyncio.Future[int] = loop.create_future()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, _note, asked, number)
+    async with running(devices, epoch, seed=seed, faults=faults) as emulators:
+        if write is not None:
+            _write(config, devices, emulators, write)
+        file = write or config.path
+        if control:
+            say({"ready": {name: emulator.address for name, emulator in emulators.items()}})
+        else:
+            _show(file, devices, emulators)
+        ends = {name: asyncio.create_task(emulator.ended()) for name, emulator in emulators.items()}
+        waiting: list[asyncio.Future[Any]] = [asked, *ends.values()]
+        if control:
+            waiting.append(asyncio.create_task(answers(_Control(devices, emulators).answer)))
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        for name, end in ends.items():
+            if end.done() and not asked.done():
+                raise CellwattError(f"the emulator of {name} ended with exit code {end.result()}")
+        for task in waiting[1:]:
+            task.cancel()
+        await asyncio.gather(*waiting[1:], return_exceptions=True)
+    return asked.result() if asked.done() else 0
+
+
+def _write(
+    config: CellConfig, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess], write: Path
+) -> None:
+    """Write a copy of the settings that reads the emulators; check that it says just that."""
+    changes = {p: v for d in devices for p, v in d.settings_at(emulators[d.name].address).items()}
+    try:
+        write.write_text(edited(read(config.path, os.environ), changes))
+    except OSError as error:
+        raise CellwattError(f"{write} cannot be written: {why(error)}") from error
+    copy = load(write)
+    for (_, name, key), value in changes.items():
+        if getattr(copy.sources[str(name)].settings, str(key)) != value:
+            shown = json.dumps(value)
+            raise CellwattError(f"{write}: sources.{name}.{key} could not be set; write {key}: {shown} there")
+
+
+def _show(file: Path, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
+    rows = [(s.name, d.driver, d.emulator.title, emulators[d.name].address) for d in devices for s in d.sources]
+    show_table(("source", "driver", "emulated device", "listens at"), rows)
+    click.echo(f"next, in another terminal: cellwatt run {file} (Ctrl-C ends the devices)")
+
+
+class _Control:
+    """Hands commands for a cell to its devices."""
+
+    def __init__(self, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> None:
+        self._by_source = {source.name: device for device in devices for source in device.sources}
+        self._emulators = emulators
+
+    async def answer(self, message: dict[str, Any]) -> Mapping[str, Any]:
+        """Answer one command; ``source`` names the device, without it a change of the world is for all of them."""
+        source = message.pop("source", None)
+        if message.get("counts"):
+            chosen = self._of(source) if source else list(self._emulators)
+            return {"counts": {name: dict(await self._emulators[name].counts()) for name in chosen}}
+        if isinstance(text := message.get("fault"), str):
+            chosen = [d.name for d in targets(f"{source}/{text}" if source else text, self._by_source)]
+            message = {"fault": addressed(text)[1]}
+        elif source or len(self._emulators) == 1:
+            chosen = self._of(source) if source else list(self._emulators)
+        elif {"spring", "encoder"} & set(message.get("disturb", ())):
+            chosen = list(self._emulators)
+        else:
+            raise ValueError(f"expected its source, one of {', '.join(self._by_source)}")
+        for name in chosen:
+            await self._emulators[name].ask(message)
+        return {"ok": True}
+
+    def _of(self, source: str) -> list[str]:
+        if source not in self._by_source:
+            raise ValueError(f"found the source {source!r}, expected one of {', '.join(self._by_source)}")
+        return [self._by_source[source].name]

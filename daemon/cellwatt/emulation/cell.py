@@ -1,0 +1,186 @@
+"""The devices of a cell, emulated: a process for each device, one motion and one epoch for all."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+from collections.abc import AsyncIterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from cellwatt.config import CellConfig, SourceConfig
+from cellwatt.config.places import KeyPath
+from cellwatt.config.wording import did_you_mean
+from cellwatt.driver import SourceSettings
+from cellwatt.emulation.emulator import Emulator
+from cellwatt.emulation.process import EmulatorProcess
+from cellwatt.emulation.words import WORLD, addressed, kind_of, kinds_of, mishap
+from cellwatt.errors import ConfigError, Problem
+from cellwatt.registry import driver as find_driver
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A device to emulate and the sources that read it: several where they share an address, as meters on one line do.
+
+    It is to listen at ``listen``; ``there`` is the address in the settings.
+    """
+
+    driver: str
+    sources: tuple[SourceConfig, ...]
+    there: str
+    listen: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    speed: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Name of its first source."""
+        return self.sources[0].name
+
+    @property
+    def emulator(self) -> type[Emulator]:
+        """Class of its emulator."""
+        return emulator_of(self.driver)
+
+    @property
+    def is_here(self) -> bool:
+        """True if its address in the settings is one of this PC's that an emulator may take."""
+        return is_here(self.there)
+
+    def process(self, epoch: float, seed: int, faults: Sequence[str] = ()) -> EmulatorProcess:
+        """Make its process, which is not started yet."""
+        words = [w for key, value in self.options.items() for w in ("--option", f"{key}={value}")]
+        words += [w for fault in faults for w in ("--fault", fault)]
+        world = ("--epoch", repr(epoch), "--speed", repr(self.speed), "--seed", str(seed))
+        return EmulatorProcess(self.driver, "--listen", self.listen, *world, *words)
+
+    def settings_at(self, address: str) -> dict[KeyPath, Any]:
+        """Changed settings of its sources, by key path in the cell's file, for an emulator at ``address``."""
+        return {
+            ("sources", source.name, key): value
+            for source in self.sources
+            for key, value in self.emulator.settings_at(address, source.settings).items()
+        }
+
+
+def emulator_of(driver: str) -> type[Emulator]:
+    """The emulator's class of a driver. Raises ``ConfigError`` for an unknown driver."""
+    module, _, name = find_driver(driver).emulator.partition(":")
+    found: type[Emulator] = getattr(import_module(module), name)
+    return found
+
+
+def is_here(address: str) -> bool:
+    """True for a loopback address, a path outside /dev, and a multicast group within this PC."""
+    if address.startswith("/"):
+        return not address.startswith("/dev/")
+    host = address.rpartition(":")[0]
+    if host.startswith("udp_multicast:") or host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def devices_of(
+    config: CellConfig, *, free: bool = False, links: Path | None = None, speeds: Mapping[str, float] | None = None
+) -> list[Device]:
+    """The devices that a cell's sources read, each to listen where the settings say, or with ``free`` anywhere.
+
+    Those at a serial line then listen at a link in the folder of ``links`` whose name begins with its name; without it
+    at a pseudo-terminal's own path. ``speeds`` are those of the arms' motion, by source. Raises ``ConfigError`` with
+    every source whose device cannot be emulated.
+    """
+    shared: dict[tuple[str, str], list[SourceConfig]] = {}
+    problems, devices = [], []
+    for source in config.sources.values():
+        try:
+            there = emulator_of(source.driver).address_in(source.settings)
+        except ValueError as error:
+            problems.append(Problem(source.place, f"sources.{source.name}", str(error)))
+        else:
+            shared.setdefault((source.driver, there), []).append(source)
+    for (driver, there), sources in shared.items():
+        first, emulator = sources[0], emulator_of(driver)
+        try:
+            listen = _free(emulator, first.name, first.settings, links) if free else there
+            options = emulator.options_for([source.settings for source in sources])
+        except ValueError as error:
+            problems.append(Problem(first.place, f"sources.{first.name}", f"its device is not emulated: {error}"))
+        else:
+            speed = (speeds or {}).get(first.name, 1.0)
+            devices.append(Device(driver, tuple(sources), there, listen, options, speed))
+    if problems:
+        raise ConfigError(problems)
+    return devices
+
+
+def _free(emulator: type[Emulator], name: str, settings: SourceSettings, links: Path | None) -> str:
+    address = emulator.free_address(settings)
+    return f"{links}-{name}" if address == "pty" and links is not None else address
+
+
+def faults_by_device(texts: Sequence[str], devices: Sequence[Device]) -> dict[str, list[str]]:
+    """Faults in words by the device that they strike; those of the world strike all devices.
+
+    Raises ``ConfigError`` for one that is not understood, or that does not say which device it is for.
+    """
+    found: dict[str, list[str]] = {device.name: [] for device in devices}
+    by_source = {source.name: device for device in devices for source in device.sources}
+    for text in texts:
+        try:
+            for device in targets(text, by_source):
+                words = addressed(text)[1]
+                mishap(words, device.emulator)
+                found[device.name].append(words)
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
+    return found
+
+
+def targets(text: str, by_source: Mapping[str, Device]) -> list[Device]:
+    """Devices that a fault in words is for. Raises ``ValueError`` where it does not say."""
+    names, words = addressed(text)
+    for name in names:
+        if name not in by_source:
+            raise ValueError(f"found the source {name!r} in the fault {text!r}, expected {', '.join(by_source)}")
+    devices = list({device.name: device for device in by_source.values()}.values())
+    kind, known = kind_of(words), {kind for device in devices for kind in kinds_of(device.emulator)}
+    if kind not in known:
+        raise ValueError(f"no device here has a fault {kind!r}{did_you_mean(kind, known)}")
+    if names:
+        return [device for device in devices if any(by_source[name] is device for name in names)]
+    if len(devices) > 1 and kind not in WORLD:
+        named = ", ".join(by_source)
+        raise ValueError(
+            f"found {text!r} as a fault, expected its source first, like {next(iter(by_source))}/{words}"
+            f" (sources: {named}; only {' and '.join(WORLD)} strike all)"
+        )
+    return devices
+
+
+@contextlib.asynccontextmanager
+async def running(
+    devices: Sequence[Device], epoch: float, *, seed: int = 0, faults: Mapping[str, Sequence[str]] | None = None
+) -> AsyncIterator[dict[str, EmulatorProcess]]:
+    """Run the emulators of devices in processes of their own, by device, with the motion's start at ``epoch``, UTC s.
+
+    Raises ``CellwattError`` where one does not start; none keeps running then.
+    """
+    async with contextlib.AsyncExitStack() as stack:
+        made = {
+            device.name: device.process(epoch, seed + number, (faults or {}).get(device.name, ()))
+            for number, device in enumerate(devices)
+        }
+        entering = (stack.enter_async_context(emulator) for emulator in made.values())
+        for outcome in await asyncio.gather(*entering, return_exceptions=True):
+            if isinstance(outcome, BaseException):
+                raise outcome
+        for emulator in made.values():
+            emulator.be_punctual()
+        yield made

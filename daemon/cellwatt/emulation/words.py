@@ -1,0 +1,147 @@
+"""Faults of emulated devices in words: ``[SOURCE/]KIND:key=value,…``, like ``spring:joint=3,at=20s``."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Final
+
+from cellwatt.config.wording import did_you_mean
+from cellwatt.emulation.emulator import Emulator
+from cellwatt.emulation.faults import FAULT_KINDS, ONE_SHOT, Fault
+from cellwatt.quantity import parse
+
+Change = Mapping[str, float | str]
+
+
+def _whole(text: str) -> float:
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError("expected a whole number, like '3'") from None
+
+
+def _quantity(example: str, **units: float) -> Callable[[str], float]:
+    return lambda text: parse(text, {unit.replace("_per_", "/"): factor for unit, factor in units.items()}, example)
+
+
+_SECONDS = _quantity("20 s", s=1.0, ms=1e-3, min=60.0, h=3600.0)
+_ANGLE = _quantity("3 deg", rad=1.0, deg=0.017453292519943295)
+
+KEYS: Final[Mapping[str, Callable[[str], float | str]]] = MappingProxyType(
+    {
+        "at": _SECONDS,
+        "for": _SECONDS,
+        "seconds": _SECONDS,
+        "probability": lambda text: parse(text, {"%": 0.01}, "5 %"),
+        "joint": _whole,
+        "stiffness": _quantity("60 Nm/rad", nm_per_rad=1.0),
+        "rest": _ANGLE,
+        "offset": _ANGLE,
+        "number": _whole,
+        "text": str,
+        "to": str,
+    }
+)
+"""Keys of all kinds, each with the function that reads its value."""
+
+WORLD: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {"spring": ("joint", "stiffness", "rest", "at", "for"), "encoder": ("joint", "offset", "at", "for")}
+)
+"""Changes of the world that all devices of a cell share, and their keys; the first one must be there."""
+
+_LATE: Final = frozenset({"delay", "stall", "disconnect", "clock_jump"})
+_JSON: Final = ("{", "[")
+_SOURCE = re.compile(r"([\w.,-]+)/(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Mishap:
+    """A fault on the wire, or a change of the device or its world, that begins ``at`` s after the epoch."""
+
+    at: float
+    what: Fault | Change
+
+
+def keys_of(kind: str, emulator: type[Emulator]) -> tuple[str, ...]:
+    """Keys that a kind of fault takes at an emulator; a value of its own or of the world comes first."""
+    if kind in WORLD:
+        return WORLD[kind]
+    if kind in emulator.changes:
+        return (emulator.changes[kind], "at")
+    seconds = ("seconds",) if kind in _LATE else ()
+    return (*seconds, "at") if kind in ONE_SHOT else ("probability", *seconds, "at", "for")
+
+
+def kinds_of(emulator: type[Emulator]) -> tuple[str, ...]:
+    """Kinds of faults that an emulator knows."""
+    return (*emulator.faults, *emulator.changes, *WORLD)
+
+
+def addressed(text: str) -> tuple[tuple[str, ...], str]:
+    """Split off the sources, separated by commas, that a fault is for; none where it names none."""
+    found = None if text.startswith(_JSON) else _SOURCE.fullmatch(text.partition(":")[0])
+    return (tuple(found[1].split(",")), text[len(found[1]) + 1 :]) if found else ((), text)
+
+
+def kind_of(text: str) -> str:
+    """Kind of a fault in words or as JSON. Raises ``ValueError``."""
+    return str(_from_json(text).kind) if text.startswith(_JSON) else text.partition(":")[0].strip()
+
+
+def mishap(text: str, emulator: type[Emulator]) -> Mishap:
+    """Read a fault for an emulator, in words or as JSON. Raises ``ValueError`` in one line with the nearest match."""
+    if text.startswith(_JSON):
+        fault = _from_json(text)
+        _check_kind(fault.kind, emulator)
+        return Mishap(0.0, fault)
+    kind, _, rest = text.partition(":")
+    kind = kind.strip()
+    _check_kind(kind, emulator)
+    keys = keys_of(kind, emulator)
+    given = dict(_pair(part, kind, keys) for part in rest.split(",") if part.strip())
+    if kind in FAULT_KINDS:
+        return _fault(kind, given)
+    if keys[0] not in given:
+        raise ValueError(f"{kind} needs {keys[0]}, like '{kind}:{keys[0]}=…' (keys: {', '.join(keys)})")
+    value = given.pop(keys[0])
+    if kind in WORLD:
+        return Mishap(0.0, {kind: value, **given})
+    return Mishap(float(given.get("at", 0.0)), {kind: value})
+
+
+def _check_kind(kind: str, emulator: type[Emulator]) -> None:
+    known = kinds_of(emulator)
+    if kind not in known:
+        hint = "" if kind in FAULT_KINDS else did_you_mean(kind, known)
+        raise ValueError(f"{emulator.title} cannot inject {kind}{hint or ';'} it can: {', '.join(known)}")
+
+
+def _pair(part: str, kind: str, keys: tuple[str, ...]) -> tuple[str, float | str]:
+    key, sign, value = (word.strip() for word in part.partition("="))
+    if not sign:
+        raise ValueError(f"found {part.strip()!r} in the fault {kind}, expected KEY=VALUE (keys: {', '.join(keys)})")
+    if key not in keys:
+        raise ValueError(f"the fault {kind} has no {key!r}{did_you_mean(key, keys)} (keys: {', '.join(keys)})")
+    try:
+        return key, KEYS[key](value)
+    except ValueError as error:
+        raise ValueError(f"found {value!r} as {key} of the fault {kind}: {error}") from None
+
+
+def _fault(kind: str, given: dict[str, Any]) -> Mishap:
+    at = given.pop("at", 0.0)
+    if "for" in given:
+        given["duration"] = given.pop("for")
+    return Mishap(at, Fault(kind, **given))  # type: ignore[arg-type]  # the caller has looked it up
+
+
+def _from_json(text: str) -> Fault:
+    try:
+        return Fault(**json.loads(text))
+    except (ValueError, TypeError):
+        keys = ", ".join(Fault.__dataclass_fields__)
+        raise ValueError(f"found {text!r} as a fault, expected a JSON object with kind and others of {keys}") from None
