@@ -66,27 +66,30 @@ def survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
     Raises ``RecordingError`` where none has.
     """
     surveys: dict[tuple[int, int], Survey] = {}
-    damage, errors = [], []
+    damage: list[Damage] = []
+    errors: list[RecordingError] = []
     for path in paths:
         try:
             found = survey(path, chunks=False)
             surveys.setdefault(found.identity, found)
         except RecordingError as error:
             errors.append(error)
-            damage.append(_unread(path, error))
+            damage += _unread(path, error)
     if not surveys:
         raise errors[0]
     return list(surveys.values()), damage
 
 
-def _unread(path: Path, error: RecordingError) -> Damage:
+def _unread(path: Path, error: RecordingError) -> list[Damage]:
+    """What is lost with a file that could not be read: nothing where its writer has just made it."""
     if isinstance(error.__cause__, FileNotFoundError):
-        return Damage(path, 0, 0, "was removed before it could be read")
+        return [Damage(path, 0, 0, "was removed before it could be read")]
     try:
         size = path.stat().st_size
     except OSError:
         size = 0
-    return Damage(path, 0, size, "nothing in it can be read")
+    just_begun = path.name.endswith(PART) and not size
+    return [] if just_begun else [Damage(path, 0, size, "nothing in it can be read")]
 
 
 def in_order(surveys: Sequence[Survey], damage: list[Damage]) -> tuple[list[Survey], list[Damage]]:

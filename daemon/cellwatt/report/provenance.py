@@ -55,14 +55,20 @@ class Provenance:
 def _within(path: Path) -> Iterator[Path]:
     """The file itself, or the files of a folder in order."""
     if path.is_dir():
-        yield from (file for file in sorted(path.rglob("*")) if file.is_file())
+        yield from (file for file in sorted(path.rglob("*")) if file.is_file() or not file.exists())
     elif path.exists():
         yield path
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """SHA-256, hex; a recording that was closed meanwhile has another name by now, or may have been removed."""
+    for name in (path, path.with_name(path.name.removesuffix(".part"))):
+        try:
+            with name.open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        except FileNotFoundError:
+            continue
+    return "removed meanwhile"
 
 
 def _shown(value: Any) -> str:
