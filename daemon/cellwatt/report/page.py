@@ -12,9 +12,11 @@ from typing import Literal
 
 from cellwatt.errors import CellwattError, why
 from cellwatt.report.blocks import Block, Html, joined, quiet
+from cellwatt.report.facts import Facts
 from cellwatt.report.figure import pack
 from cellwatt.report.provenance import Provenance
 from cellwatt.report.theme import custom_properties
+from cellwatt.version import __version__
 
 PAGE = "Page to write: pictures, tables and what they were made from, as one HTML file."
 """Help of ``--report``."""
@@ -53,7 +55,7 @@ class Report:
     name: str
     """Of the robot or the cell."""
     subject: str
-    """Subject of the page, for its title."""
+    """Subject of the page, for its title; the same for all pages of a kind, by which an index groups them."""
     facts: Sequence[str]
     """Beside the name, on top."""
     verdict: str
@@ -80,9 +82,25 @@ class Report:
         footer = f"<footer>{joined([self.beside] if self.beside else [])}{self.provenance.html()}</footer>"
         return (
             '<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">'
-            f"<title>{escape(self.name)}: {escape(self.subject)}</title>"
+            f"<title>{escape(self.name)}: {escape(self.subject)}</title>{self.about.html()}"
             f"<style>{custom_properties()}{_part('page.css')}</style><main>{self._head()}{body}{footer}</main>"
             f"{engine}<script>{_part('page.js')}</script></html>"
+        )
+
+    @property
+    def about(self) -> Facts:
+        """Facts about the page for programs."""
+        origin = self.provenance
+        return Facts(
+            name=self.name,
+            kind=self.subject,
+            finding=self.verdict,
+            tone=self.tone,
+            about=tuple(self.facts),
+            files=origin.files,
+            command=origin.command,
+            made=origin.made.isoformat(timespec="seconds"),
+            version=__version__,
         )
 
     def _head(self) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ class Provenance:
     """As it was typed; empty where no command made the page."""
     settings: Mapping[str, str]
     """All options of the command, those left at their defaults too."""
+    made: datetime = field(default_factory=lambda: datetime.now(UTC))
 
     @classmethod
     def here(cls, files: Iterable[Path] = ()) -> Provenance:
@@ -48,8 +50,9 @@ class Provenance:
         settings = Table("Settings", ("Setting", "Value"), list(self.settings.items()))
         count = f"{len(self.files)} file{'s' * (len(self.files) != 1)}"
         blocks = [files] * bool(self.files) + [settings] * bool(self.settings)
-        folded = [Folded(f"Made by cellwatt {__version__} from {count}", [command, *blocks])] if blocks else []
-        return joined(folded or [f"Made by cellwatt {__version__}."])
+        made, when = f"Made by cellwatt {__version__}", f"{self.made:%Y-%m-%d %H:%M} UTC"
+        folded = [Folded(f"{made} from {count}, {when}", [command, *blocks])] if blocks else []
+        return joined(folded or [f"{made}, {when}."])
 
 
 def _within(path: Path) -> Iterator[Path]:

@@ -1,0 +1,74 @@
+"""Facts that a page carries in its head for programs, and that the index of a folder is made from."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter, ValidationError
+
+from cellwatt.errors import CellwattError, why
+from cellwatt.report.blocks import Html
+
+_OPEN: Final = '<script type="application/json" id="cellwatt">'
+_FOUND: Final = re.compile(re.escape(_OPEN) + "(.*?)</script>", re.DOTALL)
+_END: Final = "</html>"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Facts about a page."""
+
+    name: str
+    """Of the robot or the cell."""
+    kind: str
+    """Subject of the page: all pages of a kind have the same."""
+    finding: str
+    """The verdict, one sentence."""
+    tone: str
+    """``good``, ``found``, ``part`` or ``open``."""
+    about: tuple[str, ...]
+    """What the page was made from, in a few words each, e.g. the number of recordings and their length."""
+    files: Mapping[str, str]
+    """Path → SHA-256, hex, of what it was made from."""
+    command: str
+    """As it was typed; empty where no command made the page."""
+    made: str
+    """Time, ISO 8601, UTC."""
+    version: str
+    """Of cellwatt."""
+
+    def html(self) -> Html:
+        """Their place in the head of the page."""
+        return Html(f"{_OPEN}{json.dumps(asdict(self), ensure_ascii=False).replace('<', chr(92) + 'u003c')}</script>")
+
+
+class BrokenPageError(CellwattError):
+    """A page of cellwatt that is not whole."""
+
+
+_FACTS: TypeAdapter[Facts] = TypeAdapter(Facts)
+
+
+def facts_in(path: Path) -> tuple[Facts, str] | None:
+    """Facts of a page and its text; None where the file is no page of cellwatt.
+
+    Raises ``BrokenPageError`` where it is one, but not whole, and where the file cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise BrokenPageError(f"{path}: cannot be read: {why(error)}") from error
+    if _OPEN not in text:
+        return None
+    found = _FOUND.search(text)
+    if found is None or not text.rstrip().endswith(_END):
+        raise BrokenPageError(f"{path}: the page ends too early: make it anew")
+    try:
+        return _FACTS.validate_json(found[1]), text
+    except ValidationError:
+        raise BrokenPageError(f"{path}: its facts cannot be read: make the page anew") from None
