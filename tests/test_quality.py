@@ -43,8 +43,3 @@ def test_pinned_files_name_no_host() -> None:
         assert "://" not in text
         for line in re.findall(r"^[A-Za-z].*$", text, re.MULTILINE):
             assert re.match(r"[\w.-]+(\[[\w,]+\])?==[\w.!+]+( ; .*)? \\$", line), line
-
-
-def test_readme_names_only_pages_that_exist() -> None:
-    for page in re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text()):
-        assert (ROOT / page).is_file(), page

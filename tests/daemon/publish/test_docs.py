@@ -5,21 +5,19 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-import textwrap
 import threading
 from pathlib import Path
 
 import pytest
 
 from tests.daemon.publish.processes import ROOT, Child, free_port
+from tests.docs.pages import blocks
 from tests.patience import PATIENCE, wait_until
 
 
 def programs(page: str) -> list[str]:
-    """The indented blocks of a page that are Python programs."""
-    text = (ROOT / "docs" / page).read_text()
-    blocks = re.findall(r"(?:^(?: {4}.*)?\n)+", text, re.MULTILINE)
-    return [textwrap.dedent(b) for b in blocks if "import " in b]
+    """Return the Python programs of a page."""
+    return [block.text for block in blocks(page, "python")]
 
 
 PROGRAMS = {

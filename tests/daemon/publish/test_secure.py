@@ -31,8 +31,8 @@ from tests.patience import PATIENCE, eventually
 
 PAGE = (ROOT / "docs" / "zenoh.md").read_text()
 SECTION = PAGE[PAGE.index("## On a network that you do not trust") : PAGE.index("## Signatures")]
-EXAMPLE = re.findall(r"^ {4}cellwatt secure (.*)$", SECTION, re.MULTILINE)
-(WATCH,) = re.findall(r"^ {4}cellwatt (watch .*)$", SECTION, re.MULTILINE)
+EXAMPLE = re.findall(r"^cellwatt secure (.*)$", SECTION, re.MULTILINE)
+(WATCH,) = re.findall(r"^cellwatt (watch .*)$", SECTION, re.MULTILINE)
 PROGRAM = next(p for p in programs("zenoh.md") if "anna/zenoh.yaml" in p)
 ALARMS = f"cellwatt/{SITE}/{CELL}/alarm/**"
 FORGED = f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault"

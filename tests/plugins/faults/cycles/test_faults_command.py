@@ -9,6 +9,7 @@ from cellwatt_plugins.faults.command import faults, reference
 from cellwatt_plugins.faults.cycles.known import restored, stored
 from cellwatt_plugins.faults.reference import load
 from tests.daemon.report.reading import check, numbers, read
+from tests.docs.pages import blocks
 from tests.plugins.faults.cycles.arm_of_points import Cycle, Fault, describe, run, write_table
 from tests.plugins.faults.cycles.conftest import HEALTHY
 
@@ -33,6 +34,16 @@ def called(command, *arguments):
 def judge(folder, *more):
     known = ["--reference", folder / "reference.yaml", "--robot", folder / "robot.yaml"]
     return called(faults, folder / "test.parquet", *known, *more)
+
+
+def test_the_program_of_the_page_draws_the_reference(folder, tmp_path, monkeypatch):
+    (block,) = blocks("faults.md", "python")
+    (tmp_path / "references").mkdir()
+    (tmp_path / "references" / "weld-3.yaml").write_text((folder / "reference.yaml").read_text())
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(block.text, block.page, "exec"), names)
+    assert len(names["figure"].data) > 1 and (tmp_path / "reference.html").is_file()
 
 
 def test_the_pair_of_commands(folder, tmp_path):

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import cellwatt_plugins
+from tests.docs.pages import blocks
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -78,6 +79,12 @@ json.dump({
     "faults": unsure_friction(load, 1, np.full(3, 2.0)).tolist(),
 }, sys.stdout)
 """
+
+
+def test_the_page_shows_this_file():
+    (block,) = blocks(ROOT / "CONTRIBUTING.md", "python")
+    lines = {line.strip() for line in LAW.splitlines()}
+    assert {line.partition("  #")[0].strip() for line in block.text.splitlines()} <= lines
 
 
 @pytest.fixture(scope="module")

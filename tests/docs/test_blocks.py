@@ -1,0 +1,164 @@
+"""Every code block of the documentation is run, or says who runs it or why nobody does."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+
+from cellwatt.commands import cli
+from cellwatt.config import load
+from tests.docs.pages import EVERY_BLOCK, PAGES, ROOT, Block, blocks
+from tests.patience import PATIENCE
+
+SHOWN = ("text", "c", "xml")
+"""Languages of what is only looked at: output, wire formats, files of other programs."""
+OURS = [block for block in EVERY_BLOCK if block.language == "sh"]
+CELL_KEYS = {"site", "cell", "robot", "sources", "frames", "stages", "record", "zenoh", "units"}
+NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
+
+
+def named(blocks: list[Block]) -> pytest.MarkDecorator:
+    """Tests, one a block, that are called by its place."""
+    return pytest.mark.parametrize("block", blocks, ids=str)
+
+
+def of(*languages: str) -> list[Block]:
+    """The blocks of some languages that are run here."""
+    return [block for block in EVERY_BLOCK if block.language in languages and block.run_here]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_blocks_are_fenced_and_name_their_language(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    fences = re.findall(r"^```(.*)$", text, re.MULTILINE)
+    assert len(fences) == 2 * len(blocks(page)), "a fence is not closed, or indented"
+    assert {block.language for block in blocks(page)} <= {"sh", "python", "yaml", "toml", "ini", "json", *SHOWN}
+    outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    assert not re.search(r"^[^-*\d\s].*\n\n    \S", outside, re.MULTILINE), "an indented block names no language"
+
+
+@named([block for block in EVERY_BLOCK if block.note])
+def test_a_note_says_who_runs_the_block_or_why_nobody_does(block: Block) -> None:
+    kind, _, rest = block.note.partition(" run")
+    if kind == "not":
+        assert re.match(r": \w.{8,}", rest)
+    else:
+        paths = block.note.removeprefix("run by ").split(", ")
+        assert block.note.startswith("run by ") and all((ROOT / path).is_file() for path in paths)
+
+
+def words(line: str) -> list[str]:
+    """Words of a command of ours as the shell splits them; redirections and what follows a pipe are left out."""
+    out = shlex.split(line.replace("…", ""), comments=True)
+    for end in ("|", ">", "&&", "&", ";", "2>"):
+        out = out[: out.index(end)] if end in out else out
+    return out
+
+
+@named([block for block in OURS if re.search(r"^cellwatt ", block.text, re.MULTILINE)])
+def test_commands_and_options_are_there(block: Block) -> None:
+    for line in block.commands():
+        if not line.startswith("cellwatt "):
+            continue
+        context = cli.make_context("cellwatt", words(line)[1:])
+        try:
+            while isinstance(context.command, click.Group):
+                rest = [*context._protected_args, *context.args]
+                name, command, rest = context.command.resolve_command(context, rest)
+                assert command is not None, line
+                context = command.make_context(name, rest, parent=context)
+        except click.BadParameter as error:
+            if "does not exist" not in error.message:  # files of the reader's
+                raise AssertionError(f"{block}: {line}: {error.format_message()}") from error
+        except click.exceptions.Exit:  # --version, --help
+            pass
+        except click.UsageError as error:
+            raise AssertionError(f"{block}: {line}: {error.format_message()}") from error
+
+
+EMULATORS = [
+    pytest.param(words(line), id=f"{block}: {' '.join(words(line)[2:])}")
+    for block in OURS
+    for line in block.commands()
+    if line.startswith("cellwatt emulate ") and block.run_here
+]
+
+
+@pytest.mark.parametrize("command", EMULATORS)
+def test_emulated_devices_of_the_pages_serve(command: list[str], tmp_path: Path) -> None:
+    arguments = [word.replace("/tmp/", f"{tmp_path}/") for word in command[1:]]
+    if "--listen" not in arguments and arguments[1] not in ("can_sensor", "power_board"):  # terminals of their own
+        arguments += ["--listen", "127.0.0.1:0"]  # the standard port may be in use
+    run = [sys.executable, "-u", "-m", "cellwatt.commands", *arguments]
+    with subprocess.Popen(run, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
+        assert served.stdout and served.stderr
+        try:
+            told = served.stdout.readline()
+            assert " at " in told, served.stderr.read()
+        finally:
+            served.send_signal(signal.SIGINT)
+            served.wait(10 * PATIENCE)
+
+
+def others() -> list[Block]:
+    """Shell blocks to be run in full: none of an emulated device, which never ends."""
+    return [b for b in of("sh") if not b.text.startswith("cellwatt emulate ")]
+
+
+@pytest.mark.parametrize("page", sorted({block.page for block in others()}))
+def test_commands_of_the_page_run(page: str, tmp_path: Path) -> None:
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for block in (b for b in others() if b.page == page):
+        done = subprocess.run(
+            ["bash", "-e", "-c", block.text],
+            cwd=tmp_path,
+            env={**os.environ, "PATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120 * PATIENCE,
+        )
+        assert done.returncode == 0, f"{block}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", sorted({block.page for block in of("python")}))
+def test_programs_of_the_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in (b for b in of("python") if b.page == page):
+        exec(compile("\n" * block.line + block.text, block.page, "exec"), names)
+
+
+@named(of("yaml"))
+def test_settings_are_right(block: Block, tmp_path: Path) -> None:
+    keys = set(yaml.safe_load(block.text) or {})
+    assert keys <= CELL_KEYS, "no settings of a cell: say in a note who reads it"
+    rest = {key: value for key, value in NEEDED.items() if key not in keys}
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(f"{block.text}\n{yaml.safe_dump(rest) if rest else ''}")
+    for model in re.findall(r"[\w./-]+\.onnx", block.text):  # the reader's
+        (tmp_path / model).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / model).touch()
+    load(cell, dict.fromkeys(re.findall(r"\$\{(\w+)}", block.text), "given"))
+
+
+@named(of("json", "toml", "ini"))
+def test_file_can_be_read(block: Block) -> None:
+    if block.language == "json":
+        json.loads(block.text.replace("…", ""))
+    elif block.language == "toml":
+        tomllib.loads(block.text)
+    else:
+        configparser.ConfigParser(strict=False).read_string(block.text)
