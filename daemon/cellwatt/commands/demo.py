@@ -17,11 +17,13 @@ from rich.table import Table
 from rich.text import Text
 
 from cellwatt.commands import EXIT_FAILED
-from cellwatt.commands.live_power import LivePower, bars
-from cellwatt.commands.live_view import LiveCell
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
 from cellwatt.errors import CellwattError, why
+from cellwatt.live.as_json import take_line
+from cellwatt.live.sparkline import bars
+from cellwatt.live.state import LiveCell
+from cellwatt.live.view import Look, whole
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
@@ -69,12 +71,12 @@ def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
 
 
 def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    view, title = LiveCell(power=LivePower(MEASURED)), ["starting emulated devices, the daemon and a subscriber"]
+    view, title = LiveCell(), ["starting emulated devices, the daemon and a subscriber"]
     with Live(refresh_per_second=8, transient=False) as live:
 
         def show(line: Mapping[str, Any]) -> None:
-            view.add(line["kind"], line["content"])
-            live.update(view.render(f"[{title[0]}]  "))
+            take_line(view, line)
+            live.update(whole(view, Look(live.console.width, power=MEASURED), f"[{title[0]}]  "))
 
         def say(text: str) -> None:
             title[0] = text

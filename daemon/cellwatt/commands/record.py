@@ -16,8 +16,9 @@ import click
 from rich.console import Console
 from rich.live import Live
 
-from cellwatt.commands.live_view import LiveCell
 from cellwatt.config import load
+from cellwatt.live.state import LiveCell
+from cellwatt.live.view import Look, whole
 from cellwatt.record import RecordSettings
 from cellwatt.record.claim import claimed
 from cellwatt.runtime.cell import Cell
@@ -60,7 +61,7 @@ async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[s
 
         def look(status: Mapping[str, Any]) -> None:
             view.add("health", status)
-            live.update(view.render("recording "))
+            live.update(whole(view, Look(live.console.width), "recording "))
 
         cell.view.on_health = look
         await cell.run()

@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
+import math
+import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, is_dataclass
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TextIO
 
 import click
-from rich.live import Live
 
-from cellwatt.batch import Batch
-from cellwatt.commands.live_power import LivePower, power_of_frames
-from cellwatt.commands.live_view import LiveCell
 from cellwatt.config import load
-from cellwatt.frames import Frames
+from cellwatt.errors import SinkError
+from cellwatt.live.as_json import line_of
+from cellwatt.live.bulletin import Bulletin
+from cellwatt.live.view import Look
+from cellwatt.publish.heard import await_cell
 from cellwatt.publish.link import TlsSettings
 from cellwatt.publish.reach import client_of, link_to
-from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Message, Subscriber
+from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
 QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
 """Topics for people; ``raw`` and ``frame`` are for programs."""
 SHOWN = (*QUIET, "frame")
 """Topics that the view takes: what was measured is in the frames."""
+PULSE = 1.0
+"""Longest time, s, without a look at the clock."""
 PEM = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -44,6 +46,15 @@ PEM = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count, time and power."
 )
 @click.option("--power", metavar="CHANNEL", help="Measured power to hold against a model's, e.g. board.supply.power.")
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="PATTERN",
+    help="Show these channels, e.g. arm.*.current; repeatable.",
+)
+@click.option("--patience", type=float, default=5.0, show_default=True, help="How long to try to reach the cell, s.")
+@click.option("--wait", is_flag=True, help="Wait for the cell as long as it takes.")
 @click.option("--seconds", type=float, help="How long, once connected (default: until Ctrl-C).")
 def command(
     file: Path | None,
@@ -56,15 +67,39 @@ def command(
     verify: Path | None,
     topics: tuple[str, ...],
     as_json: bool,
+    channels: tuple[str, ...],
     power: str | None,
+    patience: float,
+    wait: bool,
     seconds: float | None,
 ) -> None:
-    """Show the live cell of FILE, or the one behind --connect, --site and --cell."""
+    """Show the live cell of FILE, or the one behind --connect, --site and --cell.
+
+    In a terminal it is a dashboard; keys stand in its last line. Elsewhere it prints a line for each alarm, interval,
+    task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not heard.
+    """
     site, cell, link = _target(file, connect, site, cell, _tls(ca, certificate, key))
-    want = topics or (QUIET if as_json else SHOWN)
-    printing = _printing() if as_json else _showing(LiveCell(power=LivePower(power)))
+    screen = not as_json and sys.stdin.isatty() and sys.stdout.isatty()
+    want = topics or (SHOWN if screen else QUIET)
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_watch(Subscriber(site, cell, link, want=want, verify=verify), seconds, printing))
+        _await(link, site, cell, patience, wait=wait)
+        with Subscriber(site, cell, link, want=want, verify=verify) as subscriber:
+            messages = _messages(subscriber, seconds)
+            if as_json:
+                _print_json(messages)
+            elif screen:
+                _show(messages, Look(channels=channels, power=power, ascii=not _unicode(sys.stdout)))
+            else:
+                _print_lines(messages)
+
+
+def _unicode(stream: TextIO) -> bool:
+    """True if a stream takes the glyphs that are shown."""
+    try:
+        "█".encode(stream.encoding or "ascii")
+    except UnicodeError:
+        return False
+    return True
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:
@@ -88,64 +123,49 @@ def _target(
     return site, cell, client_of(connect, tls)
 
 
-async def _watch(
-    subscriber: Subscriber,
-    seconds: float | None,
-    printing: contextlib.AbstractContextManager[Callable[[Message], None]],
-) -> None:
-    async with subscriber:
-        with contextlib.suppress(TimeoutError), printing as show:
-            async with asyncio.timeout(seconds):
-                async for message in subscriber:
-                    show(message)
+def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: bool) -> None:
+    """Return once the cell is heard; with ``wait`` say each new reason why it is not, and go on."""
+    said = ""
+    while True:
+        try:
+            return await_cell(link, site, cell, patience)
+        except SinkError as error:
+            if not wait:
+                raise
+            if str(error) != said:
+                said = str(error)
+                click.echo(f"waiting: {said}", err=True)
 
 
-@contextlib.contextmanager
-def _printing() -> Iterator[Callable[[Message], None]]:
-    def show(message: Message) -> None:
-        click.echo(json.dumps(plain(message)))
-
-    yield show
-
-
-@contextlib.contextmanager
-def _showing(view: LiveCell) -> Iterator[Callable[[Message], None]]:
-    with Live(view.render(), refresh_per_second=8, screen=False) as live:
-
-        def show(message: Message) -> None:
-            view.add(*kind_and_body(message))
-            live.update(view.render())
-
-        yield show
+def _messages(subscriber: Subscriber, seconds: float | None) -> Iterator[Message | None]:
+    """Messages until ``seconds`` have passed, or for ever; ``None`` for each second without one."""
+    end = math.inf if seconds is None else time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        try:
+            yield subscriber.receive(min(PULSE, left))
+        except TimeoutError:
+            yield None
 
 
-def kind_and_body(message: Message) -> tuple[str, dict[str, Any]]:
-    """Topic kind and content of a message, JSON-ready; blocks are summarised as count and time span.
-
-    Measured power in frames is kept in full, to be compared with predictions.
-    """
-    kind = message.topic.split("/", 1)[0]
-    content = message.content
-    if isinstance(content, Batch | Frames):
-        block = {"count": len(content), "start": int(content.time[0]), "end": int(content.time[-1])}
-        return kind, block | (power_of_frames(content) if isinstance(content, Frames) else {})
-    if isinstance(content, Health):
-        return kind, dict(content.status)
-    if isinstance(content, Gap):
-        return "gap", asdict(content)
-    assert is_dataclass(content) and not isinstance(content, type)
-    return kind, asdict(content)
+def _print_json(messages: Iterable[Message | None]) -> None:
+    for message in messages:
+        if message is not None:
+            click.echo(json.dumps(line_of(message)))
 
 
-def plain(message: Message) -> dict[str, Any]:
-    """Format a message as one JSON line, with the time of receipt, UTC ns."""
-    kind, body = kind_and_body(message)
-    return {
-        "kind": kind,
-        "topic": message.topic,
-        "session": message.session,
-        "sequence": message.sequence,
-        "backfilled": message.backfilled,
-        "received": time.time_ns(),
-        "content": body,
-    }
+def _print_lines(messages: Iterable[Message | None]) -> None:
+    bulletin = Bulletin()
+    for message in messages:
+        lines = bulletin.of(message) if message is not None else ()
+        for line in (*lines, *bulletin.stands(time.monotonic())):
+            click.echo(line)
+
+
+def _show(messages: Iterable[Message | None], look: Look) -> None:
+    """Show the dashboard. Raises the error that ended the messages."""
+    from cellwatt.live.app import LiveApp  # Textual takes a while to load
+
+    app = LiveApp(messages, look)
+    app.run()
+    if app.problem is not None:
+        raise app.problem

@@ -30,7 +30,7 @@ async def daemon(
 async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run ``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
     topics = [word for topic in TOPICS for word in ("--topic", topic)]
-    command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
+    command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--wait", "--connect", f"tcp/{endpoint}"]
     command += ["--site", "demo", "--cell", "demo", *topics]
     process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
     keep_up(process.pid)  # it shares the cores with all that it is to count

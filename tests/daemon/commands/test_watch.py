@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,16 +21,77 @@ __all__ = ["call", "certificates"]
 SECONDS = ("--json", "--seconds", "3", "--topic", "health")
 
 
-@pytest.mark.parametrize("seconds", [(), ("--seconds", "0.5")])
-def test_a_dead_address_is_one_line_and_an_error(
-    call: Call, monkeypatch: pytest.MonkeyPatch, seconds: tuple[str, ...]
-) -> None:
+QUICKLY = ("--patience", "0.5")
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cellwatt.publish.link._ATTEMPTS", (0.2, 0.2))
-    monkeypatch.setattr("cellwatt.publish.link.PATIENCE", 0.5)
+
+
+@pytest.mark.parametrize("how", [(), ("--json",), ("--seconds", "0.5")])
+def test_a_dead_address_is_one_line_and_an_error(call: Call, hurried: None, how: tuple[str, ...]) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *seconds)
-    assert ended.code == 3
-    assert ended.err == f"cellwatt: {endpoint}: nobody answers (connection refused)\n"
+    ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY, *how)
+    assert ended == (3, "", f"cellwatt: {endpoint}: nobody answers (connection refused)\n")
+
+
+@pytest.fixture(scope="module")
+def live() -> Iterator[tuple[Child, str]]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with Child("cell_process", listen=[endpoint]) as cell:
+        yield cell.ready(), endpoint
+
+
+def test_another_name_is_told_the_cells_that_are_there(call: Call, live: tuple[Child, str]) -> None:
+    ended = call("watch", "--connect", live[1], "--site", SITE, "--cell", "weld-9", *QUICKLY)
+    assert ended == (3, "", f"cellwatt: {live[1]}: no cell is heard as {SITE}/weld-9; there is {SITE}/{CELL}\n")
+
+
+def test_where_no_zenoh_answers_it_says_what_to_check(call: Call, hurried: None) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
+        ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *QUICKLY)
+    assert (ended.code, ended.out, ended.err.count("\n")) == (3, "", 1)
+    assert ended.err.startswith(f"cellwatt: {endpoint}: somebody answers but refuses the session: check user and")
+
+
+def test_without_a_terminal_it_prints_lines(call: Call, live: tuple[Child, str]) -> None:
+    live[0].send(alarm={"number": 7})
+    ended = call("watch", "--connect", live[1], "--site", SITE, "--cell", CELL, "--seconds", "2")
+    assert (ended.code, ended.err) == (0, "")
+    assert "error: Joint 7 needs more power than it should." in ended.out
+    assert f"{SITE}/{CELL} is green: 0 of 0 sources ok" in ended.out
+
+
+def test_it_waits_for_a_cell_as_long_as_it_takes(live: tuple[Child, str]) -> None:
+    """Nobody answers at first; it says so once, and goes on when the cell is there."""
+    port = free_port()
+    endpoint = f"tcp/127.0.0.1:{port}"
+    command = [
+        sys.executable,
+        "-m",
+        "cellwatt.commands",
+        "watch",
+        "--connect",
+        endpoint,
+        "--site",
+        SITE,
+        "--cell",
+        CELL,
+    ]
+    how = ["--json", "--topic", "health", "--wait", *QUICKLY]
+    watching = subprocess.Popen([*command, *how], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert watching.stdout is not None
+    assert watching.stderr is not None
+    try:
+        assert watching.stderr.readline() == f"waiting: {endpoint}: nobody answers (connection refused)\n"
+        with Child("cell_process", listen=[endpoint]) as cell:
+            cell.ready()
+            assert json.loads(watching.stdout.readline())["kind"] == "health"
+    finally:
+        watching.kill()
+        watching.communicate()
 
 
 def health(out: str) -> list[str]:
@@ -43,3 +108,7 @@ def test_a_cell_over_tls(call: Call, certificates: Path) -> None:
         ended = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *viewer, *SECONDS)
         assert (ended.code, ended.err) == (0, "")
         assert "health" in health(ended.out)
+        strange = ("--ca", tls["certificate"])  # an authority that has not signed the cell's certificate
+        refused = call("watch", "--connect", endpoint, "--site", SITE, "--cell", CELL, *strange, *QUICKLY)
+        assert (refused.code, refused.out, refused.err.count("\n")) == (3, "", 1)
+        assert "refuses the session: check user and password, the certificates" in refused.err

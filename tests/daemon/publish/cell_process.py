@@ -13,7 +13,7 @@ import sys
 from typing import Any
 
 from cellwatt.publish import ZenohSettings, ZenohSink
-from tests.daemon.publish.fake_cell import EPOCH, FakeView, alarm, batch, frames
+from tests.daemon.publish.fake_cell import EPOCH, STATUS, FakeView, alarm, batch, frames
 
 
 class Cell:
@@ -48,7 +48,7 @@ class Cell:
 
     async def beat(self) -> None:
         while True:
-            self.sink.health({"state": "green"})
+            self.sink.health(STATUS)
             await asyncio.sleep(0.2)
 
     async def obey(self) -> None:

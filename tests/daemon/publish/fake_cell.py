@@ -29,6 +29,18 @@ LAYOUT = Layout(
 )
 
 
+STATUS: Mapping[str, Any] = {
+    "site": SITE,
+    "cell": CELL,
+    "state": "green",
+    "time": EPOCH,
+    "sources": {},
+    "recorder": None,
+    "frames": {"count": 0},
+    "results": 0,
+}
+
+
 def batch(first: int, count: int, source: str = "arm", stream: Stream = STREAM, arrival: int | None = None) -> Batch:
     """Samples whose every value says which sample it is."""
     numbers = np.arange(first, first + count)
@@ -92,7 +104,7 @@ class FakeView:
             self._recorded.setdefault(key, []).append(item)
 
     def status(self) -> Mapping[str, Any]:
-        return {"state": "green"}
+        return STATUS
 
     def config(self) -> Mapping[str, Any]:
         return {"site": SITE, "cell": CELL, "password": "${SECRET}"}

@@ -1,0 +1,72 @@
+from cellwatt.live import state
+from cellwatt.live.state import LiveCell
+from cellwatt.subscriber import Health, Message
+from tests.daemon.live.cells import START, alarm, energy, frames, gap, health, interval, prediction, task
+
+
+def told(*messages):
+    cell = LiveCell()
+    for message in messages:
+        cell.take(message)
+    return cell
+
+
+def test_an_alarm_is_active_until_it_is_cleared_and_keeps_its_evidence() -> None:
+    cell = told(alarm("a"), alarm("b"), alarm("a", statement="a is worse."))
+    assert {name: a["statement"] for name, a in cell.alarms.items()} == {"a": "a is worse.", "b": "b is wrong."}
+    cell.take(alarm("a", active=False, statement="a is well again.", time=START + 9, evidence={}))
+    (cleared,) = cell.cleared
+    assert list(cell.alarms) == ["b"]
+    assert (cleared["statement"], cleared["cleared"], cleared["time"]) == ("a is worse.", "a is well again.", START + 9)
+    assert cleared["evidence"] == {"residual_W": 12.5}
+
+
+def test_the_first_health_tells_the_alarms_that_a_viewer_may_not_ask_for() -> None:
+    standing = {**told(alarm("a")).alarms["a"]}
+    assert list(told(health(alarms=[standing])).alarms) == ["a"]
+    late = told(health(), health(alarms=[standing]))
+    assert not late.alarms  # it comes as a message, or was cleared meanwhile
+
+
+def test_a_new_session_of_the_daemon_ends_the_alarms_of_the_old_one() -> None:
+    cell = told(health(), alarm("a"), health(session=2))
+    assert (cell.restarts, cell.session, list(cell.alarms)) == (1, 2, [])
+    assert [a["id"] for a in cell.cleared] == ["a"]
+
+
+def test_cleared_alarms_beyond_the_limit_are_counted() -> None:
+    cell = LiveCell()
+    for n in range(state.CLEARED + 3):
+        cell.take(alarm(f"a{n}"))
+        cell.take(alarm(f"a{n}", active=False))
+    assert (len(cell.cleared), cell.forgotten) == (state.CLEARED, 3)
+
+
+def test_silence_is_noticed_after_five_seconds() -> None:
+    cell = LiveCell()
+    assert cell.silent_for(1e9) is None
+    cell.take(health())
+    assert cell.heard is not None
+    assert cell.silent_for(cell.heard + 4.9) is None
+    assert cell.silent_for(cell.heard + 7.0) == 7.0
+
+
+def test_a_status_that_lacks_what_is_shown_is_left_out() -> None:
+    assert not told(Message("health", 1, 0, False, Health(1, 0, {}, {"state": "green"}))).status
+
+
+def test_only_closed_intervals_count() -> None:
+    cell = told(interval(1, (1,), 0.5), interval(2, (), 0.1, closed=False))
+    assert [i["number"] for i in cell.intervals] == [1]
+
+
+def test_tasks_energies_gaps_frames_and_predictions_are_kept() -> None:
+    cell = told(
+        task(4), energy(3, 60.0), energy(4, 64.0), gap(30), frames(0, [1.0, 2.0]), prediction(0, [float("nan"), 3.0])
+    )
+    assert cell.task is not None
+    assert cell.task["repetition"] == 4
+    assert [e["total"] for e in cell.energies["task_1"]] == [60.0, 64.0]
+    assert cell.lost == 30
+    assert cell.frames.of("mains.supply.power").tolist() == [301.0, 302.0]
+    assert cell.predicted["model"].of("power")[1] == 3.0
