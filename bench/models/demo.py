@@ -18,9 +18,10 @@ from pathlib import Path
 import yaml
 from threadpoolctl import threadpool_limits
 
+from cellwatt.config import load
 from cellwatt.demo import cells, processes
 from cellwatt.demo.fault import FAULTY
-from cellwatt.emulation import EmulatorProcess
+from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.power.exported import write
 from cellwatt_plugins.models.power.moves import read_moves
@@ -28,6 +29,8 @@ from cellwatt_plugins.models.power.training import model_of
 from cellwatt_plugins.robot import Arm
 
 SECONDS = 40.0
+DRIVERS = ("ur", "power_board")
+"""Of the demo's arm and its board."""
 LENGTHS = (0.15, 0.0, 0.42, 0.39, 0.1, 0.1)
 """m from joint to joint."""
 MASS = (3.0, 4.0, 2.0, 0.6, 0.4, 0.2)
@@ -40,15 +43,15 @@ RESISTANCE = (1.1, 1.1, 1.2, 2.0, 2.0, 2.0)
 
 async def record(folder: Path, seconds: float = SECONDS) -> None:
     """Frames of the arm and of the board on its supply."""
-    epoch = time.time()
+    endpoint = cells.free_endpoint()
+    known = cells.every_driver()
+    sources = {name: known[driver] for driver, name in zip(DRIVERS, FAULTY, strict=True)}
+    devices = devices_of(load(cells.write(folder, sources, endpoint), {}), free=True)
     async with AsyncExitStack() as stack:
-        devices = {}
-        for seed, name in enumerate(FAULTY, start=len(cells.SMALL)):
-            device = cells.SMALL[name]
-            emulator = EmulatorProcess(device.driver, *device.arguments(epoch, seed))
-            devices[name] = (device, (await stack.enter_async_context(emulator)).address)
-        file = cells.write(folder, devices, cells.free_endpoint())
-        daemon = await stack.enter_async_context(processes.daemon(file, folder))
+        emulators = await stack.enter_async_context(running(devices, time.time(), seed=len(cells.SMALL)))
+        for (_, name, key), value in places(devices, emulators).items():
+            sources[str(name)][str(key)] = value
+        daemon = await stack.enter_async_context(processes.daemon(cells.write(folder, sources, endpoint), folder))
         await asyncio.sleep(seconds)
         daemon.send_signal(signal.SIGTERM)
         await daemon.wait()

@@ -67,7 +67,7 @@ async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
 
 
 def test_every_driver_has_its_device() -> None:
-    assert {device.driver for device in cells.every_driver().values()} == set(available("cellwatt.drivers"))
+    assert {source["driver"] for source in cells.every_driver().values()} == set(available("cellwatt.drivers"))
 
 
 def test_a_driver_whose_library_is_absent_is_left_out_and_told(tmp_path, monkeypatch) -> None:

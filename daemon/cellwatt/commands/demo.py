@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 import sys
 import tempfile
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +51,8 @@ def command(cell: str, seconds: float, as_json: bool, keep: Path | None) -> None
         raise click.BadParameter(f"at least {HEALTHY:.0f} s are needed to see healthy cycles before the fault")
     if seconds < 1:
         raise click.BadParameter("at least 1 s is needed to see rates")
-    with tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as temporary:
-        folder = keep or Path(temporary)
+    with nullcontext(keep) if keep else tempfile.TemporaryDirectory(prefix="cellwatt-demo-") as place:
+        folder = Path(place)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -67,7 +69,8 @@ def command(cell: str, seconds: float, as_json: bool, keep: Path | None) -> None
 
 
 def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    return asyncio.run(_run(cell, Demonstration(folder, seconds, lambda _: None, lambda _: None)))
+    demonstration = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
+    return asyncio.run(_run(cell, demonstration))
 
 
 def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
@@ -85,6 +88,8 @@ def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
 
 
 async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio.get_running_loop().add_signal_handler(number, demonstration.stop, number.name)
     return await RUNS[cell](demonstration)
 
 
@@ -94,7 +99,7 @@ def _show(summary: Mapping[str, Any]) -> None:
     if "fault" in summary:
         console.print(f"{summary['frames']} frames, {summary['intervals']} intervals, {summary['tasks']} tasks")
         fault = summary["fault"]
-        if fault["statement"]:
+        if fault and fault["statement"]:
             console.print(f"alarm {fault['delay_s']} s after the spring: {fault['statement']}", style="bold")
         if summary["power"]:
             console.print(_power(summary["power"]))
@@ -122,9 +127,8 @@ def _power(power: Mapping[str, Any]) -> Text:
         text.append(f"  {name:9} ")
         text.append(bars(values, low, high) + "\n", style="cyan")
     after = power["rms_after_the_spring_w"]
-    text.append(
-        f"  measured − predicted: {power['rms_w']} W (root mean square); with the spring {after} W", style="bold"
-    )
+    spring = "" if after is None else f"; with the spring {after} W"
+    text.append(f"  measured − predicted: {power['rms_w']} W (root mean square){spring}", style="bold")
     return text
 
 

@@ -18,7 +18,7 @@ from cellwatt.config import CellConfig, load
 from cellwatt.config.document import read
 from cellwatt.config.edit import edited
 from cellwatt.emulation import EmulatorProcess
-from cellwatt.emulation.cell import Device, devices_of, faults_by_device, running, targets
+from cellwatt.emulation.cell import Device, devices_of, faults_by_device, places, running, targets
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import addressed
 from cellwatt.errors import CellwattError, ConfigError, why
@@ -105,7 +105,7 @@ def _write(
     config: CellConfig, devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess], write: Path
 ) -> None:
     """Write a copy of the settings that reads the emulators; check that it says just that."""
-    changes = {p: v for d in devices for p, v in d.settings_at(emulators[d.name].address).items()}
+    changes = places(devices, emulators)
     try:
         write.write_text(edited(read(config.path, os.environ), changes))
     except OSError as error:

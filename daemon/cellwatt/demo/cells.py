@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -13,103 +12,59 @@ from typing import Any
 import yaml
 
 from cellwatt.config import load
+from cellwatt.config.places import KeyPath
 from cellwatt.demo.power import model_file
 from cellwatt.errors import ConfigError
 from cellwatt.runtime.assemble import prepare
 
-NOWHERE = {"pty": "/dev/ttyUSB0"}
-"""Stands for the address of a device while nothing listens yet, by where its emulator will; else ``SOMEWHERE``."""
 SOMEWHERE = "127.0.0.1:9"
+"""Stands for an endpoint while none is chosen yet."""
 
-Place = Callable[[str], Mapping[str, Any]]
-
-
-def _host_and_port(address: str) -> Mapping[str, Any]:
-    host, _, port = address.rpartition(":")
-    return {"host": host, "port": int(port)}
-
-
-def _serial_port(address: str) -> Mapping[str, Any]:
-    return {"port": address}
-
-
-@dataclass(frozen=True)
-class Device:
-    """An emulated device, and the source that reads it.
-
-    The emulator listens at ``listen`` with ``options``, its arm moves at ``speed``; ``place`` turns the emulator's
-    address into settings, ``settings`` are the others.
-    """
-
-    driver: str
-    listen: str = "127.0.0.1:0"
-    speed: float = 1.0
-    options: Mapping[str, str] = field(default_factory=dict)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    place: Place = _host_and_port
-
-    def arguments(self, epoch: float, seed: int) -> tuple[str, ...]:
-        """Arguments of ``cellwatt emulate`` after the driver's name."""
-        pairs = (word for key, value in self.options.items() for word in ("--option", f"{key}={value}"))
-        known = ("--listen", self.listen, "--epoch", str(epoch), "--speed", str(self.speed), "--seed", str(seed))
-        return (*known, *pairs)
+SMALL = ("arm", "board", "positioner", "mains")
+"""The sources of ``demo.yaml``; the positioner and the mains are those of a second arm, …"""
+SPEEDS = {"positioner": 0.8, "mains": 0.8}
+"""… which moves at another speed."""
 
 
 PULSES = {"pulses_per_degree": [1341.4, 1341.4, 1341.4, 1000, 1000, 622], "rated_torque": [120, 120, 60, 15, 15, 10]}
 
-SMALL: Mapping[str, Device] = {
-    "arm": Device("ur"),
-    "board": Device("power_board", "pty", place=_serial_port),
-    "positioner": Device("yaskawa", speed=0.8, options={"answer_ms": "2"}, settings=PULSES),
-    "mains": Device("scpi_analyzer", speed=0.8),
-}
-"""The devices of ``demo.yaml`` by source; the positioner and the mains are those of a second arm."""
 
-FCI_PORT = 1337
-"""pylibfranka knows no other."""
-
-
-def every_driver() -> Mapping[str, Device]:
-    """One device per driver, named like the driver, at its usual rates."""
+def every_driver() -> dict[str, dict[str, Any]]:
+    """Settings of one source per driver, named like the driver, at their usual rates, for emulated devices."""
     packets = _free_udp_port()
-    return {
-        "ur": Device("ur"),
-        "yaskawa": Device("yaskawa", options={"answer_ms": "2"}, settings=PULSES),
-        "abb": Device(
-            "abb",
-            options={"egm": f"127.0.0.1:{packets}"},
-            settings={"egm_port": packets, "bind": "127.0.0.1", "tls": False},
-        ),
-        "franka": Device("franka", f"{_free_host(FCI_PORT)}:{FCI_PORT}", options={"realtime": "1"}, place=_host_only),
-        "kinova": Device("kinova"),
-        "power_board": Device("power_board", "pty", place=_serial_port),
-        "scpi_analyzer": Device("scpi_analyzer"),
-        "modbus_meter": Device("modbus_meter", settings={"meter": "eastron_sdm630", "rate": "5 Hz"}),
-        "can_sensor": Device("can_sensor", "pty", settings={"sensor": "ivt_s"}, place=_adapter),
+    settings: dict[str, dict[str, Any]] = {
+        "ur": {"host": "127.0.0.1"},
+        "yaskawa": {"host": "127.0.0.1", **PULSES},
+        "abb": {"host": "127.0.0.1", "egm_port": packets, "bind": "127.0.0.1", "tls": False},
+        "franka": {"host": "127.0.0.1"},
+        "kinova": {"host": "127.0.0.1"},
+        "power_board": {"port": "/dev/ttyUSB0"},
+        "scpi_analyzer": {"host": "127.0.0.1"},
+        "modbus_meter": {"host": "127.0.0.1", "meter": "eastron_sdm630", "rate": "5 Hz"},
+        "can_sensor": {"interface": "slcan", "channel": "/dev/ttyACM0", "sensor": "ivt_s"},
     }
+    return {name: {"driver": name, **given} for name, given in settings.items()}
 
 
-def usable(devices: Mapping[str, Device], folder: Path) -> tuple[dict[str, Device], dict[str, str]]:
-    """The devices whose drivers can be loaded here, and the reason for each of the others."""
+def usable(sources: Mapping[str, dict[str, Any]], folder: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """The sources whose drivers can be loaded here, and the reason for each of the others."""
     found, lacking = {}, {}
-    for name, device in devices.items():
+    for name, source in sources.items():
         try:
-            address = NOWHERE.get(device.listen, SOMEWHERE)
-            prepare(load(write(folder, {name: (device, address)}, SOMEWHERE), {}))
+            prepare(load(write(folder, {name: source}, SOMEWHERE), {}))
         except ConfigError as error:
             lacking[name] = "; ".join(problem.message for problem in error.problems) or str(error)
         else:
-            found[name] = device
+            found[name] = source
     return found, lacking
 
 
-def write(folder: Path, devices: Mapping[str, tuple[Device, str]], endpoint: str) -> Path:
-    """The settings file of a cell with these devices at these addresses, recorded and published."""
-    sources = {name: {"driver": d.driver, **d.settings, **d.place(address)} for name, (d, address) in devices.items()}
+def write(folder: Path, sources: Mapping[str, Mapping[str, Any]], endpoint: str) -> Path:
+    """The settings file of a cell with these sources, recorded and published."""
     cell = {
         "site": "demo",
         "cell": "demo",
-        "sources": sources,
+        "sources": dict(sources),
         "record": {"folder": str(folder), "keep": "1 GB"},
         "zenoh": {"listen": [f"tcp/{endpoint}"]},
     }
@@ -124,13 +79,12 @@ def packaged() -> Path:
     return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / "demo.yaml"
 
 
-def environment(folder: Path, addresses: Mapping[str, str], endpoint: str) -> dict[str, str]:
-    """The environment variables that ``demo.yaml`` reads."""
+def environment(folder: Path, endpoint: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:
+    """The environment variables that ``demo.yaml`` reads, with the settings that lead to the emulators."""
     told = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
     told["CELLWATT_DEMO_MODEL"] = str(model_file())
-    for name, address in addresses.items():
-        for key, value in SMALL[name].place(address).items():
-            told[f"CELLWATT_DEMO_{name.upper()}_{key.upper()}"] = str(value)
+    for (_, name, key), value in settings.items():
+        told[f"CELLWATT_DEMO_{str(name).upper()}_{str(key).upper()}"] = str(value)
     return told
 
 
@@ -146,23 +100,3 @@ def _free_udp_port() -> int:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
     return port
-
-
-def _free_host(port: int) -> str:
-    """A loopback address at which a port is free: some libraries support only one port."""
-    for last in range(2, 255):
-        with socket.socket() as probe:
-            try:
-                probe.bind((f"127.0.77.{last}", port))
-            except OSError:
-                continue
-            return f"127.0.77.{last}"
-    raise ConfigError(f"port {port} is taken at all of 127.0.77.2 to 127.0.77.254; end what listens there")
-
-
-def _host_only(address: str) -> Mapping[str, Any]:
-    return {"host": address.rpartition(":")[0]}
-
-
-def _adapter(address: str) -> Mapping[str, Any]:
-    return {"interface": "slcan", "channel": address}

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cellwatt.config import load
 from cellwatt.demo import cells, fault, processes
-from cellwatt.demo.cells import Device
 from cellwatt.demo.power import power_of
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import delivery_problems, sources_of, summary, summary_of_every_driver
 from cellwatt.emulation import EmulatorProcess
+from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
 
 START = 60.0
@@ -37,6 +38,13 @@ class Demonstration:
     seen: Seen = field(default_factory=Seen)
     epoch: float = field(default_factory=time.time)
     """UTC s at which the emulated arms start."""
+    _stopped: str = ""
+    _stopping: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def stop(self, why: str) -> None:
+        """End the run early; the summary tells why, and what was seen till then."""
+        self._stopped = self._stopped or why
+        self._stopping.set()
 
     async def small(self) -> dict[str, Any]:
         """Run four devices and hook a spring on an elbow halfway; return the summary, JSON-ready.
@@ -44,18 +52,19 @@ class Demonstration:
         Raises ``CellwattError`` when a process does not start.
         """
         endpoint = cells.free_endpoint()
-        async with contextlib.AsyncExitStack() as stack:
-            emulators = await self._emulators(stack, cells.SMALL)
-            told = cells.environment(self.folder, {name: e.address for name, e in emulators.items()}, endpoint)
-            running = processes.daemon(cells.packaged(), self.folder, told)
-            hooked = 0.0
+        config = load(cells.packaged(), cells.environment(self.folder, endpoint, {}))
+        devices = devices_of(config, free=True, speeds=cells.SPEEDS)
+        hooked: float | None = None
+        async with running(devices, self.epoch) as emulators:
+            told = cells.environment(self.folder, endpoint, places(devices, emulators))
 
             async def play() -> None:
                 nonlocal hooked
                 hooked = await self._hook(emulators)
 
-            code = await self._follow(running, endpoint, play)
-        return summary(self.seen, hooked, code, power_of(self.folder, self.epoch, hooked))
+            code = await self._follow(processes.daemon(cells.packaged(), self.folder, told), endpoint, play)
+        power = power_of(self.folder, self.epoch, hooked)
+        return self._with_end(summary(self.seen, hooked, code, power))
 
     async def every_driver(self) -> dict[str, Any]:
         """Run a device of each driver; return the summary, JSON-ready. It names drivers whose library is missing.
@@ -63,44 +72,40 @@ class Demonstration:
         Raises ``CellwattError`` when a process does not start.
         """
         endpoint = cells.free_endpoint()
-        devices, lacking = cells.usable(cells.every_driver(), self.folder)
-        async with contextlib.AsyncExitStack() as stack:
-            emulators = await self._emulators(stack, devices)
-            addressed = {name: (devices[name], emulator.address) for name, emulator in emulators.items()}
-            running = processes.daemon(cells.write(self.folder, addressed, endpoint), self.folder)
+        sources, lacking = cells.usable(cells.every_driver(), self.folder)
+        devices = devices_of(load(cells.write(self.folder, sources, endpoint), {}), free=True)
+        async with running(devices, self.epoch) as emulators:
+            for (_, name, key), value in places(devices, emulators).items():
+                sources[str(name)][str(key)] = value
 
             async def play() -> None:
                 self.say(f"{len(devices)} devices run for {self.seconds:.0f} s")
-                await asyncio.sleep(self.seconds)
+                await self._pause(self.seconds)
 
-            code = await self._follow(running, endpoint, play)
+            code = await self._follow(
+                processes.daemon(cells.write(self.folder, sources, endpoint), self.folder), endpoint, play
+            )
             sent = {name: dict(await emulator.counts()) for name, emulator in emulators.items()}
-        return summary_of_every_driver(self.seen, devices, lacking, sent, code)
+        return self._with_end(summary_of_every_driver(self.seen, sources, lacking, sent, code))
 
-    async def _emulators(
-        self, stack: contextlib.AsyncExitStack, devices: Mapping[str, Device]
-    ) -> dict[str, EmulatorProcess]:
-        """Start all emulators at once; raise a failure after all have started or failed, so that none keeps running."""
-        made = {
-            name: EmulatorProcess(device.driver, *device.arguments(self.epoch, seed))
-            for seed, (name, device) in enumerate(devices.items())
-        }
-        entering = (stack.enter_async_context(emulator) for emulator in made.values())
-        for outcome in await asyncio.gather(*entering, return_exceptions=True):
-            if isinstance(outcome, BaseException):
-                raise outcome
-        for emulator in made.values():
-            emulator.be_punctual()
-        return made
+    def _with_end(self, found: dict[str, Any]) -> dict[str, Any]:
+        if not self._stopped:
+            return found
+        return {**found, "ok": False, "problems": [f"the demo was ended early: {self._stopped}", *found["problems"]]}
+
+    async def _pause(self, seconds: float) -> None:
+        """Sleep, but for no longer than the demo is to run."""
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._stopping.wait(), max(0.0, seconds))
 
     async def _follow(
         self,
-        running: contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process],
+        run: contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process],
         endpoint: str,
         play: Callable[[], Any],
     ) -> int | None:
         """Run daemon and subscriber for the demo's duration, then end both; return the daemon's exit code."""
-        async with running as daemon, processes.subscriber(endpoint) as watching:
+        async with run as daemon, processes.subscriber(endpoint) as watching:
             reading = asyncio.create_task(self._read(watching))
             try:
                 await self._until_running(daemon, watching)
@@ -115,16 +120,18 @@ class Demonstration:
                 reading.cancel()
             return daemon.returncode
 
-    async def _hook(self, emulators: Mapping[str, EmulatorProcess]) -> float:
-        """Hook the spring on halfway; return the UTC time of it, s."""
+    async def _hook(self, emulators: Mapping[str, EmulatorProcess]) -> float | None:
+        """Hook the spring on halfway; return the UTC time of it, s, or None where the demo ended before."""
         self.say(f"running for {self.seconds:.0f} s; the spring comes halfway")
         start = time.time()
         hooked = fault.next_start(start + self.seconds / 2, self.epoch)
-        await asyncio.sleep(hooked - 0.5 - time.time())
+        await self._pause(hooked - 0.5 - time.time())
+        if self._stopped:
+            return None
         for name in fault.FAULTY:
             await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
         self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}")
-        await asyncio.sleep(max(0.0, start + self.seconds - time.time()))
+        await self._pause(start + self.seconds - time.time())
         return hooked
 
     async def _until_running(self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process) -> None:
@@ -135,6 +142,8 @@ class Demonstration:
             for name, process in (("daemon", daemon), ("subscriber", watching)):
                 if process.returncode is not None:
                     raise CellwattError(f"the {name} ended with exit code {process.returncode}{self._last_words()}")
+            if self._stopped:
+                raise CellwattError(f"the demo was ended before everything ran: {self._stopped}")
             await asyncio.sleep(0.05)
         raise CellwattError(f"not everything ran within {START:.0f} s: {json.dumps(self.seen.status)[:400]}")
 

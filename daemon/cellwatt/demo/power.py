@@ -27,17 +27,17 @@ def model_file() -> Path:
     return Path(__file__).with_name("power.onnx")
 
 
-def power_of(folder: Path, epoch: float, hooked: float) -> dict[str, Any] | None:
+def power_of(folder: Path, epoch: float, hooked: float | None) -> dict[str, Any] | None:
     """Root mean square of measured − predicted, W, before and after the spring, and one cycle of both.
 
-    ``epoch`` and ``hooked`` are the times of the start and of the spring, UTC s. None if nothing was predicted.
-    Raises ``RecordingError`` if there is no recording.
+    ``epoch`` and ``hooked`` are the times of the start and of the spring, UTC s; with ``hooked`` None it never
+    came. None if nothing was predicted. Raises ``RecordingError`` if there is no recording.
     """
     time, measured, predicted = _both(folder, epoch)
     if not len(time):
         return None
     off = measured - predicted
-    before = time < hooked
+    before = time < (np.inf if hooked is None else hooked)
     shown = before & (time >= time[before][-1] - CYCLE) if before.any() else before
     return {
         "frames": len(time),

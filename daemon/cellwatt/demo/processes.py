@@ -8,6 +8,7 @@ import sys
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 
+from cellwatt.child import ends_with_parent
 from cellwatt.runtime.processes.rights import keep_up
 
 _PATIENCE = 5.0  # s
@@ -21,7 +22,9 @@ async def daemon(
     """Run ``cellwatt run`` on a settings file; its log is ``daemon.log`` in the folder. Killed if left running."""
     command = [sys.executable, "-m", "cellwatt.commands", "run", str(file)]
     with log_of(folder).open("wb") as log:
-        process = await asyncio.create_subprocess_exec(*command, env=environment, stderr=log)
+        process = await asyncio.create_subprocess_exec(
+            *command, env=environment, stderr=log, preexec_fn=ends_with_parent()
+        )
     async with _ended(process):
         yield process
 
@@ -32,7 +35,9 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
     topics = [word for topic in TOPICS for word in ("--topic", topic)]
     command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--wait", "--connect", f"tcp/{endpoint}"]
     command += ["--site", "demo", "--cell", "demo", *topics]
-    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    process = await asyncio.create_subprocess_exec(
+        *command, stdout=asyncio.subprocess.PIPE, preexec_fn=ends_with_parent()
+    )
     keep_up(process.pid)  # it shares the cores with all that it is to count
     async with _ended(process):
         yield process

@@ -14,11 +14,11 @@ RATE_TOLERANCE = 0.02
 """By how much a measured rate may differ from the nominal one, as a share of it."""
 
 
-def summary(seen: Seen, hooked: float, exit_code: int | None, power: Mapping[str, Any] | None) -> dict[str, Any]:
+def summary(seen: Seen, hooked: float | None, exit_code: int | None, power: Mapping[str, Any] | None) -> dict[str, Any]:
     """Summarise the small cell: sources, the fault hooked on at ``hooked``, UTC s, and the result of ``power_of``."""
     sources = sources_of(seen)
-    told = fault.told(seen, hooked)
-    problems = problems_of(seen, sources, SMALL, exit_code) + fault.problems_of(told)
+    told = None if hooked is None else fault.told(seen, hooked)
+    problems = problems_of(seen, sources, SMALL, exit_code) + (fault.problems_of(told) if told else [])
     if power is None:
         problems.append("the model predicted nothing")
     return {

@@ -58,13 +58,15 @@ class Device:
         world = ("--epoch", repr(epoch), "--speed", repr(self.speed), "--seed", str(seed))
         return EmulatorProcess(self.driver, "--listen", self.listen, *world, *words)
 
-    def settings_at(self, address: str) -> dict[KeyPath, Any]:
-        """Changed settings of its sources, by key path in the cell's file, for an emulator at ``address``."""
-        return {
-            ("sources", source.name, key): value
-            for source in self.sources
-            for key, value in self.emulator.settings_at(address, source.settings).items()
-        }
+
+def places(devices: Sequence[Device], emulators: Mapping[str, EmulatorProcess]) -> dict[KeyPath, Any]:
+    """Changed settings of all sources, by key path in the cell's file, that lead to running emulators."""
+    return {
+        ("sources", source.name, key): value
+        for device in devices
+        for source in device.sources
+        for key, value in device.emulator.settings_at(emulators[device.name].address, source.settings).items()
+    }
 
 
 def emulator_of(driver: str) -> type[Emulator]:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator, Callable
 from types import ModuleType
 
+from cellwatt.child import ends_with_parent
 from cellwatt.errors import ConnectError, SourceError
 
 _CHUNK = 1 << 16
@@ -67,7 +69,7 @@ async def reading(
         stdout=PIPE,
         stderr=PIPE,
         limit=_CHUNK,
-        start_new_session=True,  # a Ctrl-C is for the daemon, which ends it
+        preexec_fn=ends_with_parent(signal.SIGKILL),
     )
     try:
         yield Child(process, where, timeout, hint)

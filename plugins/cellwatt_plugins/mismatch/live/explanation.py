@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ from os import PRIO_PROCESS, setpriority
 from pathlib import Path
 from typing import Any
 
+from cellwatt.child import ends_with_parent
 from cellwatt.errors import RecordingError
 from cellwatt.files import COMPUTED, read_text
 
@@ -51,7 +53,12 @@ class Explanation:
         try:
             with (folder / LOG).open("wb") as log:
                 self._process = subprocess.Popen(
-                    command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=log
+                    command,
+                    cwd=folder,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=log,
+                    preexec_fn=ends_with_parent(signal.SIGKILL),
                 )
         except OSError as error:
             raise RecordingError(f"cellwatt explain cannot be started: {error.strerror or error}") from error
