@@ -26,7 +26,8 @@ class Unit:
 
     def of(self, values: ArrayLike) -> NDArray[np.float64]:
         """Values in this unit of values in the SI unit, of any shape."""
-        return np.asarray(values, np.float64) / self.factor + self.zero
+        shown = self.difference(values)
+        return shown + self.zero if self.zero else shown  # an added 0 would take the sign of −0
 
     def difference(self, values: ArrayLike) -> NDArray[np.float64]:
         """Differences and deviations in this unit of those in the SI unit, of any shape."""
@@ -113,6 +114,11 @@ class Units(BaseModel):
                 raise ValueError(f"no unit {name!r}: expected SI, or any of {', '.join(_KINDS)}")
             chosen = chosen.model_copy(update={kind: _WRITTEN[name.casefold()]})
         return chosen
+
+
+def named(name: str) -> Unit | None:
+    """Unit of that name; None where it is not in the table."""
+    return TABLE[_KINDS[name]][name] if name in _KINDS else None
 
 
 def factors(kind: str) -> dict[str, float]:

@@ -14,10 +14,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 from cellwatt.batch import Batch
+from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.errors import RecordingError
 from cellwatt.record import Recording, messages
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.record.tables import Table, write_lines
+from cellwatt.units import Units
 
 Advance = Callable[[int], None]
 
@@ -32,6 +34,7 @@ Advance = Callable[[int], None]
 @click.option(
     "--verify", metavar="KEY", type=click.Path(path_type=Path), help="Only what the cell with this key signed."
 )
+@with_units
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
 def command(
     recordings: tuple[Path, ...],
@@ -40,12 +43,13 @@ def command(
     only: str | None,
     force: bool,
     verify: Path | None,
+    units: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Write RECORDINGS (files or folders of one cell) as tables.
 
     One table for each raw stream (SOURCE.STREAM), one of the frames, and results and events as JSON lines.
-    Columns are named like the channels; t is s since the start of the recording, utc_ns the time itself.
+    Columns are named like the channels, results are in SI units; t is s since the start of the recording, utc_ns the time itself.
     """
     if verify is not None:
         _refuse_unsigned(recordings, verify)
@@ -54,7 +58,7 @@ def command(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
-    export = Export(recording, out, form, force)
+    export = Export(recording, out, form, force, recorded_units(recording.header.settings, units))
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as progress:
         counts = recording.counts
@@ -84,11 +88,12 @@ def _refuse_unsigned(recordings: tuple[Path, ...], key: Path) -> None:
 class Export:
     """One export: every table is written in a single pass over the recording."""
 
-    def __init__(self, recording: Recording, out: Path, form: str, force: bool) -> None:
+    def __init__(self, recording: Recording, out: Path, form: str, force: bool, units: Units) -> None:
         self._recording = recording
         self._out = out
         self._form = form
         self._force = force
+        self._units = units
 
     def run(self, only: str | None, advance: Advance) -> list[dict[str, Any]]:
         """Write the requested tables; return name and number of rows of each file."""
@@ -135,7 +140,7 @@ class Export:
     def _table(self, name: str, channels: Any) -> Table:
         plain = re.sub(r"[^\w.-]+", "-", name)
         path = self._path(f"{plain}.{self._form}")
-        return Table(path, channels, self._recording.start, self._recording.header)
+        return Table(path, channels, self._recording.start, self._recording.header, self._units)
 
     def _path(self, name: str) -> Path:
         path = self._out / name

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.record import Recording
 
 
@@ -15,8 +16,14 @@ from cellwatt.record import Recording
 @click.option("--from", "start", type=float, help="First second to show, from the recording's start.")
 @click.option("--to", "end", type=float, help="Last second to show.")
 @click.option("--channel", "channels", multiple=True, help="Only channels with this in their name; may be repeated.")
+@with_units
 def command(
-    recording: tuple[Path, ...], out: Path, start: float | None, end: float | None, channels: tuple[str, ...]
+    recording: tuple[Path, ...],
+    out: Path,
+    start: float | None,
+    end: float | None,
+    channels: tuple[str, ...],
+    units: tuple[str, ...],
 ) -> None:
     """Draw RECORDING (files or folders): frames by quantity, intervals and tasks behind them, alarms across.
 
@@ -24,5 +31,6 @@ def command(
     """
     from cellwatt.runtime.page import report
 
-    report(Recording.open(recording), start, end, channels).write(out)
+    opened = Recording.open(recording)
+    report(opened, start, end, channels, recorded_units(opened.header.settings, units)).write(out)
     click.echo(f"wrote {out}")

@@ -56,10 +56,10 @@ class RecordedSignals:
 
 
 def load_signals(path: Path, *, loop: bool = False) -> RecordedSignals:
-    """A table or a recording as signals, by its columns' own names and as they stand there.
+    """A table or a recording as signals, by its columns' own names, in SI units where the file names units.
 
     Raises ``RecordingError`` where it cannot be read, or has no time that rises.
     """
     table = read_table(path)
     time = table.rising_time()
-    return RecordedSignals(time, {name: table.columns[name] for name in table.columns if name != table.clock}, loop)
+    return RecordedSignals(time, {name: table.plain(name) for name in table.columns if name != table.clock}, loop)

@@ -20,16 +20,19 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames
 from cellwatt.record.header import Header
 from cellwatt.record.samples import Samples, join
+from cellwatt.units import Units
 
 Channels = Sequence[Channel | FrameChannel]
+SI = Units()
 ROWS = 32768
 """Rows held back before they are written together."""
 _UNITS = {"t": "s", "utc_ns": "ns", "arrival_ns": "ns", "device_time_ns": "ns", "bound_ns": "ns"}
 
 
-def sample_rows(samples: Samples, start: int) -> pa.RecordBatch:
+def sample_rows(samples: Samples, start: int, units: Units = SI) -> pa.RecordBatch:
     """Raw samples as rows: ``t`` s since ``start`` (UTC ns), ``utc_ns``, one column a channel, then what is known of
-    each sample: sequence, arrival, device time, bound and quality. Units are in the columns' metadata.
+    each sample: sequence, arrival, device time, bound and quality. Values are in ``units``, named in the columns'
+    metadata.
     """
     device_time = pa.nulls(len(samples), pa.int64()) if samples.device_time is None else samples.device_time
     known = {
@@ -39,10 +42,10 @@ def sample_rows(samples: Samples, start: int) -> pa.RecordBatch:
         "bound_ns": samples.bound,
         "quality": samples.quality,
     }
-    return _rows(samples.time, samples.values, samples.stream.channels, start, known)
+    return _rows(samples.time, samples.values, samples.stream.channels, start, units, known)
 
 
-def frame_rows(frames: Frames, start: int, *, known: bool = True) -> pa.RecordBatch:
+def frame_rows(frames: Frames, start: int, units: Units = SI, *, known: bool = True) -> pa.RecordBatch:
     """Frames as rows, as ``sample_rows``; ``known``: with sequence, and quality and bound of each channel."""
     columns: dict[str, Any] = {}
     if known:
@@ -50,17 +53,19 @@ def frame_rows(frames: Frames, start: int, *, known: bool = True) -> pa.RecordBa
         for i, name in enumerate(frames.layout.names):
             columns[f"{name}.quality"] = frames.quality[:, i]
             columns[f"{name}.bound_ns"] = frames.bound[:, i]
-    return _rows(frames.time, frames.values, frames.layout.channels, start, columns)
+    return _rows(frames.time, frames.values, frames.layout.channels, start, units, columns)
 
 
-def _rows(time: Any, values: Any, channels: Channels, start: int, known: dict[str, Any]) -> pa.RecordBatch:
+def _rows(
+    time: Any, values: Any, channels: Channels, start: int, units: Units, known: dict[str, Any]
+) -> pa.RecordBatch:
     columns = {"t": (time - start) / 1e9, "utc_ns": time}
-    columns |= {channel.name: values[:, i] for i, channel in enumerate(channels)} | known
-    units = {channel.name: channel.unit for channel in channels} | _UNITS
+    columns |= {channel.name: units.of(channel.unit).of(values[:, i]) for i, channel in enumerate(channels)} | known
+    names = {channel.name: units.of(channel.unit).name for channel in channels} | _UNITS
     arrays = [c if isinstance(c, pa.Array) else pa.array(np.ascontiguousarray(c)) for c in columns.values()]
     fields = []
     for name, array in zip(columns, arrays, strict=True):
-        unit = units.get(name) or ("ns" if name.endswith(".bound_ns") else None)
+        unit = names.get(name) or ("ns" if name.endswith(".bound_ns") else None)
         fields.append(pa.field(name, array.type, metadata={"unit": unit} if unit else None))
     return pa.record_batch(arrays, schema=pa.schema(fields))
 
@@ -68,16 +73,17 @@ def _rows(time: Any, values: Any, channels: Channels, start: int, known: dict[st
 class Table:
     """A file of columns: ``t`` (s since ``start``, UTC ns), ``utc_ns``, one a channel, then what is known of them.
 
-    Units stand in the columns' metadata (Parquet) or in a JSON file beside the table (CSV). Use as a
-    context manager. Raises ``RecordingError`` where the file cannot be written.
+    Values are in ``units``. Their names stand in the columns' metadata (Parquet) or in a JSON file beside the table
+    (CSV), where a column that is not in the SI unit bears its unit in its name, too. Use as a context manager. Raises ``RecordingError`` where the file cannot be written.
     """
 
-    def __init__(self, path: Path, channels: Channels, start: int, header: Header) -> None:
+    def __init__(self, path: Path, channels: Channels, start: int, header: Header, units: Units = SI) -> None:
         self.path = path
         self.rows = 0
         self._channels = channels
         self._start = start
         self._header = header
+        self._units = units
         self._held: list[pa.RecordBatch] = []
         self._writer: Any = None
         self._stack = ExitStack()
@@ -93,11 +99,11 @@ class Table:
 
     def add_batch(self, batch: Batch) -> None:
         """Append raw samples: with sequence, arrival, device time, bound and quality."""
-        self._add(sample_rows(join(batch.source, batch.stream, [batch]), self._start))
+        self._add(sample_rows(join(batch.source, batch.stream, [batch]), self._start, self._units))
 
     def add_frames(self, frames: Frames) -> None:
         """Append frames: with sequence, and quality and bound of each channel."""
-        self._add(frame_rows(frames, self._start))
+        self._add(frame_rows(frames, self._start, self._units))
 
     def _add(self, rows: pa.RecordBatch) -> None:
         self._held.append(rows)
@@ -121,16 +127,27 @@ class Table:
         if self.path.suffix == ".csv":
             # pyarrow would put every name in quotes, which simple readers take for part of the name.
             with self.path.open("w", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerow(schema.names)
+                csv.writer(file, lineterminator="\n").writerow(
+                    [self._named.get(name, (name,))[0] for name in schema.names]
+                )
             options = pyarrow.csv.WriteOptions(include_header=False)
             out = self._stack.enter_context(self.path.open("ab"))
             return self._stack.enter_context(pyarrow.csv.CSVWriter(out, schema, write_options=options))
         schema = schema.with_metadata({"cellwatt": json.dumps(about(self._header, self._start))})
         return self._stack.enter_context(pyarrow.parquet.ParquetWriter(self.path, schema, compression="zstd"))
 
+    @property
+    def _named(self) -> dict[str, tuple[str, str]]:
+        """Heading of a CSV file and unit of each channel."""
+        out = {}
+        for channel in self._channels:
+            unit = self._units.of(channel.unit).name
+            out[channel.name] = (channel.name if unit == channel.unit else f"{channel.name} [{unit}]", unit)
+        return out
+
     def _describe(self) -> None:
         if self.path.suffix == ".csv" and self._writer is not None:
-            units = {channel.name: channel.unit for channel in self._channels}
+            units = dict(self._named.values())
             self.path.with_suffix(".json").write_text(
                 json.dumps({**about(self._header, self._start), "units": units}, indent=2) + "\n"
             )

@@ -16,9 +16,11 @@ from cellwatt.registry import stage as find_stage
 from cellwatt.report import Axis, Figure, Notes, Panel, Provenance, Report, Section, Table
 from cellwatt.report.drawing import MOST_POINTS, curve, note, stretch, upright
 from cellwatt.report.figure import Json
+from cellwatt.report.numbers import unit
 from cellwatt.report.theme import BAD, GOOD, SERIES
 from cellwatt.results import Alarm, Interval, Task
 from cellwatt.stage import CellInfo
+from cellwatt.units import Units
 
 HEIGHT = 190
 """Pixels of a diagram."""
@@ -28,17 +30,18 @@ LEAD = (
 )
 
 
-def report(recording: Recording, start: float | None, end: float | None, wanted: Sequence[str]) -> Report:
+def report(recording: Recording, start: float | None, end: float | None, wanted: Sequence[str], units: Units) -> Report:
     """The page. Raises ``RecordingError`` where there is nothing to draw.
 
-    ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, all where empty.
+    ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, all where empty. ``units``: in which
+    values are shown.
     """
     frames = recording.frames_table()
     origin = int(frames.time[0])
     low, high = -np.inf if start is None else start - 1e-9, np.inf if end is None else end + 1e-9
     seconds = (frames.time - origin) * 1e-9
     first, last = np.searchsorted(seconds, low), np.searchsorted(seconds, high, side="right")
-    groups = _groups(frames, wanted)
+    groups = _groups(frames, wanted, units)
     if not groups or first >= last:
         raise RecordingError("nothing to draw: no such channels, or no frames in that span")
     alarms = recording.alarms()
@@ -48,7 +51,7 @@ def report(recording: Recording, start: float | None, end: float | None, wanted:
     marks, labels = _bands(intervals, origin, shown)
     marks += _lines(alarms, origin, shown)
     x = Axis("s since the start", shown)
-    grids = [_gridded(frames, columns, int(first), int(last)) for _, columns in groups]
+    grids = [_gridded(frames, columns, int(first), int(last), units) for _, columns in groups]
     rows = [
         [Panel(_curves(frames, columns, grid, shown[0]), x, marks=marks + labels * (row == 0), title=title)]
         for row, ((title, columns), grid) in enumerate(zip(groups, grids, strict=True))
@@ -96,7 +99,7 @@ def _tasks(tasks: Sequence[Task]) -> list[str]:
     return out
 
 
-def _groups(frames: Frames, wanted: Sequence[str]) -> list[tuple[str, list[int]]]:
+def _groups(frames: Frames, wanted: Sequence[str], units: Units) -> list[tuple[str, list[int]]]:
     """Curves that belong into one diagram: same source, same last part of the name, same unit."""
     groups: dict[str, list[int]] = {}
     for i, channel in enumerate(frames.layout.channels):
@@ -105,15 +108,16 @@ def _groups(frames: Frames, wanted: Sequence[str]) -> list[tuple[str, list[int]]
         if channel.kind == "discrete" and not wanted:
             continue
         quantity = channel.short.rsplit(".", 1)[-1]
-        groups.setdefault(f"{channel.source} · {quantity} [{channel.unit}]", []).append(i)
+        groups.setdefault(f"{channel.source} · {quantity} [{unit(units.of(channel.unit).name)}]", []).append(i)
     return list(groups.items())
 
 
-def _gridded(frames: Frames, columns: Sequence[int], first: int, last: int) -> NDArray[np.float64]:
-    """Values (n, columns) on an even grid, NaN where frames are missing."""
+def _gridded(frames: Frames, columns: Sequence[int], first: int, last: int, units: Units) -> NDArray[np.float64]:
+    """Values (n, columns) in ``units`` on an even grid, NaN where frames are missing."""
     rows = (frames.time[first:last] - frames.time[first] + frames.layout.step // 2) // frames.layout.step
     out = np.full((int(rows[-1]) + 1, len(columns)), np.nan)
-    out[rows] = frames.values[first:last, columns]
+    for place, column in enumerate(columns):
+        out[rows, place] = units.of(frames.layout.channels[column].unit).of(frames.values[first:last, column])
     return out
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
 from cellwatt.tables.names import Name, scale, understood, units_of, usual
+from cellwatt.units import named
 
 Float = NDArray[np.float64]
 
@@ -119,6 +120,11 @@ class Table:
             raise self._several(name, found)
         return self._values(found[0]) if found else None
 
+    def plain(self, name: str) -> Float:
+        """Column (N,) by its own name; in the SI unit where the file holds its unit beside it."""
+        unit = named(self.units.get(name, ""))
+        return self.columns[name] if unit is None else unit.si(self.columns[name])
+
     def lacks(self, wanted: str) -> RecordingError:
         """Return the error of a missing column: it names the nearest that is not understood, and all that there are."""
         strange = [name for name in self.names if understood(name) is None]
@@ -168,7 +174,7 @@ class Table:
             raise RecordingError(f"{self.path}: column {name} holds text, {self.text[name]}, expected numbers")
         known = self._understood.get(name)
         if known is None:
-            return self.columns[name]
+            return self.plain(name)
         unit = known.unit or self.units.get(name)
         scaled = scale(known.quantity, unit)
         if scaled is None:

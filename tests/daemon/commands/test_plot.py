@@ -40,6 +40,29 @@ def test_a_page(call: Call, recordings: Path, tmp_path: Path) -> None:
     assert "1+3" in [note["text"] for note in figure["layout"]["annotations"]]
 
 
+def test_units_of_the_cell_and_of_the_command_line(
+    call: Call, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = Header("plant", "weld", START, None, "units: {angle: deg}", {"arm": (making.ARM,)})
+    monkeypatch.setattr(making, "HEADER", header)
+    making.write_chunks(tmp_path, [[making.batch_of(0, 50), making.frames_of(0, 25), MOVES]])
+    (file,) = tmp_path.glob("*.mcap")
+
+    def shown(*arguments: str) -> dict[str, list[float]]:
+        assert call("plot", file, "--out", tmp_path / "page.html", *arguments).code == 0
+        (figure,) = read(tmp_path / "page.html").figures
+        titles = [note["text"] for note in figure["layout"]["annotations"] if "position" in note["text"]]
+        curve = next(t["y"] for t in figure["data"] if t["name"] == "joint_1.position")
+        return {titles[0]: [value for value in curve if value is not None]}
+
+    ((degrees, in_degrees),) = shown().items()
+    ((radians, in_radians),) = shown("--units", "SI").items()
+    assert (degrees, radians) == ("<b>arm · position [°]</b>", "<b>arm · position [rad]</b>")
+    assert in_degrees == pytest.approx([57.29577951308232 * value for value in in_radians], abs=0.01)
+    ended = call("plot", file, "--units", "furlong")
+    assert (ended.code, "no unit 'furlong'" in ended.err) == (2, True)
+
+
 def test_some_of_it(call: Call, recordings: Path, tmp_path: Path) -> None:
     out = ("--out", tmp_path / "page.html")
     assert call("plot", recordings, *out, "--channel", "joint_2", "--from", "0.1", "--to", "0.3").code == 0

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from cellwatt import Event, RecordingError, Tick
 from cellwatt.commands.export import command
 from cellwatt.emulation import load_signals
+from cellwatt.tables import read_table
 
 from .making import SESSION, batch_of, frames_of, name_of, stream_of, write_chunks
 from .test_roundtrip import RESULTS
@@ -104,3 +105,20 @@ def test_damage_is_told(folder, tmp_path, caplog):
     done = run(folder, "--out", tmp_path / "out")
     assert done.exit_code == 0
     assert "cannot be read" in caplog.text
+
+
+@pytest.mark.parametrize("form", ["parquet", "csv"])
+def test_units_asked_for_are_named_and_read_back_by_the_reader_of_tables(folder, tmp_path, form):
+    out = tmp_path / "out"
+    assert run(folder, "--out", out, "--format", form, "--raw", "--units", "deg").exit_code == 0
+    radians = np.concatenate([b.values[:, 0] for b in (batch_of(0, 15), batch_of(15, 5), batch_of(20, 15))])
+    file = out / f"arm.rtde.{form}"
+    name = "joint_1.position" if form == "parquet" else "joint_1.position [deg]"
+    table = read_table(file)
+    assert table.columns[name][:35] == pytest.approx(radians * 180 / np.pi, rel=1e-14)
+    assert table.needed("position", 6)[:35, 0] == pytest.approx(radians, rel=1e-14)
+    if form == "parquet":
+        assert load_signals(file).columns["joint_1.position"][:35] == pytest.approx(radians, rel=1e-14)
+        assert pq.read_schema(file).field(name).metadata == {b"unit": b"deg"}
+    else:
+        assert json.loads(file.with_suffix(".json").read_text())["units"][name] == "deg"
