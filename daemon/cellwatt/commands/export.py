@@ -49,7 +49,8 @@ def command(
     """Write RECORDINGS (files or folders of one cell) as tables.
 
     One table for each raw stream (SOURCE.STREAM), one of the frames, and results and events as JSON lines.
-    Columns are named like the channels, results are in SI units; t is s since the start of the recording, utc_ns the time itself.
+    Columns are named like the channels; t is s since the start of the recording, utc_ns the time itself. Results and
+    events are in SI units always.
     """
     if verify is not None:
         _refuse_unsigned(recordings, verify)

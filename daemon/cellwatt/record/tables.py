@@ -74,7 +74,8 @@ class Table:
     """A file of columns: ``t`` (s since ``start``, UTC ns), ``utc_ns``, one a channel, then what is known of them.
 
     Values are in ``units``. Their names stand in the columns' metadata (Parquet) or in a JSON file beside the table
-    (CSV), where a column that is not in the SI unit bears its unit in its name, too. Use as a context manager. Raises ``RecordingError`` where the file cannot be written.
+    (CSV), where a column that is not in the SI unit bears its unit in its name, too. Use as a context manager. Raises
+    ``RecordingError`` where the file cannot be written.
     """
 
     def __init__(self, path: Path, channels: Channels, start: int, header: Header, units: Units = SI) -> None:

@@ -33,8 +33,8 @@ LEAD = (
 def report(recording: Recording, start: float | None, end: float | None, wanted: Sequence[str], units: Units) -> Report:
     """The page. Raises ``RecordingError`` where there is nothing to draw.
 
-    ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, all where empty. ``units``: in which
-    values are shown.
+    ``start`` and ``end`` s from the recording's start; ``wanted``: parts of channel names, all where empty; values are
+    shown in ``units``.
     """
     frames = recording.frames_table()
     origin = int(frames.time[0])
