@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 import click
+from click.shell_completion import CompletionItem
 
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.registry import available
@@ -30,6 +31,11 @@ class _Commands(click.Group):
         except ImportError as error:
             raise click.ClickException(f"command {name!r} cannot be loaded: {error}") from error
         return command
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Names of commands, without the help that click adds: that would import every one of them."""
+        names = [CompletionItem(name) for name in self.list_commands(ctx) if name.startswith(incomplete)]
+        return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

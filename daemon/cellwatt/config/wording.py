@@ -96,7 +96,7 @@ def unknown_key(key: object, choices: Sequence[str]) -> str:
 
 def missing_key(key: str, description: str | None) -> str:
     """Text for a key that must be there."""
-    about = f" ({_sentence(description)})" if description else ""
+    about = f" ({first_sentence(description)})" if description else ""
     return f"the key {key!r} is missing{about}"
 
 
@@ -225,6 +225,7 @@ def _hint(group: Sequence[_Finding], document: Document) -> str:
     return ""
 
 
-def _sentence(text: str) -> str:
-    first = re.split(r"(?<=\w)\.\s|\n\n|;", text.strip(), maxsplit=1)[0]
-    return " ".join(first.split()).rstrip(".").replace("``", "")
+def first_sentence(text: str) -> str:
+    """First sentence of a description, without its full stop and marks of code."""
+    first = re.split(r"(?<=\w)(?<!e\.g)\.\s|\n\n|;", text.strip(), maxsplit=1)[0]
+    return " ".join(first.split()).rstrip(", .").replace("``", "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from contextlib import AbstractAsyncContextManager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import Field, FilePath, field_validator, model_validator
 
@@ -29,6 +29,9 @@ _EXTRAS = {"can": "python-can", "cantools": "cantools"}
 
 class CanSensorSettings(SourceSettings):
     """A sensor on a CAN bus: one of the packaged ones, or any with a DBC file and a map of one's own."""
+
+    reached_by: ClassVar[tuple[str, ...]] = ("channel",)
+    asked: ClassVar[tuple[str, ...]] = ("sensor", "interface")
 
     sensor: SensorName | None = None
     """Make of the sensor: one of the packaged maps."""

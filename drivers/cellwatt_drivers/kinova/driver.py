@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractAsyncContextManager
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, SecretStr, field_validator
 
@@ -35,6 +35,8 @@ _LIBRARIES = {
 
 class KinovaSettings(SourceSettings):
     """A Gen3 (6 or 7 joints) or Gen3 lite."""
+
+    asked: ClassVar[tuple[str, ...]] = ("axes",)
 
     host: Host = "192.168.1.10"
     """Address of the arm."""

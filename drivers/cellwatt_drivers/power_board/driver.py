@@ -39,6 +39,8 @@ def _listed(value: object) -> object:
 class PowerBoardSettings(SourceSettings):
     """A power-measuring board behind an XBee/ZigBee receiver on a serial port."""
 
+    reached_by: ClassVar[tuple[str, ...]] = ("port",)
+
     port: str
     """Device path; prefer /dev/serial/by-id/…, which stays the same when the adapter is plugged in elsewhere."""
     baud: StrictInt = Field(115200, ge=1200, le=4_000_000)

@@ -6,7 +6,7 @@ import asyncio
 import time
 from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -34,6 +34,9 @@ def _written(element: object) -> object:
 
 class ScpiAnalyzerSettings(SourceSettings):
     """A power analyzer on the network (``host``) or on a serial port (``serial``)."""
+
+    reached_by: ClassVar[tuple[str, ...]] = ("host", "serial")
+    asked: ClassVar[tuple[str, ...]] = ("model",)
 
     model: Model = "hmc8015"
     """Family: R&S HMC8015, Yokogawa WT300 (WT310, WT330, …) or ZES Zimmer LMG600 (LMG610, LMG640, LMG670)."""

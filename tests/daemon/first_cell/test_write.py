@@ -1,0 +1,139 @@
+"""A first settings file is right by construction, and so is each of its commented lines."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cellwatt.config import load
+from cellwatt.config.installed import installed
+from cellwatt.errors import ConfigError
+from cellwatt.first_cell.plan import CellPlan, SourcePlan, in_yaml, parse_source, questions, unreachable
+from cellwatt.first_cell.write import write_cell
+from cellwatt.runtime.assemble import prepare
+
+GIVEN = {
+    "abb": {},
+    "can_sensor": {"sensor": "ivt_s"},
+    "modbus_meter": {"meter": "eastron_sdm630"},
+    "power_board": {},
+    "yaskawa": {"pulses_per_degree": "[1341.4, 1341.4, 1341.4, 1000, 1000, 622]"},
+}
+"""What a user must add to the address."""
+ADDRESSES = {"power_board": "/dev/ttyUSB0", "can_sensor": "can0"}
+_OFF = re.compile(r"^( *)# ([a-z_]+: .*)$")
+
+
+def source(driver: str) -> SourcePlan:
+    found = parse_source(f"device={driver}:{ADDRESSES.get(driver, '192.0.2.10')}")
+    return SourcePlan("device", driver, {**found.settings, **GIVEN.get(driver, {})})
+
+
+@pytest.fixture(params=[part.name for part in installed("driver") if part.package == "cellwatt"])
+def written(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    if request.param == "franka":
+        pytest.importorskip("pylibfranka", reason="the driver needs pylibfranka")
+    file = tmp_path / "cell.yaml"
+    write_cell(file, CellPlan("plant", "weld", (source(request.param),)))
+    return file
+
+
+def test_it_passes_for_every_driver(written):
+    assert prepare(load(written)).layout.channels
+    assert list(written.parent.iterdir()) == [written]
+
+
+def test_every_default_of_a_source_may_be_switched_on(written):
+    text = written.read_text()
+    on, in_sources = [], False
+    for line in text.splitlines():
+        in_sources = line == "sources:" or (in_sources and line != "" and not line.startswith("# frames"))
+        off = _OFF.match(line) if in_sources else None
+        value = yaml.safe_load(off[2]) if off and not off[2].endswith(":") else None
+        shown = isinstance(value, dict) and next(iter(value.values())) is not None
+        on.append(f"{off[1]}{off[2]}" if off and shown else line)
+    assert on != text.splitlines()
+    before = load(written)
+    written.write_text("\n".join(on))
+    assert load(written).sources["device"].settings == before.sources["device"].settings
+
+
+def test_a_section_is_switched_on_by_taking_its_marks_away(tmp_path):
+    file = tmp_path / "cell.yaml"
+    write_cell(file, CellPlan("plant", "weld", (source("ur"),), record=None))
+    assert load(file).record is None
+    text = file.read_text()
+    section = re.search(r"^# record:.*\n(?:#.*\n)+", text, re.MULTILINE)
+    assert section is not None
+    on = re.sub(r"^# ", "", section[0], flags=re.MULTILINE).replace("folder:", "folder: there", 1)
+    file.write_text(text.replace(section[0], on))
+    config = load(file)
+    assert config.record is not None and config.record.folder == tmp_path / "there" and config.record.keep == 20e9
+
+
+def test_an_arm_has_segments_and_a_meter_has_none(tmp_path):
+    file = tmp_path / "cell.yaml"
+    write_cell(file, CellPlan("plant", "weld", (source("ur"),)))
+    assert list(load(file).stages) == ["segment"]
+    write_cell(file, CellPlan("plant", "weld", (source("scpi_analyzer"),)))
+    assert not load(file).stages
+
+
+def test_it_is_written_whole_or_not_at_all(tmp_path):
+    file = tmp_path / "cell.yaml"
+    wrong = SourcePlan("arm", "ur", {"host": "192.0.2.10", "rate": "500"})
+    with pytest.raises(ConfigError, match=r"is not written: sources\.arm\.rate: found 500: expected a number"):
+        write_cell(file, CellPlan("plant", "weld", (wrong,)))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "settings"),
+    [
+        ("a=ur:192.0.2.10", {"host": "192.0.2.10"}),
+        ("a=ur:192.0.2.10:30004", {"host": "192.0.2.10", "port": "30004"}),
+        ("a=ur:[2001:db8::1]:30004", {"host": '"2001:db8::1"', "port": "30004"}),
+        ("a=ur:2001:db8::1", {"host": '"2001:db8::1"'}),
+        ("a=ur", {}),
+        ("a=scpi_analyzer:/dev/ttyACM0", {"serial": "/dev/ttyACM0"}),
+        ("a=modbus_meter:/dev/ttyUSB0", {"line": "/dev/ttyUSB0"}),
+        ("a=power_board:/dev/ttyUSB0", {"port": "/dev/ttyUSB0"}),
+        ("a=can_sensor:can0", {"channel": "can0"}),
+    ],
+)
+def test_an_address_becomes_settings(text, settings):
+    assert parse_source(text).settings == settings
+
+
+def test_what_is_left_to_ask():
+    assert unreachable(parse_source("a=ur")) and not unreachable(parse_source("a=ur:192.0.2.10"))
+    assert not unreachable(parse_source("a=kinova"))  # it has a usual address
+    assert questions(parse_source("a=modbus_meter:192.0.2.1")) == ["meter"]
+    assert questions(parse_source("a=ur:192.0.2.1")) == []
+
+
+def test_mistakes_in_a_source_are_named():
+    for text in ("ur:192.0.2.10", "arm=", "arm"):
+        with pytest.raises(ConfigError, match="expected NAME=DRIVER:ADDRESS"):
+            parse_source(text)
+    with pytest.raises(ConfigError, match="did you mean 'ur'"):
+        parse_source("arm=urr:192.0.2.10")
+    with pytest.raises(ConfigError, match="expected small letters"):
+        parse_source("Arm=ur:192.0.2.10")
+
+
+@pytest.mark.parametrize(
+    "text", ["no", "true", "1e3", "12", "a: b", "x # y", "", "~", "weld_3", "192.0.2.10", "ä", "- a"]
+)
+def test_a_text_stays_one_in_yaml(text, tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text(f"site: {in_yaml(text)}\ncell: c\nsources: {{a: {{driver: ur, host: h}}}}\n")
+    if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", text):
+        assert load(file).site == text
+    else:
+        with pytest.raises(ConfigError) as found:
+            load(file)
+        assert [p.path for p in found.value.problems] == ["site"] and "quotes" not in str(found.value)
