@@ -29,6 +29,11 @@ def sources(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> 
     return [CompletionItem(f"{name}={found.value}:") for found in starting(available("cellwatt.drivers"), driver)]
 
 
+def or_files(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
+    """Words that start as what is typed, and files where none does."""
+    return [CompletionItem(incomplete, type="file"), *starting(words, incomplete)]
+
+
 def starting(words: Iterable[str], incomplete: str) -> list[CompletionItem]:
     """Words that start as what is typed."""
     return [CompletionItem(word) for word in words if word.startswith(incomplete)]

@@ -11,8 +11,7 @@ from typing import Any
 import click
 
 from cellwatt.channel import Channel, Stream
-from cellwatt.commands import EXIT_USAGE
-from cellwatt.commands.completion import parts as names_of_parts
+from cellwatt.commands import EXIT_USAGE, completion
 from cellwatt.commands.tables import show_table
 from cellwatt.config.installed import Part, installed
 from cellwatt.config.reference import Field, markdown, reference
@@ -21,7 +20,7 @@ from cellwatt.runtime.assemble import typical_streams
 
 
 @click.command()
-@click.argument("name", required=False, shell_complete=names_of_parts)
+@click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--markdown", "as_markdown", is_flag=True, help="With NAME: print the table of settings for a docs page.")
 def command(name: str | None, as_json: bool, as_markdown: bool) -> None:

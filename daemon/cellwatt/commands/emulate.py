@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands import EXIT_ERROR
+from cellwatt.commands import EXIT_ERROR, completion
 from cellwatt.commands.emulate_cell import emulate_cell
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
 from cellwatt.emulation.cell import emulator_of
@@ -22,7 +22,7 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
 
 
 @click.command()
-@click.argument("driver", required=False)
+@click.argument("driver", required=False, shell_complete=completion.drivers)
 @click.option(
     "--cell",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from cellwatt.commands.completion import or_files
 from cellwatt.errors import RecordingError, why
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
+from cellwatt_plugins.robot.description import packaged
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
@@ -29,7 +31,11 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
     "recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path(exists=True, path_type=Path)
 )
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
-@click.option("--robot", help="Name of the robot, or its YAML description (or its folder).")
+@click.option(
+    "--robot",
+    shell_complete=lambda ctx, parameter, incomplete: or_files(packaged(), incomplete),
+    help="Name of the robot, or its YAML description (or its folder).",
+)
 @click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")

@@ -142,6 +142,11 @@ class RobotDescription(_Keys):
         return np.array([getattr(joint, name) for joint in self.joints], np.float64)
 
 
+def packaged() -> list[str]:
+    """Names of the packaged robots."""
+    return sorted(folder.name for folder in PACKAGED.iterdir() if folder.is_dir())
+
+
 def robot_file(robot: Place) -> Path:
     """The ``robot.yaml`` that ``robot`` names: the file, the folder that holds it, or a packaged robot's name.
 
@@ -152,7 +157,7 @@ def robot_file(robot: Place) -> Path:
         return path / "robot.yaml"
     if path.exists() or not isinstance(robot, str) or len(path.parts) > 1 or path.suffix:
         return path
-    names = sorted(folder.name for folder in PACKAGED.iterdir() if folder.is_dir())
+    names = packaged()
     if robot in names:
         return PACKAGED / robot / "robot.yaml"
     near = get_close_matches(robot.lower(), names, n=1, cutoff=0.5)

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 
 import pytest
 
@@ -18,6 +19,10 @@ compopt() {{ echo "option $*"; }}
 _cellwatt_completion cellwatt
 printf '%s\\n' "${{COMPREPLY[@]}}"
 """
+
+
+def called(command: list[str], environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
 
 
 @pytest.fixture
@@ -43,8 +48,9 @@ def offered(tmp_path):
 def test_bash_offers_commands_names_and_files(offered):
     commands = offered("cellwatt e_")
     assert {"emulate", "export", "explain"} <= set(commands) and all(name[0] == "e" for name in commands)
-    assert offered("cellwatt drivers scpi_") == ["scpi_analyzer"]
-    assert "option -o default" in offered("cellwatt check cel_")
+    assert offered("cellwatt drivers scpi_") == offered("cellwatt emulate scpi_") == ["scpi_analyzer"]
+    assert "mh12" in offered("cellwatt reference --robot m_")
+    assert "default" in offered("cellwatt check cel_")
 
 
 def test_names_of_commands_are_offered_without_loading_any():

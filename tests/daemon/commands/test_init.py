@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from importlib.metadata import entry_points
 
 import pytest
@@ -109,13 +110,7 @@ def test_by_questions(run, tmp_path):
 async def test_devices_are_asked_who_they_are(run):
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:
         answers = ["", "", "ur", arm.address, "", "", "", "y", ""]
-        ended = await _in_thread(run, answers="\n".join(answers))
+        ended = await asyncio.to_thread(run, answers="\n".join(answers))
     assert ended.exit_code == 0, ended.output
     assert "asking it, read-only … Universal Robots" in ended.output and "rtde 5" in ended.output
     assert "verdict" in ended.output
-
-
-async def _in_thread(run, **more):
-    import asyncio
-
-    return await asyncio.to_thread(run, **more)

@@ -1,13 +1,13 @@
-"""Serial ports are seen without being opened; who answers at an address is told."""
+"""Serial ports are seen without being opened."""
 
 from __future__ import annotations
 
 import os
 import pty
-from types import SimpleNamespace
 
 import pytest
 import serial
+from serial.tools.list_ports_common import ListPortInfo
 
 from cellwatt.first_cell import find
 
@@ -26,8 +26,9 @@ def port(terminal, tmp_path, monkeypatch):
     lasting = tmp_path / "usb-Receiver-if00"
     lasting.symlink_to(terminal)
     monkeypatch.setattr(find, "BY_ID", tmp_path)
-    monkeypatch.setattr(find, "comports", lambda: [SimpleNamespace(device=terminal, description="Receiver")])
-    monkeypatch.setattr(SimpleNamespace, "__lt__", lambda a, b: a.device < b.device, raising=False)
+    found = ListPortInfo(terminal)
+    found.description = "Receiver"
+    monkeypatch.setattr(find, "comports", lambda: [found])
     return lasting
 
 
