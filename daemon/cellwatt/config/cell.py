@@ -33,6 +33,8 @@ class CellName(BaseModel):
     """Name of the plant, first part of every Zenoh key: letters, digits, ``_``, ``-``, ``.``."""
     cell: KeyPart
     """Name of the cell within the site, second part of every Zenoh key."""
+    version: int = Field(default=1, ge=0)
+    """Version of the form of this file; one that states none is read as the newest."""
     robot: str | None = None
     """Robot in the cell: a packaged description (``ur10e``) or a folder; models are checked against it."""
 
@@ -97,7 +99,7 @@ class CellConfig:
 
     ``text`` is the file as written, ``${ENV}`` not filled in and secrets hidden. ``environment`` holds, by key path,
     the text to show in place of a secret or of a value that came from the environment, and ``secrets`` the values
-    behind them.
+    behind them. ``read_with`` are warnings from reading the file.
     """
 
     path: Path
@@ -113,6 +115,7 @@ class CellConfig:
     units: Units = field(default_factory=Units)
     environment: Mapping[KeyPath, str] = field(default_factory=dict, repr=False)
     secrets: Mapping[str, str] = field(default_factory=dict, repr=False)
+    read_with: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -125,4 +128,4 @@ class CellConfig:
         told = {name: sink.settings.warnings() for name, sink in self.sinks.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)
-        return tuple(f"{name}: {text}" for name, texts in told.items() for text in texts)
+        return (*self.read_with, *(f"{name}: {text}" for name, texts in told.items() for text in texts))

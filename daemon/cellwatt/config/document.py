@@ -27,6 +27,7 @@ from cellwatt.config.nodes import (
     problem,
     quoted,
     shortened,
+    text_of,
     too_much,
 )
 from cellwatt.config.places import KeyPath, Mark, Place
@@ -60,6 +61,7 @@ class Document:
     environment: dict[KeyPath, str]
     secrets: dict[str, str]
     mistakes: Mapping[KeyPath, tuple[Problem, ...]]
+    environ: Mapping[str, str] = field(repr=False)
     hidden: set[KeyPath] = field(default_factory=set)
 
     def problem(self, path: KeyPath, message: str, *, at_key: bool = False) -> Problem:
@@ -127,7 +129,19 @@ def read(
 
     Raises ``ConfigError`` where it cannot be read or is not YAML with keys at the top.
     """
-    text, node = compose(file, bounds, expected)
+    return parse(file, text_of(file, bounds), environ, bounds=bounds, expected=expected)
+
+
+def parse(
+    file: Path,
+    text: str,
+    environ: Mapping[str, str],
+    *,
+    bounds: Bounds = SETTINGS_FILE,
+    expected: str = "site, cell and sources",
+) -> Document:
+    """A text as the settings file ``file``. Raises ``ConfigError`` as ``read`` does."""
+    node = compose(file, text, bounds, expected)
     if not isinstance(node, yaml.MappingNode):
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         message = f"found {found}, expected settings (key: value) starting with {expected}"
@@ -135,7 +149,7 @@ def read(
     builder = _Builder(file, environ, bounds)
     value = builder.build(node, (), mark_of(node))
     mistakes = {path: tuple(found) for path, found in builder.mistakes.items()}
-    return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes)
+    return Document(file, text, value, builder.places, builder.environment, builder.secrets, mistakes, environ)
 
 
 def of_value(value: Any) -> Document:
@@ -149,7 +163,7 @@ def of_value(value: Any) -> Document:
             note((*path, key), below)
 
     note((), value)
-    return Document(Path(), "", value, places, {}, {}, {})
+    return Document(Path(), "", value, places, {}, {}, {}, {})
 
 
 class _Builder:

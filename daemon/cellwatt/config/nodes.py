@@ -76,12 +76,11 @@ class _LargeLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: igno
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = _Loader.yaml_implicit_resolvers
 
 
-def compose(file: Path, bounds: Bounds, expected: str) -> tuple[str, yaml.Node]:
-    """Text of a file and its root node; ``expected`` names the keys that it should have.
+def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
+    """Root node of a file's text; ``expected`` names the keys that it should have.
 
-    Raises ``ConfigError`` where it cannot be read, is empty or not YAML.
+    Raises ``ConfigError`` where it is empty or not YAML.
     """
-    text = _text(file, bounds.bytes)
     try:
         if bounds is SETTINGS_FILE:
             node = yaml.compose(text, Loader=_Loader)
@@ -92,7 +91,7 @@ def compose(file: Path, bounds: Bounds, expected: str) -> tuple[str, yaml.Node]:
         raise ConfigError([_syntax(file, text, error)]) from error
     if node is None:
         raise ConfigError([problem(file, Mark(1, 1), f"the file is empty; expected {expected}")])
-    return text, node
+    return node
 
 
 def too_much(values: int, bounds: Bounds) -> str:
@@ -126,9 +125,10 @@ def place(file: Path, mark: Mark) -> str:
     return f"{file}:{mark.line}:{mark.column}"
 
 
-def _text(file: Path, limit: int) -> str:
+def text_of(file: Path, bounds: Bounds) -> str:
+    """Text of a file. Raises ``ConfigError`` where it cannot be read or is not UTF-8."""
     try:
-        content = read_bytes(file, limit)
+        content = read_bytes(file, bounds.bytes)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise ConfigError([Problem(str(file), "", f"cannot be read: {reason[:1].lower()}{reason[1:]}")]) from error

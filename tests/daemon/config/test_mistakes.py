@@ -54,7 +54,11 @@ MISTAKES = {
     "sources as a list": ("site: a\ncell: b\nsources:\n  - arm\n", "4:3", "found a list, expected settings"),
     "no site": (SMALL.removeprefix("site: a\n"), "1:1", "the key 'site' is missing (Name of the plant"),
     "misspelt section": (SMALL.replace("sources", "source"), "3:1", "unknown key 'source'; did you mean 'sources'?"),
-    "unknown section": (f"{SMALL}alarms: {{}}\n", "7:1", "unknown key 'alarms' (keys here: site, cell, robot,"),
+    "unknown section": (
+        f"{SMALL}alarms: {{}}\n",
+        "7:1",
+        "unknown key 'alarms' (keys here: site, cell, version, robot,",
+    ),
     "number as a name": (SMALL.replace("cell: b", "cell: 3"), "2:7", 'found 3, expected text; write it in quotes: "3"'),
     "decimal as a name": (SMALL.replace("cell: b", "cell: 1.50"), "2:7", 'write it in quotes: "1.50"'),
     "bool as a name": (SMALL.replace("cell: b", "cell: true"), "2:7", 'write it in quotes: "true"'),
