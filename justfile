@@ -24,6 +24,10 @@ docs:
 bench *arguments:
     {{ python }} bench/daemon.py --json {{ arguments }}
 
+# The pictures of the live cell, by the demo's cell with a spring on the elbow; needs Chromium.
+picture:
+    {{ python }} bench/watch.py
+
 # The bill of materials of this environment (CycloneDX).
 sbom:
     {{ python }} -m cellwatt.sbom > cellwatt.cdx.json

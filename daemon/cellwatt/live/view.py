@@ -235,7 +235,7 @@ def _number(value: float) -> str:
     """Four significant digits, without an exponent where that fits in eight cells."""
     size = abs(value)
     if size and not 1e-3 <= size < 1e6:
-        return f"{value:.2e}"
+        return f"{value:.1e}"
     return f"{value:.{4 if size < 1 else 3 if size < 10 else 2 if size < 100 else 1 if size < 1000 else 0}f}"
 
 

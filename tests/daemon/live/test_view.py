@@ -109,7 +109,7 @@ def test_a_channel_that_is_missing_now_has_no_value_but_its_course() -> None:
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(0.0, "0.0000"), (-0.12345, "-0.1235"), (9.8765, "9.877"), (-82.5, "-82.50"), (4321.0, "4321"), (2e7, "2.00e+07")],
+    [(0.0, "0.0000"), (-0.12345, "-0.1235"), (9.8765, "9.877"), (-82.5, "-82.50"), (4321.0, "4321"), (2e7, "2.0e+07")],
 )
 def test_numbers_have_four_digits(value: float, shown: str) -> None:
     assert view._number(value) == shown
