@@ -57,7 +57,7 @@ class LiveApp(App[None]):
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     #head, #pages { height: auto; }
-    VerticalScroll, ContentSwitcher, OptionList { height: 1fr; background: ansi_default; border: none; padding: 0; }
+    VerticalScroll, ContentSwitcher, OptionList { height: 1fr; background: $background; border: none; padding: 0; }
     #pages { margin-bottom: 1; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -74,7 +74,8 @@ class LiveApp(App[None]):
 
     def __init__(self, messages: Iterable[Message | None], look: Look, cell: LiveCell | None = None) -> None:
         super().__init__()
-        self.theme = "ansi-dark"  # the terminal's own colours: its background stays, light or dark
+        # The terminal's own colours, light or dark; those have no shades of grey that stand for them without colours.
+        self.theme = "textual-dark" if self.no_color else "ansi-dark"
         self.look = look
         self.page: str = PAGES[0]
         self.problem: Exception | None = None

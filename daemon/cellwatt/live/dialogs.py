@@ -18,8 +18,8 @@ class Page(ModalScreen[None]):
 
     CSS = """
     Page { align: center middle; }
-    Page VerticalScroll { width: auto; max-width: 96%; height: auto; max-height: 90%; border: ascii ansi_blue;
-                          padding: 0 1; background: ansi_default; }
+    Page VerticalScroll { width: auto; max-width: 96%; height: auto; max-height: 90%; border: ascii $primary;
+                          padding: 0 1; background: $background; }
     Page Static { width: auto; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,enter,q,space,question_mark", "dismiss", "close")]
@@ -40,9 +40,9 @@ class Channels(ModalScreen[list[str]]):
 
     CSS = """
     Channels { align: center middle; }
-    Channels Vertical { width: 60; max-width: 96%; height: 90%; border: ascii ansi_blue; background: ansi_default; }
-    Channels Input { border: none; padding: 0 1; height: 1; background: ansi_default; }
-    Channels OptionList { height: 1fr; border: none; padding: 0; background: ansi_default; }
+    Channels Vertical { width: 60; max-width: 96%; height: 90%; border: ascii $primary; background: $background; }
+    Channels Input { border: none; padding: 0 1; height: 1; background: $background; }
+    Channels OptionList { height: 1fr; border: none; padding: 0; background: $background; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "move(-1)", show=False, priority=True),

@@ -170,13 +170,19 @@ async def test_without_colours_every_state_is_still_told(monkeypatch: pytest.Mon
         lines = await seen(app, pilot, "3")
         assert "● green" in lines[0]
         assert any("error" in line for line in lines)
-        shades = {
-            colour.triplet
+        styles = [
+            part.style
             for strip in app.screen._compositor.render_strips()
-            for part in strip.apply_filter(app._filters[0], app.ansi_theme and app.styles.background)
-            if part.style and (colour := part.style.color) and colour.triplet
-        }
-        assert all(red == green == blue for red, green, blue in shades)
+            for colourless in app._filters
+            for part in strip.apply_filter(colourless, app.background_colors[1])
+            if part.style and part.text.strip()
+        ]
+        assert styles
+        for style in styles:
+            front, back = style.color, style.bgcolor
+            assert front and back and front.triplet and back.triplet
+            assert len({*front.triplet}) == len({*back.triplet}) == 1, "a colour"
+            assert abs(front.triplet[0] - back.triplet[0]) > 40, "text that cannot be read"
 
 
 async def test_the_end_of_the_messages_ends_it_with_their_error() -> None:
