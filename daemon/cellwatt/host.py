@@ -11,18 +11,32 @@ from pydantic import AfterValidator
 LONGEST: Final = 253
 """Characters of a host name, of each of its parts 63 (RFC 1123)."""
 _NAME = re.compile(r"(?:(?!-)[A-Za-z0-9_-]{1,63}(?<!-)\.)*(?!-)[A-Za-z0-9_-]{1,63}(?<!-)\.?")
-_NUMBERS = re.compile(r"[0-9]+(?:\.[0-9]+){3}")
+_NUMBERS = re.compile(r"[0-9]+(?:\.[0-9]+)+")
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 
 
 def check_host(host: str) -> str:
-    """Return the host unchanged. Raises ``ValueError`` if it is neither a host name nor an IP address."""
+    """Return the host unchanged.
+
+    Raises ``ValueError`` if it is neither a host name nor an IP address, with the host that is within it, if there is.
+    """
+    if not (told := _mistake(host)):
+        return host
+    alone = _SCHEME.sub("", host.strip(), count=1).partition("/")[0].rpartition("@")[2]
+    alone, _, port = alone.partition(":")
+    if _mistake(alone):
+        raise ValueError(told)
+    raise ValueError(f"{told}; did you mean {alone!r}{', with the port as a key of its own' if port else ''}?")
+
+
+def _mistake(host: str) -> str:
     if len(host) > LONGEST:
-        raise ValueError(f"a host name has at most {LONGEST} characters, this one has {len(host):,}")
-    if _NUMBERS.fullmatch(host) and not _is_address(host):
-        raise ValueError("expected an IP address of four numbers from 0 to 255, like 192.0.2.10")
-    if not _NAME.fullmatch(host) and not _is_address(host):
-        raise ValueError("expected a host name or an IP address, like 192.0.2.10 or arm-3.plant")
-    return host
+        return f"a host name has at most {LONGEST} characters, this one has {len(host):,}"
+    if _is_address(host):
+        return ""
+    if _NUMBERS.fullmatch(host):
+        return "expected an IP address of four numbers from 0 to 255, like 192.0.2.10"
+    return "" if _NAME.fullmatch(host) else "expected a host name or an IP address, like 192.0.2.10 or arm-3.plant"
 
 
 def _is_address(host: str) -> bool:

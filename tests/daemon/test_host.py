@@ -19,6 +19,9 @@ BAD = {
     "begins with -": "-arm",
     "NUL": "arm\0",
     "a number beyond 255": "192.168.1.300",
+    "three numbers": "192.168.1",
+    "five numbers": "192.168.1.2.3",
+    "with a port": "192.168.1.30:502",
 }
 
 
@@ -31,6 +34,23 @@ def test_good_hosts(host: str) -> None:
 def test_bad_hosts(host: str) -> None:
     with pytest.raises(ValueError, match=r"host name|IP address"):
         check_host(host)
+
+
+@pytest.mark.parametrize(
+    ("host", "proposal"),
+    [
+        ("tcp://192.168.1.30", "did you mean '192.168.1.30'?"),
+        ("http://arm.plant/rw", "did you mean 'arm.plant'?"),
+        ("192.168.1.30:502", "did you mean '192.168.1.30', with the port as a key of its own?"),
+        ("opc.tcp://anna:secret@arm:4840/x", "did you mean 'arm', with the port as a key of its own?"),
+        (" arm ", "did you mean 'arm'?"),
+    ],
+)
+def test_the_host_within_what_was_written_is_proposed(host: str, proposal: str) -> None:
+    with pytest.raises(ValueError, match="expected a host name") as refused:
+        check_host(host)
+    assert str(refused.value).endswith(f"like 192.0.2.10 or arm-3.plant; {proposal}")
+    assert "secret" not in str(refused.value)
 
 
 @pytest.mark.parametrize("part", [p for p in installed("driver") if p.settings and "host" in p.settings.model_fields],

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
+import tempfile
+import traceback
+from typing import Final
 
 import click
 from click.shell_completion import CompletionItem
@@ -16,6 +21,12 @@ EXIT_USAGE = 2
 """The command line or a settings file is wrong."""
 EXIT_ERROR = 3
 """It could not be done: a device, file or link failed."""
+EXIT_BUG = 70
+"""A mistake in cellwatt or a package that it loaded; the number is EX_SOFTWARE of sysexits.h."""
+
+TRACEBACK: Final = "CELLWATT_TRACEBACK"
+"""Variable of the environment: where it is set, the traceback of a bug goes to stderr instead of into a file."""
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class _Commands(click.Group):
@@ -61,4 +72,29 @@ def main() -> None:
     except CellwattError as error:
         click.echo(f"cellwatt: {error}", err=True)
         sys.exit(EXIT_ERROR)
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in _FULL:
+            where = error.filename or "the output"
+            click.echo(f"cellwatt: {where} cannot be written: {error.strerror}", err=True)
+            sys.exit(EXIT_ERROR)
+        _tell_bug(error)
+        sys.exit(EXIT_BUG)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _tell_bug(error: Exception) -> None:
+    """Say in one line that this is a mistake of ours, and where its traceback is."""
+    text = "".join(traceback.format_exception(error))
+    told = " ".join(f"{type(error).__name__}: {error}".split())
+    kept = f"set {TRACEBACK}=1 to see where it is"
+    if os.environ.get(TRACEBACK):
+        click.echo(text, err=True)
+        kept = "the traceback is above"
+    else:
+        try:
+            with tempfile.NamedTemporaryFile("w", prefix="cellwatt-", suffix=".traceback", delete=False) as file:
+                file.write(text)
+            kept = f"the traceback is in {file.name}"
+        except OSError:
+            pass
+    click.echo(f"cellwatt: this is a mistake in cellwatt, please report it: {told} ({kept})", err=True)

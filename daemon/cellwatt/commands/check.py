@@ -16,7 +16,7 @@ from cellwatt.commands.tables import show_table
 from cellwatt.config import CellConfig, json_schema, load
 from cellwatt.config.places import ordered, position
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.record.room import troubles
+from cellwatt.record.room import Room, room
 from cellwatt.runtime.assemble import Prepared, prepare
 
 
@@ -27,8 +27,9 @@ from cellwatt.runtime.assemble import Prepared, prepare
 def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
     """Check settings files without connecting to anything.
 
-    Prints one line for each mistake, by place, and ends with exit code 2 when there is one. What is allowed and yet
-    dangerous is a warning on stderr, and so is a record folder that this PC has no room or no rights for.
+    Prints one line for each mistake, by place, and ends with exit code 2 when there is one; a record folder that
+    cannot be made is one. What is allowed and yet dangerous is a warning on stderr, and so is a record folder that
+    cannot be written, or a disk without the room that `keep` asks for.
     """
     if schema:
         click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
@@ -43,8 +44,9 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
         except ConfigError as error:
             problems += error.problems
         else:
-            warn(file, config)
-            if not as_json:
+            if refused := warn(file, config):
+                problems.append(refused)
+            elif not as_json:
                 _describe(config, prepared)
     problems = ordered(problems)
     if as_json:
@@ -55,11 +57,12 @@ def command(files: tuple[Path, ...], as_json: bool, schema: bool) -> None:
         sys.exit(EXIT_USAGE)
 
 
-def warn(file: Path, config: CellConfig) -> None:
-    """Print on stderr settings that are allowed but dangerous, and obstacles to recording on this PC."""
-    room = troubles(config.record) if config.record is not None else ()
-    for warning in (*config.warnings, *(f"record: {text}" for text in room)):
+def warn(file: Path, config: CellConfig) -> Problem | None:
+    """Print on stderr settings that are allowed but dangerous, and return what keeps this user from recording here."""
+    found = room(config.record) if config.record is not None else Room()
+    for warning in (*config.warnings, *(f"record: {text}" for text in found.warnings)):
         click.echo(f"{file}: warning: {warning}", err=True)
+    return Problem(config.record_place, "record.folder", found.refusal) if found.refusal else None
 
 
 def _plain(problem: Problem) -> dict[str, str | int | None]:

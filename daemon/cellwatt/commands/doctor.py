@@ -13,6 +13,7 @@ import click
 from cellwatt.batch import Batch
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.check import warn
+from cellwatt.commands.numbers import SECONDS
 from cellwatt.commands.ranges import summary
 from cellwatt.commands.tables import show_table
 from cellwatt.config import load
@@ -24,8 +25,10 @@ COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--seconds", default=5.0, show_default=True, help="How long to read each device.")
-@click.option("--patience", default=5.0, show_default=True, help="How long a device may take to answer, s.")
+@click.option("--seconds", type=SECONDS, default=5.0, show_default=True, help="How long to read each device.")
+@click.option(
+    "--patience", type=SECONDS, default=5.0, show_default=True, help="How long a device may take to answer, s."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     """Connect to every device of FILE, read-only, and compare what comes with what is declared.
@@ -37,7 +40,8 @@ def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
     Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is wrong.
     """
     config = load(file)
-    warn(file, config)
+    if refused := warn(file, config):
+        click.echo(f"warning: {refused}", err=True)
     read: dict[str, list[Batch]] = {name: [] for name in config.sources}
 
     async def all_sources() -> list[Examination]:

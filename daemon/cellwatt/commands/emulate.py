@@ -12,6 +12,7 @@ import click
 
 from cellwatt.commands import EXIT_ERROR, completion
 from cellwatt.commands.emulate_cell import emulate_cell
+from cellwatt.commands.numbers import FINITE, NOT_NEGATIVE
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
 from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say
@@ -42,9 +43,9 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
     help="Serve this CSV or Parquet file instead of the built-in arm.",
 )
 @click.option("--loop", is_flag=True, help="Start the recording again at its end.")
-@click.option("--speed", default=1.0, show_default=True, help="Speed of the built-in arm.")
-@click.option("--epoch", type=float, help="UTC time in s at which the signals' t is 0 (default: now).")
-@click.option("--seed", default=0, show_default=True, help="Seed of noise and faults.")
+@click.option("--speed", type=NOT_NEGATIVE, default=1.0, show_default=True, help="Speed of the built-in arm.")
+@click.option("--epoch", type=FINITE, help="UTC time in s at which the signals' t is 0 (default: now).")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of noise and faults.")
 @click.option(
     "--fault",
     "faults",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.numbers import FiniteRange
 from cellwatt.errors import RecordingError
 from cellwatt.imports import Part, read_map, read_parts, write_recording
 
@@ -17,7 +18,7 @@ from cellwatt.imports import Part, read_map, read_parts, write_recording
 @click.argument("form", metavar="FORMAT")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(exists=True, path_type=Path))
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder of the recording.")
-@click.option("--rate", type=click.FloatRange(0.1, 10_000), default=100.0, show_default=True, help="Hz of the frames.")
+@click.option("--rate", type=FiniteRange(0.1, 10_000), default=100.0, show_default=True, help="Hz of the frames.")
 @click.option("--parts", type=click.IntRange(min=1), help="Only the first so many repetitions.")
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
 def command(form: str, files: tuple[Path, ...], out: Path, rate: float, parts: int | None, as_json: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import keyword
+import os
 import re
 from importlib.resources import files
 from importlib.util import find_spec
@@ -37,7 +38,7 @@ def command(name: str, folder: Path) -> None:
     """Write a package for a new driver NAME that works as it is: against its own emulator, with its tests."""
     _check(name)
     target = folder / name
-    if target.exists():
+    if os.path.lexists(target):
         raise click.UsageError(f"{target} is there already: choose another name or --folder")
     try:
         for path, text in package(name).items():

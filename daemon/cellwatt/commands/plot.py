@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
 
+from cellwatt.commands.numbers import FINITE
 from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.record import Recording
 
@@ -13,10 +15,11 @@ from cellwatt.record import Recording
 @click.command()
 @click.argument("recording", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
-@click.option("--from", "start", type=float, help="First second to show, from the recording's start.")
-@click.option("--to", "end", type=float, help="Last second to show.")
+@click.option("--from", "start", type=FINITE, help="First second to show, from the recording's start.")
+@click.option("--to", "end", type=FINITE, help="Last second to show.")
 @click.option("--channel", "channels", multiple=True, help="Only channels with this in their name; may be repeated.")
 @with_units
+@click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
 def command(
     recording: tuple[Path, ...],
     out: Path,
@@ -24,6 +27,7 @@ def command(
     end: float | None,
     channels: tuple[str, ...],
     units: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Draw RECORDING (files or folders): frames by quantity, intervals and tasks behind them, alarms across.
 
@@ -33,4 +37,4 @@ def command(
 
     opened = Recording.open(recording)
     report(opened, start, end, channels, recorded_units(opened.header.settings, units)).write(out)
-    click.echo(f"wrote {out}")
+    click.echo(json.dumps({"file": str(out)}) if as_json else f"wrote {out}")

@@ -16,30 +16,39 @@ import click
 from rich.console import Console
 from rich.live import Live
 
+from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import load
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
 from cellwatt.record import RecordSettings
 from cellwatt.record.claim import claimed
+from cellwatt.record.settings import default_folder
 from cellwatt.runtime.cell import Cell
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder (default: that of FILE).")
-@click.option("--seconds", type=float, help="How long (default: until Ctrl-C).")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder (default: record.folder "
+    "of FILE; where FILE has no record section ~/.local/state/cellwatt/CELL, for root /var/lib/cellwatt/CELL).",
+)
+@click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
 @click.option("--json", "as_json", is_flag=True, help="Print the final figures as one JSON object.")
 def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) -> None:
-    """Record the sources of FILE, without stages and without publishing anything."""
+    """Record the sources of FILE, without stages and without publishing anything.
+
+    The first line on stderr names the folder.
+    """
     config = load(file)
-    if out is None and config.record is None:
-        raise click.UsageError("FILE has no record section: say where to record with --out")
-    settings = config.record or RecordSettings(folder=out or Path())
+    settings = config.record or RecordSettings(folder=out or _default(config.cell))
     if out is not None:
         settings = settings.model_copy(update={"folder": out})
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
     cell = Cell(replace(config, record=settings, stages={}, sinks={}))
     with claimed(settings.folder, config.cell):
+        click.echo(f"recording in {settings.folder}", err=True)
         final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))
     if as_json:
         click.echo(json.dumps(final))
@@ -48,6 +57,13 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
         lost = sum(source["missed"].values()) + sum(source["dropped"].values())
         click.echo(f"{name}: {source['received']} of {source['expected']} samples, {lost} lost")
     click.echo(f"recorded in {settings.folder}")
+
+
+def _default(cell: str) -> Path:
+    try:
+        return default_folder(cell)
+    except ValueError as error:
+        raise click.UsageError(f"{error}, or --out") from error
 
 
 async def _record(cell: Cell, seconds: float | None, *, show: bool) -> Mapping[str, Any]:

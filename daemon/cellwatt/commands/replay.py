@@ -14,6 +14,7 @@ import click
 from pydantic import ValidationError
 
 from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands.numbers import NOT_NEGATIVE
 from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
@@ -31,7 +32,12 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
     type=click.Path(dir_okay=False, path_type=Path),
     help="Frames and stages of this cell file (default: frames as recorded, no stages).",
 )
-@click.option("--speed", default=0.0, help="1: as recorded, 10: ten times as fast, 0 (default): as fast as it goes.")
+@click.option(
+    "--speed",
+    type=NOT_NEGATIVE,
+    default=0.0,
+    help="1: as recorded, 10: ten times as fast, 0 (default): as fast as it goes.",
+)
 @click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
 @click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
 def command(recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, as_json: bool) -> None:

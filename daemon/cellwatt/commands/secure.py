@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -122,17 +124,23 @@ def renew(names: tuple[str, ...], authority: bool, path: Path) -> None:
 
 
 @command.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list.")
 @_folder
-def listing(path: Path) -> None:
+def listing(as_json: bool, path: Path) -> None:
     """Show who has a certificate, what it may do, and when it ends. Exit code 1 where one has ended."""
     folder = Folder.open(path)
     now = datetime.now(UTC)
     ends = {name: folder.end_of(name) for name in folder.members}
+    if as_json:
+        known = [{**asdict(m), "ends": ends[m.name].isoformat()} for m in folder.members.values()]
+        authority = {"name": "authority", "role": "authority", "ends": folder.authority_ends().isoformat()}
+        click.echo(json.dumps([*known, authority]))
     rows: list[tuple[str, ...]] = [
         (m.name, m.role, _may(m), ", ".join(m.hosts), _until(ends[m.name], now)) for m in folder.members.values()
     ]
     rows.append(("authority", "", f"signs for {folder.site}", "", _until(folder.authority_ends(), now)))
-    show_table(("name", "role", "may", "hosts", "ends"), rows)
+    if not as_json:
+        show_table(("name", "role", "may", "hosts", "ends"), rows)
     if any(end < now for end in (*ends.values(), folder.authority_ends())):
         sys.exit(EXIT_FAILED)
 
@@ -140,7 +148,8 @@ def listing(path: Path) -> None:
 @command.command()
 @click.argument("key", type=click.Path(dir_okay=False, path_type=Path))
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
-def verify(key: Path, recordings: tuple[Path, ...]) -> None:
+@click.option("--json", "as_json", is_flag=True, help="One JSON line a file.")
+def verify(key: Path, recordings: tuple[Path, ...], as_json: bool) -> None:
     """Check RECORDINGS (files or folders) against the public KEY of their cell.
 
     Exit code 1 where a file is not signed by it, or is not what was signed.
@@ -150,7 +159,8 @@ def verify(key: Path, recordings: tuple[Path, ...]) -> None:
     wrong = 0
     for file, state, problem in check(recordings, key):
         as_signed = "as its cell signed it" + (", after a repair" if state == "repaired" else "")
-        click.echo(f"{file}: {problem or as_signed}")
+        told = json.dumps({"file": str(file), "state": state, "problem": problem}) if as_json else None
+        click.echo(told or f"{file}: {problem or as_signed}")
         wrong += bool(problem)
     if wrong:
         sys.exit(EXIT_FAILED)

@@ -13,6 +13,7 @@ from typing import TextIO
 
 import click
 
+from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import load
 from cellwatt.errors import SinkError
 from cellwatt.live.as_json import line_of
@@ -53,9 +54,9 @@ PEM = click.Path(exists=True, dir_okay=False, path_type=Path)
     metavar="PATTERN",
     help="Show these channels, e.g. arm.*.current; repeatable.",
 )
-@click.option("--patience", type=float, default=5.0, show_default=True, help="How long to try to reach the cell, s.")
+@click.option("--patience", type=SECONDS, default=5.0, show_default=True, help="How long to try to reach the cell, s.")
 @click.option("--wait", is_flag=True, help="Wait for the cell as long as it takes.")
-@click.option("--seconds", type=float, help="How long, once connected (default: until Ctrl-C).")
+@click.option("--seconds", type=SECONDS, help="How long, once connected (default: until Ctrl-C).")
 def command(
     file: Path | None,
     connect: str | None,

@@ -36,7 +36,8 @@ class CellName(BaseModel):
     version: int = Field(default=1, ge=0)
     """Version of the form of this file; one that states none is read as the newest."""
     robot: str | None = None
-    """Robot in the cell: a packaged description (``ur10e``) or a folder; models are checked against it."""
+    """Robot in the cell: its name, which must be that of models and references; or a path to its ``robot.yaml`` or
+    the folder that holds it."""
 
 
 class FrameSettings(BaseModel):
@@ -116,6 +117,8 @@ class CellConfig:
     environment: Mapping[KeyPath, str] = field(default_factory=dict, repr=False)
     secrets: Mapping[str, str] = field(default_factory=dict, repr=False)
     read_with: tuple[str, ...] = ()
+    record_place: str = field(default="", compare=False)
+    """``file:line:column`` of the record folder."""
 
     @property
     def folder(self) -> Path:

@@ -21,7 +21,7 @@ from cellwatt.config.secret import secrets_in
 from cellwatt.config.versions import read_newest
 from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.record.settings import RecordSettings
+from cellwatt.record.settings import RecordSettings, default_folder
 from cellwatt.registry import available, driver, sink, stage
 from cellwatt.units import Units
 
@@ -144,7 +144,8 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
     _same_device(reading, sources)
     frames = _section(reading, "frames", FrameSettings, top) if "frames" in top else FrameSettings()
     stages = dict(_stages(reading, top))
-    record = _section(reading, "record", RecordSettings, top) if "record" in top else None
+    _robot(reading, name)
+    record = _record(reading, top, name) if "record" in top else None
     outlets = dict(_sinks(reading, top, sinks))
     units = _section(reading, "units", Units, top) if "units" in top else Units()
     if name is None or frames is None or units is None:
@@ -163,7 +164,39 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         units=units,
         environment=document.environment,
         secrets=document.secrets,
+        record_place=_record_place(document, top),
     )
+
+
+def _record_place(document: Document, top: Mapping[Any, Any]) -> str:
+    if "record" not in top:
+        return ""
+    return document.place(("record", "folder") if "folder" in (top["record"] or {}) else ("record",))
+
+
+def _robot(reading: _Reading, name: CellName | None) -> None:
+    """Complain of a robot that is written as a path where there is no ``robot.yaml``; a bare name is a label."""
+    if name is None or name.robot is None:
+        return
+    path = reading.folder / name.robot
+    described = path.suffix in (".yaml", ".yml")
+    file = path if described else path / "robot.yaml"
+    if (described or "/" in name.robot) and not os.access(file, os.R_OK):
+        message = f"found {name.robot!r}, expected a robot.yaml or the folder that holds one: {file} cannot be read"
+        reading.complain(("robot",), message)
+
+
+def _record(reading: _Reading, top: Mapping[Any, Any], name: CellName | None) -> RecordSettings | None:
+    values = reading.mapping(("record",), top["record"])
+    if values is None:
+        return None
+    if "folder" not in values:
+        try:
+            values = {**values, "folder": str(default_folder(name.cell if name is not None else ""))}
+        except ValueError as error:
+            reading.complain(("record",), str(error), at_key=True)
+            return None
+    return reading.settings(RecordSettings, ("record",), values)
 
 
 def _section(reading: _Reading, key: str, model: type[M], top: Mapping[Any, Any]) -> M | None:

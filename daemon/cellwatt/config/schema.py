@@ -42,7 +42,7 @@ def json_schema() -> Schema:
         },
         "frames": _optional(inline[FrameSettings]),
         "stages": _stages(by_kind["stage"], inline),
-        "record": inline[RecordSettings],
+        "record": _optional(inline[RecordSettings]),
         "units": _optional(inline[Units]),
         **{p.name: _sink(p, inline) for p in by_kind["sink"]},
     }

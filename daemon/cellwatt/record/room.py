@@ -2,26 +2,59 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from cellwatt.record.settings import RecordSettings
 
+_ADVICE: Final = "choose another folder, or let that user write there"
+_UNKNOWN: Final = (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL)
+"""Answers of file systems that know no files without a name."""
+_BLOCK: Final = bytes(4096)
 
-def troubles(settings: RecordSettings) -> tuple[str, ...]:
-    """Obstacles to recording on this PC for the user who asks, a line each; writes nothing."""
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Obstacles to recording on this PC for the user who asks: one that keeps a daemon from starting, and warnings."""
+
+    refusal: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+def room(settings: RecordSettings) -> Room:
+    """Try the folder of the record, or the nearest one above it, by a file without a name: it leaves no trace."""
     folder = settings.folder.absolute()
-    there = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    there = next(parent for parent in (folder, *folder.parents) if os.access(parent, os.F_OK))
     if not there.is_dir():
-        return (f"folder {folder} cannot be made: {there} is no folder",)
-    if not os.access(there, os.W_OK | os.X_OK):
-        what = "cannot be written" if there == folder else f"cannot be made in {there}"
-        return (f"folder {folder} {what} by user {_user()}: choose another folder, or let that user write there",)
-    return tuple(_room(settings, there))
+        return Room(f"folder {folder} cannot be made: {there} is no folder")
+    reason = _tried(there)
+    if reason and there != folder:
+        return Room(f"folder {folder} cannot be made in {there} by user {_user()} ({reason}): {_ADVICE}")
+    if reason:
+        return Room(warnings=(f"folder {folder} cannot be written by user {_user()} ({reason}): {_ADVICE}",))
+    return Room(warnings=tuple(_space(settings, there)))
 
 
-def _room(settings: RecordSettings, there: Path) -> list[str]:
+def _tried(folder: Path) -> str:
+    """Reason for which a file cannot be made and written in a folder; empty if it can."""
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return os.strerror(errno.EROFS if os.statvfs(folder).f_flag & os.ST_RDONLY else errno.EACCES)
+    try:
+        file = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        try:
+            os.write(file, _BLOCK)
+        finally:
+            os.close(file)
+    except OSError as error:
+        return "" if error.errno in _UNKNOWN else str(error.strerror)
+    return ""
+
+
+def _space(settings: RecordSettings, there: Path) -> list[str]:
     free = shutil.disk_usage(there).free
     used = sum(file.stat().st_size for file in settings.folder.glob("*.mcap*")) if settings.folder.is_dir() else 0
     if free + used >= settings.keep:

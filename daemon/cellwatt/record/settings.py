@@ -2,11 +2,35 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from typing import Final
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from cellwatt.quantity import Bytes, Seconds
+
+ROOTS: Final = Path("/var/lib/cellwatt")
+"""Where root records, a folder for each cell."""
+
+
+def default_folder(cell: str) -> Path:
+    """Folder of a cell's recordings where the settings name none: one that this user can make.
+
+    That of the systemd unit (``StateDirectory=``), for root ``/var/lib/cellwatt/CELL``, for others
+    ``~/.local/state/cellwatt/CELL``, or below ``$XDG_STATE_HOME``. Raises ``ValueError`` for a user without a home.
+    """
+    if unit := os.environ.get("STATE_DIRECTORY"):
+        return Path(unit.partition(":")[0])
+    if os.geteuid() == 0:
+        return ROOTS / cell
+    state = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if not state.is_absolute():
+        try:
+            state = Path.home() / ".local/state"
+        except RuntimeError as error:
+            raise ValueError("this user has no home folder: say where to record, with record: {folder: …}") from error
+    return state / "cellwatt" / cell
 
 
 class RecordSettings(BaseModel):
@@ -14,8 +38,9 @@ class RecordSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
-    folder: Path
-    """Folder of the recordings; made when missing."""
+    folder: Path = Field(default_factory=lambda: default_folder(""))
+    """Folder of the recordings; made when missing. Where absent: the ``StateDirectory`` of the systemd unit, for root
+    ``/var/lib/cellwatt/CELL``, for others ``~/.local/state/cellwatt/CELL`` (``$XDG_STATE_HOME/cellwatt/CELL``)."""
     keep: Bytes = 20e9
     """Disk budget of the folder; the oldest closed files go first."""
     age: Seconds = 0.0

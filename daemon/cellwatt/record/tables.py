@@ -121,6 +121,8 @@ class Table:
             if self._writer is None:
                 self._writer = self._open(table.schema)
             self._writer.write_table(table)
+        except UnicodeEncodeError as error:
+            raise RecordingError(f"{self.path!r} cannot be written: its name is not UTF-8") from error
         except OSError as error:
             raise RecordingError(f"{self.path} cannot be written: {error}") from error
 

@@ -18,13 +18,21 @@ DRAIN = 5.0
 
 @contextlib.contextmanager
 def plain_errors() -> Iterator[None]:
-    """Raise by itself the first error of a group of tasks where all of them are meant for a person."""
+    """Raise by itself the first error of a group of tasks, however deep, where all are meant for a person."""
     try:
         yield
     except ExceptionGroup as failures:
-        if all(isinstance(error, CellwattError) for error in failures.exceptions):
-            raise failures.exceptions[0] from None
+        if failures.split(CellwattError)[1] is None:
+            raise next(_leaves(failures)) from None
         raise
+
+
+def _leaves(failure: Exception) -> Iterator[Exception]:
+    if isinstance(failure, ExceptionGroup):
+        for inner in failure.exceptions:
+            yield from _leaves(inner)
+    else:
+        yield failure
 
 
 class Tasks:

@@ -43,7 +43,7 @@ class AbbSettings(SourceSettings):
     """Groups to take from the EGM stream; ``[]`` does not listen to it."""
     egm_port: int = Field(wire.PORT, ge=1, le=65535)
     """UDP port of this PC to which the controller sends; each robot of a PC needs one of its own."""
-    bind: str = "0.0.0.0"
+    bind: Host = "0.0.0.0"
     """Address of this PC at which to listen."""
     rate: Hertz = FASTEST
     """Packets a second as the RAPID program asks for with ``\\SampleRate``: 250 Hz or a whole part of it."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cellwatt.commands.completion import or_files
+from cellwatt.commands.numbers import FiniteRange
 from cellwatt.errors import RecordingError, why
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
@@ -96,7 +97,7 @@ def faults() -> None:
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option(
     "--false-alarms",
-    type=click.FloatRange(0.0, 0.1, min_open=True),
+    type=FiniteRange(0.0, 0.1, min_open=True),
     default=1e-4,
     show_default=True,
     help="Share of healthy intervals in which a false alarm is accepted.",

@@ -42,7 +42,7 @@ KINDS = ("codes", "motion")
 @click.option("--kind", type=click.Choice(KINDS), multiple=True, help="Networks to train; all that can be if left out.")
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
-@click.option("--seed", default=0, show_default=True, help="Start of the random numbers.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 def train(
     recordings: tuple[Path, ...],

@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
+from cellwatt.commands.numbers import FiniteRange
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
@@ -51,7 +52,7 @@ class _Explain(click.Command):
 @click.option(
     "--time",
     "seconds",
-    type=click.FloatRange(min=1.0),
+    type=FiniteRange(min=1.0),
     default=50.0,
     show_default=True,
     help="Seconds of computing after which nothing more is looked for.",
@@ -115,14 +116,17 @@ def explain(
 @click.option("--motion", required=True, type=FILE, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
 @click.option("--simulation", type=FILE, help="What the user's simulation says of that motion; the model adds to it.")
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
-def simulate(model: Path, motion: Path, simulation: Path | None, out: Path) -> None:
+@click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+def simulate(model: Path, motion: Path, simulation: Path | None, out: Path, as_json: bool) -> None:
     """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power.
 
     A motion with accelerations is taken as planned; one without as measured, which is smoothed about the simulation's.
     """
     predicted = api.simulate(model, motion, simulation)
     write_prediction(predicted, out)
-    click.echo(f"written to {out}: {len(predicted.time)} samples")
+    samples = len(predicted.time)
+    report = {"file": str(out), "samples": samples, "joints": predicted.torque.shape[1]}
+    click.echo(json.dumps(report) if as_json else f"written to {out}: {samples} samples")
 
 
 def write_prediction(predicted: Prediction, path: Path) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import Place
 from cellwatt.frames import Frames, Layout
 from cellwatt.results import Alarm, Interval, Prediction, Result
 from cellwatt.stage import CellInfo, Stage
@@ -180,10 +181,11 @@ def _simulation(name: str, simulation: str, settings: MismatchSettings, layout: 
         from cellwatt_plugins.mismatch.live.simulation import Simulation, open_model
     except ImportError as error:
         raise ConfigError(f"stage {name!r} needs the package {error.name}: pip install 'cellwatt[explain]'") from error
-    robot = settings.robot
-    if robot is None and cell.robot is not None and (cell.folder / cell.robot / "robot.yaml").is_file():
-        robot = cell.folder / cell.robot
-    model = open_model(simulation, robot and cell.folder / robot, cell.folder)
+    robot: Place | None = settings.robot and cell.folder / settings.robot
+    if robot is None and cell.robot is not None:
+        beside = cell.folder / cell.robot
+        robot = beside if beside.exists() else cell.robot
+    model = open_model(simulation, robot, cell.folder)
     source = layout.channels[layout.joints("position", settings.arm)[0]].source
     warm = f"{source}.joint_1.temperature" in layout.names
     return Simulation(model, layout.step * 1e-9, warm)

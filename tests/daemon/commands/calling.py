@@ -24,7 +24,7 @@ sources:
 
 
 class Ended(NamedTuple):
-    """How a call ended. Anything but an exit code would have been raised in the test: a traceback."""
+    """How a call ended. A mistake of ours has its traceback in ``err``."""
 
     code: int
     out: str
@@ -43,6 +43,7 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
             return list(entry_points(group=group))
         return [*fakes.entry_points(group), *([SKELETON] if group == SKELETON.group else [])]
 
+    monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
     monkeypatch.setattr(registry, "entry_points", points)
     registry.available.cache_clear()
     for parts in (fakes.DEVICES, fakes.JUDGES, fakes.RECEIVERS):

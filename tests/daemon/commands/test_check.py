@@ -84,6 +84,29 @@ def test_json(cell_file):
     }
 
 
+def test_a_record_folder_that_cannot_be_made_is_a_mistake(cell_file):
+    (cell_file.parent / "file").touch()
+    folder = cell_file.parent / "file" / "recordings"
+    cell_file.write_text(VALID.replace("folder: recordings", "folder: file/recordings"))
+    result = run(cell_file)
+    assert result.exit_code == 2
+    line = next(n for n, text in enumerate(VALID.splitlines(), 1) if "folder: recordings" in text)
+    assert f"{cell_file}:{line}:" in result.output
+    assert f"record.folder: folder {folder} cannot be made: {cell_file.parent / 'file'} is no folder" in result.output
+    (told,) = json.loads(run(cell_file, "--json").stdout)
+    assert (told["line"], told["path"]) == (line, "record.folder")
+
+
+def test_a_record_section_without_a_folder_has_that_of_the_user(cell_file, tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    assert "folder: recordings, " in VALID
+    cell_file.write_text(VALID.replace("folder: recordings, ", ""))
+    result = run(cell_file)
+    assert result.exit_code == 0, result.output
+    assert f"record: {tmp_path / 'state'}; sinks" in result.output
+    assert not (tmp_path / "state").exists()
+
+
 def test_schema():
     result = run("--schema")
     assert result.exit_code == 0

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import resource
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +20,7 @@ from tests.daemon.record import making
 
 __all__ = ["call", "cell"]
 
-USAGE, ERROR = 2, 3
+USAGE, ERROR, BUG = 2, 3, 70
 REST = Interval("arm", 1, making.SESSION, making.SESSION + 20_000_000, (), (0.0,), (0.0,), (0.0,))
 CONNECT = ("--site", "plant", "--cell", "weld", "--connect")
 
@@ -94,7 +97,28 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("record", "unwritable.yaml"), ERROR, "weld.yaml/recordings cannot be made: Not a directory"),
         (("record", "weld.yaml", "--out", "bad.yaml/x"), ERROR, "bad.yaml/x cannot be made: Not a directory"),
         # values that are none
-        (("record", "weld.yaml"), USAGE, "FILE has no record section: say where to record with --out"),
+        # numbers that are none, too long names, things of another kind
+        (("record", "weld.yaml", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
+        (("record", "weld.yaml", "--seconds", "-1"), USAGE, "-1.0 is not in the range x>=0"),
+        (("doctor", "weld.yaml", "--patience", "inf"), USAGE, "found 'inf', expected a finite number"),
+        (("watch", "weld.yaml", "--seconds", "nan"), USAGE, "found 'nan', expected a finite number"),
+        (("replay", "recordings", "--speed", "-1"), USAGE, "-1.0 is not in the range x>=0"),
+        (("plot", "recordings", "--from", "nan"), USAGE, "found 'nan', expected a finite number"),
+        (("emulate", "skeleton", "--epoch", "1e999"), USAGE, "found '1e999', expected a finite number"),
+        (("import", "absent.yaml", "weld.yaml", "--out", "o", "--rate", "nan"), USAGE, "expected a finite number"),
+        (("energy-campaign", "measure", "weld.yaml", "--seconds", "nan"), USAGE, "expected a finite number"),
+        (("emulate", "skeleton", "--seed", "-1"), USAGE, "-1 is not in the range x>=0"),
+        (("new-driver", "x" * 300), ERROR, "cannot be written: File name too long"),
+        (("export", "recordings", "--out", "\udcff"), ERROR, "cannot be written: its name is not UTF-8"),
+        (("predict", "absent", "--model", "nonsense.mcap", "--out", "o.csv"), USAGE, "'absent' does not exist"),
+        (("faults", "judge", "absent", "--reference", "bad.yaml"), USAGE, "'absent' does not exist"),
+        (("reference", "nonsense.mcap", "--out", "o.yaml"), ERROR, "nonsense.mcap: holds nothing that is a recording"),
+        (("simulate", "--model", "bad.yaml", "--motion", "untimed.csv", "--out", "o"), USAGE, "not valid YAML"),
+        (
+            ("secure", "list", "--in", "empty"),
+            USAGE,
+            "empty/access.yaml: No such file or directory; begin with: cellwatt secure init",
+        ),
         (("plot", "recordings", "--channel", "torque"), ERROR, "nothing to draw: no such channels"),
         (("plot", "recordings", "--from", "1000"), ERROR, "nothing to draw: no such channels, or no frames in that"),
         (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
@@ -161,6 +185,59 @@ def test_a_folder_that_may_not_be_made(call: Call, forbidden: Path, command: str
     ended = call(command, forbidden / "open.yaml")
     assert ended.code == ERROR
     assert f"record.folder {forbidden / 'recordings'} cannot be made: Permission denied" in ended.err
+
+
+def test_a_full_disk(call: Call, place: Path, tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        ended = call("plot", place / "recordings", "--out", tmp_path / "a.html")
+        exported = call("export", place / "recordings", "--out", tmp_path / "tables")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert (ended.code, ended.err.count("\n")) == (ERROR, 1)
+    assert "a.html cannot be written: File too large" in ended.err
+    assert (exported.code, exported.err.count("\n")) == (ERROR, 1)
+    assert "File too large" in exported.err
+
+
+def test_standard_output_on_a_full_disk(place: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "cellwatt.commands", "check", str(place / "weld.yaml")],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )  # fmt: skip
+    assert "Traceback" not in done.stderr
+    assert done.returncode in (ERROR, USAGE)
+
+
+def broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    def break_down(*_: object) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr("cellwatt.commands.check.load", break_down)
+
+
+def test_a_mistake_of_ours_is_one_line_that_says_where_its_traceback_is(
+    call: Call, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("CELLWATT_TRACEBACK")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    broken(monkeypatch)
+    ended = call("check", cell)
+    told, _, file = ended.err.partition(" (the traceback is in ")
+    assert ended.code == BUG
+    assert told == "cellwatt: this is a mistake in cellwatt, please report it: ZeroDivisionError: division by zero"
+    assert "Traceback (most recent call last)" in Path(file.strip().removesuffix(")")).read_text()
+
+
+def test_the_traceback_of_a_mistake_of_ours_on_request(call: Call, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CELLWATT_TRACEBACK", "1")
+    broken(monkeypatch)
+    ended = call("check", cell)
+    assert ended.code == BUG
+    assert ended.err.startswith("Traceback (most recent call last)")
+    assert ended.err.endswith("division by zero (the traceback is above)\n")
 
 
 def test_sources_that_change_within_a_session(call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

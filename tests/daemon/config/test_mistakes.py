@@ -161,8 +161,13 @@ MISTAKES = {
     "file not there": (stages("  net: {file: no.onnx}\n"), "8:15", "found 'no.onnx', expected a file that exists"),
     "folder for a file": (stages("  net: {file: .}\n"), "8:15", "found '.', expected a file that exists"),
     "number for a file": (stages("  net: {file: 5}\n"), "8:15", "found 5, expected a path"),
-    "record without a folder": (f"{SMALL}record: {{keep: 1 GB}}\n", "7:1", "the key 'folder' is missing"),
-    "record without settings": (f"{SMALL}record:\n", "7:1", "the key 'folder' is missing"),
+    "record in no folder": (f"{SMALL}record: {{folder: }}\n", "7:17", "found nothing, expected a path"),
+    "a robot that is not there": (
+        f"{SMALL}robot: robots/ur99\n",
+        "7:8",
+        "found 'robots/ur99', expected a robot.yaml or the folder that holds one: ",
+    ),
+    "a robot's file that is not there": (f"{SMALL}robot: ur99.yaml\n", "7:8", "/ur99.yaml cannot be read"),
     "record is off": (f"{SMALL}record: no\n", "7:9", "found 'no', expected settings (key: value)"),
     "budget without a unit": (
         f"{SMALL}record: {{folder: r, keep: 20}}\n",

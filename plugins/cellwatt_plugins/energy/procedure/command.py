@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cellwatt.commands.numbers import FiniteRange
 from cellwatt.errors import CellwattError, ConfigError, why
 from cellwatt_plugins.energy.procedure.cube import REPETITIONS, SPEEDS, load_cube
 from cellwatt_plugins.energy.procedure.programs import minutes, programs
@@ -131,10 +132,8 @@ def write_programs(
 @_count
 @_least
 @click.option("--again", multiple=True, help="Repeat a step: controller, connected, released, 0kg, …")
-@click.option("--seconds", default=60.0, show_default=True, type=click.FloatRange(2), help="Length of a reading.")
-@click.option(
-    "--patience", default=900.0, show_default=True, type=click.FloatRange(2), help="s to wait for steadiness."
-)
+@click.option("--seconds", default=60.0, show_default=True, type=FiniteRange(2), help="Length of a reading.")
+@click.option("--patience", default=900.0, show_default=True, type=FiniteRange(2), help="s to wait for steadiness.")
 @_source
 @_supply
 def measure(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.files import Place
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned, load_model, predict_states
@@ -63,7 +64,7 @@ class Simulation:
         return Simulated(said.torque, said.power)
 
 
-def open_model(simulation: str, robot: Path | None, folder: Path) -> Model:
+def open_model(simulation: str, robot: Place | None, folder: Path) -> Model:
     """The model that the settings name; ``folder`` is where a relative path starts.
 
     Raises ``ConfigError`` where there is none, or where it cannot be read.

@@ -19,7 +19,9 @@ FILE = click.Path(exists=True, path_type=Path)
     "--meter", "meters", multiple=True, type=FILE, help="Power (t, power) of a meter's own clock, one a recording."
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
-@click.option("--seed", default=0, show_default=True, help="Of the networks' first weights.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the networks' first weights."
+)
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 def train_power(

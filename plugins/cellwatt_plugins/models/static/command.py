@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.numbers import FINITE, FiniteRange
 from cellwatt.report.page import PAGE
 
 FILE = click.Path(exists=True, path_type=Path)
@@ -48,10 +49,8 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for plan and job.")
 @click.option("--cell", type=FILE, help="Cell whose yaskawa source says what the encoders count; for the job.")
 @click.option("--source", help="That source, where the cell has several.")
-@click.option(
-    "--speed", default=25.0, show_default=True, type=click.FloatRange(0.01, 100), help="Of the job, per cent."
-)
-@click.option("--hold", default=3.0, show_default=True, type=click.FloatRange(2.6, 600), help="Wait in each pose, s.")
+@click.option("--speed", default=25.0, show_default=True, type=FiniteRange(0.01, 100), help="Of the job, per cent.")
+@click.option("--hold", default=3.0, show_default=True, type=FiniteRange(2.6, 600), help="Wait in each pose, s.")
 @click.option("--name", default="POSES", show_default=True, help="The job's name.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 def plan_poses(
@@ -81,7 +80,7 @@ def plan_poses(
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Table of poses (.csv).")
 @click.option("--plan", type=FILE, help="plan.csv of plan-poses: ends when all of it was held.")
 @click.option("--source", help="Source with the joints, where several have joints.")
-@click.option("--seconds", type=float, help="How long at most (default: until the plan is done, or Ctrl-C).")
+@click.option("--seconds", type=FINITE, help="How long at most (default: until the plan is done, or Ctrl-C).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON line a pose.")
 def collect(cell: Path, out: Path, plan: Path | None, source: str | None, seconds: float | None, as_json: bool) -> None:
     """Collect the poses that the arm of the running cell CELL (its settings file) holds.
