@@ -19,6 +19,7 @@ from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recording
+from cellwatt.report.page import PAGE
 from cellwatt.results import Alarm, Result
 from cellwatt.runtime.assemble import layout_of, make_chains
 from cellwatt.runtime.replaying import Comparison, compare, paced, replay_frames, run_stages
@@ -39,20 +40,31 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
     help="1: as recorded, 10: ten times as fast, 0 (default): as fast as it goes.",
 )
 @click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
+@click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
-def command(recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, as_json: bool) -> None:
+def command(
+    recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, page: Path | None, as_json: bool
+) -> None:
     """Run RECORDING (files or folders of one session) through frames and stages again."""
+    if page is not None and not verify:
+        raise click.UsageError("--report is about what --verify compares: add --verify")
     opened = Recording.open(recording)
     config = load(settings) if settings is not None else None
     _check_sources(opened)
     frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
     kept: list[Frames] = []
+    results: list[Result] = []
     items = run_stages(_keeping(frames, kept), _chains(opened, config))
-    summary: dict[str, Any] = {"frames": 0, "results": _show(items, as_json)}
+    summary: dict[str, Any] = {"frames": 0, "results": _show(items, results, as_json)}
     summary["frames"] = sum(len(block) for block in kept)
     if verify:
         summary["verified"] = asdict(held := compare(opened.frames(), kept))
         summary["identical"] = held.identical
+        if page is not None:
+            from cellwatt.report import Provenance
+            from cellwatt.runtime.replaying_report import report
+
+            report(opened, held, kept, results, Provenance.here(recording)).write(page)
         if not as_json:
             click.echo(_verdict(held))
     if as_json:
@@ -96,11 +108,13 @@ def _keeping(frames: Iterable[Frames], kept: list[Frames]) -> Iterator[Frames]:
         yield block
 
 
-def _show(items: Iterable[Frames | Result], as_json: bool) -> dict[str, int]:
+def _show(items: Iterable[Frames | Result], results: list[Result], as_json: bool) -> dict[str, int]:
+    """Print results and append them to ``results``; how many of each kind."""
     counts: Counter[str] = Counter()
     for item in items:
         if isinstance(item, Frames):
             continue
+        results.append(item)
         kind = type(item).__name__.lower()
         counts[kind] += 1
         if as_json:
