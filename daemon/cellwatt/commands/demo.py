@@ -7,6 +7,7 @@ import json
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -31,6 +32,8 @@ RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
     "all": Demonstration.every_driver,
 }
+REDRAW = 0.125
+"""s between two drawings."""
 HEALTHY = 20.0
 """s that the small cell needs at least, to see healthy cycles before the fault."""
 
@@ -74,17 +77,28 @@ def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
 
 
 def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    view, title = LiveCell(), ["starting emulated devices, the daemon and a subscriber"]
-    with Live(refresh_per_second=8, transient=False) as live:
+    view, title, drawn = LiveCell(), "starting emulated devices, the daemon and a subscriber", 0.0
+    with Live(auto_refresh=False) as live:
+
+        def draw() -> None:
+            nonlocal drawn
+            drawn = time.monotonic()
+            live.update(whole(view, Look(live.console.width, power=MEASURED), f"[{title}]  "), refresh=True)
 
         def show(line: Mapping[str, Any]) -> None:
             take_line(view, line)
-            live.update(whole(view, Look(live.console.width, power=MEASURED), f"[{title[0]}]  "))
+            if time.monotonic() - drawn > REDRAW:  # a thousand lines come each second
+                draw()
 
         def say(text: str) -> None:
-            title[0] = text
+            nonlocal title
+            title = text
+            draw()
 
-        return asyncio.run(_run(cell, Demonstration(folder, seconds, show, say)))
+        draw()
+        summary = asyncio.run(_run(cell, Demonstration(folder, seconds, show, say)))
+        draw()
+    return summary
 
 
 async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:

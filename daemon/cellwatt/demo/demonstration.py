@@ -21,8 +21,6 @@ from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
 
-START = 60.0
-"""Longest time, s, until everything runs."""
 STOP = 60.0
 """Longest time, s, that the daemon may take to drain, and then the last messages to the subscriber."""
 
@@ -135,7 +133,7 @@ class Demonstration:
         return hooked
 
     async def _until_running(self, daemon: asyncio.subprocess.Process, watching: asyncio.subprocess.Process) -> None:
-        end = time.monotonic() + START
+        end = time.monotonic() + processes.START
         while time.monotonic() < end:
             if self.seen.all_up():
                 return
@@ -145,7 +143,7 @@ class Demonstration:
             if self._stopped:
                 raise CellwattError(f"the demo was ended before everything ran: {self._stopped}")
             await asyncio.sleep(0.05)
-        raise CellwattError(f"not everything ran within {START:.0f} s: {json.dumps(self.seen.status)[:400]}")
+        raise CellwattError(f"not everything ran within {processes.START:.0f} s: {json.dumps(self.seen.status)[:400]}")
 
     async def _until_delivered(self) -> None:
         """Wait for messages still on their way to the subscriber; the summary reports those that never arrive."""

@@ -11,6 +11,8 @@ from pathlib import Path
 from cellwatt.child import ends_with_parent
 from cellwatt.runtime.processes.rights import keep_up
 
+START = 60.0
+"""Longest time, s, until everything runs."""
 _PATIENCE = 5.0  # s
 TOPICS = ("raw", "frame", "interval", "task", "prediction", "alarm", "health")
 
@@ -33,8 +35,8 @@ async def daemon(
 async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run ``cellwatt watch`` on the demo's cell, with its messages as JSON lines on standard output."""
     topics = [word for topic in TOPICS for word in ("--topic", topic)]
-    command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--wait", "--connect", f"tcp/{endpoint}"]
-    command += ["--site", "demo", "--cell", "demo", *topics]
+    command = [sys.executable, "-m", "cellwatt.commands", "watch", "--json", "--connect", f"tcp/{endpoint}"]
+    command += ["--patience", f"{START:.0f}", "--site", "demo", "--cell", "demo", *topics]
     process = await asyncio.create_subprocess_exec(
         *command, stdout=asyncio.subprocess.PIPE, preexec_fn=ends_with_parent()
     )

@@ -70,7 +70,7 @@ class Look:
 def whole(cell: LiveCell, look: Look, title: str = "") -> Text:
     """Everything on one page, with the alarms last."""
     if not cell.status:
-        return look.page([Text(WAITING, "dim")])
+        return look.page(head(cell, look, title))
     lines = [
         *head(cell, look, title),
         *sources(cell, look),
