@@ -12,15 +12,18 @@ from pathlib import Path
 from typing import TextIO
 
 import click
+from rich.live import Live
 
 from cellwatt.commands.numbers import SECONDS
 from cellwatt.config import load
 from cellwatt.errors import SinkError
 from cellwatt.live.as_json import line_of
 from cellwatt.live.bulletin import Bulletin
+from cellwatt.live.site import site as table_of
+from cellwatt.live.site import summary
 from cellwatt.live.view import Look
-from cellwatt.publish.heard import await_cell
-from cellwatt.publish.link import TlsSettings
+from cellwatt.publish.heard import await_cell, site_health
+from cellwatt.publish.link import TlsSettings, open_session
 from cellwatt.publish.reach import client_of, link_to
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
@@ -30,6 +33,8 @@ SHOWN = (*QUIET, "frame")
 """Topics that the view takes: what was measured is in the frames."""
 PULSE = 1.0
 """Longest time, s, without a look at the clock."""
+REDRAW = 2.0
+"""s between two tables of a site."""
 PEM = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -74,13 +79,18 @@ def command(
     wait: bool,
     seconds: float | None,
 ) -> None:
-    """Show the live cell of FILE, or the one behind --connect, --site and --cell.
+    """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
 
     In a terminal it is a dashboard; keys stand in its last line. Elsewhere it prints a line for each alarm, interval,
     task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not heard.
     """
-    site, cell, link = _target(file, connect, site, cell, _tls(ca, certificate, key))
+    tls = _tls(ca, certificate, key)
     screen = not as_json and sys.stdin.isatty() and sys.stdout.isatty()
+    if file is None and connect and site and not cell:
+        with contextlib.suppress(KeyboardInterrupt):
+            _watch_site(_client(connect, tls), site, patience, seconds if screen else 0.0, as_json=as_json)
+        return
+    site, cell, link = _target(file, connect, site, cell, tls)
     want = topics or (SHOWN if screen else QUIET)
     with contextlib.suppress(KeyboardInterrupt):
         _await(link, site, cell, patience, wait=wait)
@@ -119,9 +129,32 @@ def _target(
         return config.site, config.cell, link_to(config, connect, "; or use --connect", tls)
     if not (connect and site and cell):
         raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
+    return site, cell, _client(connect, tls)
+
+
+def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
     if connect.startswith(("tls/", "quic/")) and tls is None:
         raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
-    return site, cell, client_of(connect, tls)
+    return client_of(connect, tls)
+
+
+def _watch_site(link: LinkSettings, site: str, patience: float, seconds: float | None, *, as_json: bool) -> None:
+    """Show a table of the cells of a site, anew every two seconds until ``seconds`` have passed."""
+    end = math.inf if seconds is None else time.monotonic() + seconds
+    with open_session(link, patience=patience) as session, Live(auto_refresh=False) as live:
+        while True:
+            cells = site_health(session, site)
+            if as_json:
+                for name, health in cells.items():
+                    click.echo(json.dumps(summary(name, health)))
+            else:
+                look = Look(live.console.width, ascii=not _unicode(sys.stdout))
+                live.update(look.page(table_of(cells, look)), refresh=True)
+            if time.monotonic() >= end:
+                break
+            time.sleep(REDRAW)
+    if not cells:
+        raise SinkError(f"{', '.join(link.connect)}: no cell of site {site} is heard")
 
 
 def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: bool) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
-from cellwatt.errors import SinkError
+from cellwatt.errors import ProtocolError, SinkError
 from cellwatt.publish.keys import PREFIX, CellKeys, escape
 from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.publish.received import Health, read_health
 
 if TYPE_CHECKING:
     import zenoh
@@ -25,6 +27,20 @@ def cells_heard(session: zenoh.Session, site: str | None = None) -> list[tuple[s
     key = f"{PREFIX}/{'*' if site is None else escape(site)}/*"
     found = (str(reply.ok.key_expr).split("/") for reply in _tokens(session, key) if reply.ok is not None)
     return sorted({(unquote(chunks[1]), unquote(chunks[2])) for chunks in found})
+
+
+def site_health(session: zenoh.Session, site: str) -> dict[str, Health | None]:
+    """Health of each cell of a site that is heard, by name; ``None`` of those that do not answer us."""
+    import zenoh
+
+    found: dict[str, Health | None] = dict.fromkeys(name for _, name in cells_heard(session, site))
+    question = f"{PREFIX}/{escape(site)}/*/@/status"
+    # Each cell answers under its own key: no answer must be taken for another's.
+    for reply in session.get(question, timeout=_TIMEOUT, consolidation=zenoh.ConsolidationMode.NONE):
+        if reply.ok is not None:
+            with contextlib.suppress(ProtocolError):  # it stays one that does not answer
+                found[unquote(str(reply.ok.key_expr).split("/")[2])] = read_health(reply.ok)[1]
+    return dict(sorted(found.items()))
 
 
 def await_cell(

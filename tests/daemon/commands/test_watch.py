@@ -48,6 +48,17 @@ def test_another_name_is_told_the_cells_that_are_there(call: Call, live: tuple[C
     assert ended == (3, "", f"cellwatt: {live[1]}: no cell is heard as {SITE}/weld-9; there is {SITE}/{CELL}\n")
 
 
+def test_without_a_cell_all_of_the_site_are_listed(call: Call, live: tuple[Child, str]) -> None:
+    where = ("watch", "--connect", live[1], "--site", SITE)
+    told = json.loads(call(*where, "--json").out)
+    assert (told["cell"], told["state"], told["sources"], told["alarms"]) == (CELL, "green", 0, [])
+    ended = call(*where)
+    assert (ended.code, ended.err) == (0, "")
+    assert f"{CELL}  ● green" in ended.out
+    other = call("watch", "--connect", live[1], "--site", "plant-9", "--json")
+    assert other == (3, "", f"cellwatt: {live[1]}: no cell of site plant-9 is heard\n")
+
+
 def test_where_no_zenoh_answers_it_says_what_to_check(call: Call, hurried: None) -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute:
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
