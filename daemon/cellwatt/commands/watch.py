@@ -9,9 +9,10 @@ import sys
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
+from rich.console import Console
 from rich.live import Live
 
 from cellwatt.commands.numbers import SECONDS
@@ -26,6 +27,9 @@ from cellwatt.publish.heard import await_cell, site_health
 from cellwatt.publish.link import TlsSettings, open_session
 from cellwatt.publish.reach import client_of, link_to
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
+
+if TYPE_CHECKING:
+    import zenoh
 
 QUIET = ("interval", "task", "energy", "prediction", "alarm", "event", "health")
 """Topics for people; ``raw`` and ``frame`` are for programs."""
@@ -87,8 +91,12 @@ def command(
     tls = _tls(ca, certificate, key)
     screen = not as_json and sys.stdin.isatty() and sys.stdout.isatty()
     if file is None and connect and site and not cell:
-        with contextlib.suppress(KeyboardInterrupt):
-            _watch_site(_client(connect, tls), site, patience, seconds if screen else 0.0, as_json=as_json)
+        link = _client(connect, tls)
+        with contextlib.suppress(KeyboardInterrupt), open_session(link, patience=patience) as session:
+            if screen:
+                _show_site(session, site, seconds)
+            else:
+                _print_site(session, site, as_json=as_json)
         return
     site, cell, link = _target(file, connect, site, cell, tls)
     want = topics or (SHOWN if screen else QUIET)
@@ -138,23 +146,27 @@ def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
     return client_of(connect, tls)
 
 
-def _watch_site(link: LinkSettings, site: str, patience: float, seconds: float | None, *, as_json: bool) -> None:
+def _print_site(session: zenoh.Session, site: str, *, as_json: bool) -> None:
+    cells = site_health(session, site)
+    if as_json:
+        for name, health in cells.items():
+            click.echo(json.dumps(summary(name, health)))
+    else:
+        look = Look(Console().width, ascii=not _unicode(sys.stdout))
+        click.echo(look.page(table_of(cells, look)).plain)
+    if not cells:
+        raise SinkError(f"no cell of site {site} is heard")
+
+
+def _show_site(session: zenoh.Session, site: str, seconds: float | None) -> None:
     """Show a table of the cells of a site, anew every two seconds until ``seconds`` have passed."""
     end = math.inf if seconds is None else time.monotonic() + seconds
-    with open_session(link, patience=patience) as session, Live(auto_refresh=False) as live:
-        while True:
-            cells = site_health(session, site)
-            if as_json:
-                for name, health in cells.items():
-                    click.echo(json.dumps(summary(name, health)))
-            else:
-                look = Look(live.console.width, ascii=not _unicode(sys.stdout))
-                live.update(look.page(table_of(cells, look)), refresh=True)
-            if time.monotonic() >= end:
-                break
+    plain = not _unicode(sys.stdout)
+    with Live(auto_refresh=False) as live:
+        while time.monotonic() < end:
+            look = Look(live.console.width, ascii=plain)
+            live.update(look.page(table_of(site_health(session, site), look)), refresh=True)
             time.sleep(REDRAW)
-    if not cells:
-        raise SinkError(f"{', '.join(link.connect)}: no cell of site {site} is heard")
 
 
 def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: bool) -> None:

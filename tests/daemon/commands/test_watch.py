@@ -56,7 +56,7 @@ def test_without_a_cell_all_of_the_site_are_listed(call: Call, live: tuple[Child
     assert (ended.code, ended.err) == (0, "")
     assert f"{CELL}  ● green" in ended.out
     other = call("watch", "--connect", live[1], "--site", "plant-9", "--json")
-    assert other == (3, "", f"cellwatt: {live[1]}: no cell of site plant-9 is heard\n")
+    assert other == (3, "", "cellwatt: no cell of site plant-9 is heard\n")
 
 
 def test_where_no_zenoh_answers_it_says_what_to_check(call: Call, hurried: None) -> None:
