@@ -39,6 +39,8 @@ def load(group: str, name: str) -> Any:
         raise ConfigError(f"no {what} named {name!r}{hint} (there are: {', '.join(points)})")
     try:
         return points[name].load()
+    except ConfigError:
+        raise
     except Exception as error:  # a package of somebody else's may fail in any way
         point, called = points[name], f"cellwatt.{name}" if what == "api" else f"{what} {name!r}"
         if isinstance(error, ModuleNotFoundError) and point.extras and point.dist:

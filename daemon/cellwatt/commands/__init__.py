@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.registry import available
+from cellwatt.registry import available, load
 
 EXIT_FAILED = 1
 """The command ran and the answer is no (a check failed, the demo lost data)."""
@@ -34,19 +34,29 @@ class _Commands(click.Group):
         return list(available("cellwatt.commands"))
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        point = available("cellwatt.commands").get(name)
-        if point is None:
+        if name not in available("cellwatt.commands"):
             return None
         try:
-            command: click.Command = point.load()
-        except ImportError as error:
-            raise click.ClickException(f"command {name!r} cannot be loaded: {error}") from error
+            command: click.Command = load("cellwatt.commands", name)
+        except ConfigError as error:
+            return _unloadable(name, error)
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names of commands, without the help that click adds: that would import every one of them."""
         names = [CompletionItem(name) for name in self.list_commands(ctx) if name.startswith(incomplete)]
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
+
+
+def _unloadable(name: str, error: ConfigError) -> click.Command:
+    """Return a command that says why it cannot be loaded, so that the help of all others can still be shown."""
+
+    def fail(**_: object) -> None:
+        raise error
+
+    anything = click.Argument(["arguments"], nargs=-1, type=click.UNPROCESSED)
+    settings = {"ignore_unknown_options": True}
+    return click.Command(name, settings, fail, [anything], short_help=str(error), add_help_option=False)
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

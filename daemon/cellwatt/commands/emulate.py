@@ -17,7 +17,7 @@ from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signal
 from cellwatt.emulation.cell import emulator_of
 from cellwatt.emulation.control import answers, say
 from cellwatt.emulation.words import Mishap, addressed, mishap
-from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.errors import CellwattError, ConfigError, why
 
 _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loop", "options": "--option"}
 
@@ -125,7 +125,7 @@ async def _serve(emulator: Emulator, coming: list[Mishap], control: bool) -> Non
         if control:
             say({"error": f"{type(error).__name__}: {error}"})
             sys.exit(EXIT_ERROR)
-        raise CellwattError(str(error))
+        raise CellwattError(f"cannot listen: {why(error)}" if isinstance(error, OSError) else str(error))
     for planned in coming:
         _begin_later(planned, emulator)
     if not control:

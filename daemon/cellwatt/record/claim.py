@@ -40,7 +40,8 @@ def claimed(folder: Path | None, cell: str) -> Iterator[None]:
             stack.callback(os.close, lock)
             _take(lock, folder, cell)
         except OSError as error:
-            log.warning("%s cannot be locked against a second daemon: %s", folder, error.strerror)
+            if folder.is_dir():  # otherwise the recorder says why it cannot be made
+                log.warning("%s cannot be locked against a second daemon: %s", folder, error.strerror)
         yield
 
 

@@ -71,7 +71,7 @@ class Report:
     def write(self, path: Path) -> None:
         """Write the page to ``path``. Raises ``CellwattError`` where that fails or plotly is missing."""
         try:
-            path.write_text(self.html(), encoding="utf-8")
+            path.write_text(self.html(), encoding="utf-8", errors="replace")
         except OSError as error:
             raise CellwattError(f"{path} cannot be written: {why(error)}") from error
 

@@ -76,7 +76,7 @@ async def examine(config: SourceConfig, seconds: float, patience: float, batches
         async with asyncio.timeout(patience):
             result.status["identity"] = asdict(await source.driver.identify())
     except TimeoutError:
-        return _failed(result, f"no answer within {patience:.0f} s")
+        return _failed(result, f"no answer within {patience:g} s")
     except SourceError as error:
         return _failed(result, str(error))
     except Exception as error:

@@ -59,7 +59,7 @@ class Folder:
     def create(cls, path: Path, site: str) -> Folder:
         """Make the folder and its authority. Raises ``ConfigError`` if it exists or the site's name is invalid."""
         _check_name(site, "site")
-        if (path / _REGISTER).exists() or (path / "private").exists():
+        if os.access(path / _REGISTER, os.F_OK) or os.access(path / "private", os.F_OK):
             raise ConfigError(f"{path} holds an authority already; it is left as it is")
         folder = cls(path, site)
         folder._put_pair("ca", new_authority(site, _now()))

@@ -53,7 +53,7 @@ async def _breaks() -> Any:
     ("who", "finding"),
     [
         (_refuses, "the controller has no free connection"),
-        (_hangs, "no answer within 0 s"),
+        (_hangs, "no answer within 0.05 s"),
         (_breaks, "the fake driver broke: KeyError: 'serial'"),
     ],
 )

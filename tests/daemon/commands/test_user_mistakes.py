@@ -8,10 +8,12 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
+from cellwatt import registry
 from cellwatt.channel import Channel, Stream
 from cellwatt.record import Header
 from cellwatt.results import Interval
@@ -108,6 +110,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("import", "absent.yaml", "weld.yaml", "--out", "o", "--rate", "nan"), USAGE, "expected a finite number"),
         (("energy-campaign", "measure", "weld.yaml", "--seconds", "nan"), USAGE, "expected a finite number"),
         (("emulate", "skeleton", "--seed", "-1"), USAGE, "-1 is not in the range x>=0"),
+        (("secure", "init", "x" * 300, "--site", "plant"), ERROR, "File name too long"),
         (("new-driver", "x" * 300), ERROR, "cannot be written: File name too long"),
         (("export", "recordings", "--out", "\udcff"), ERROR, "cannot be written: its name is not UTF-8"),
         (("predict", "absent", "--model", "nonsense.mcap", "--out", "o.csv"), USAGE, "'absent' does not exist"),
@@ -185,6 +188,37 @@ def test_a_folder_that_may_not_be_made(call: Call, forbidden: Path, command: str
     ended = call(command, forbidden / "open.yaml")
     assert ended.code == ERROR
     assert f"record.folder {forbidden / 'recordings'} cannot be made: Permission denied" in ended.err
+
+
+@pytest.fixture
+def lacking(call: Call, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call]:
+    """``cellwatt`` with a command whose package is not installed."""
+    points = registry.entry_points
+
+    def with_one_more(group: str) -> list[EntryPoint]:
+        gone = EntryPoint("gone", "package_that_is_not_there:command", "cellwatt.commands")
+        return [*points(group=group), *([gone] if group == gone.group else [])]
+
+    monkeypatch.setattr(registry, "entry_points", with_one_more)
+    registry.available.cache_clear()
+    yield call
+    registry.available.cache_clear()
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("a", "--out", "b")])
+def test_a_command_whose_package_is_missing(lacking: Call, arguments: tuple[str, ...]) -> None:
+    ended = lacking("gone", *arguments)
+    assert ended.code == USAGE
+    assert ended.err == (
+        "command 'gone' cannot be loaded: ModuleNotFoundError: No module named 'package_that_is_not_there'\n"
+    )
+
+
+def test_the_help_of_all_commands_although_one_lacks_its_package(lacking: Call) -> None:
+    ended = lacking("--help")
+    assert (ended.code, ended.err) == (0, "")
+    assert "Check settings files without connecting to anything." in ended.out
+    assert "gone " in ended.out
 
 
 def test_a_full_disk(call: Call, place: Path, tmp_path: Path) -> None:
