@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.emulation import Emulator, Fault, Options
+from cellwatt.emulation.blocks import Blocks
 from cellwatt.emulation.faults import FaultKind
 from cellwatt_drivers.power_board import payload, wire, xbee
 from cellwatt_drivers.power_board.modem import JOINED, Modem
@@ -23,8 +24,12 @@ SETTLE = 0.3
 """s after which a client that has the port open counts as listening, though it never flushed the port."""
 LINGER = (0.05, 1.0)
 """Shortest and longest time in s that a vanishing port waits for its last bytes to be read."""
+AHEAD = 12
+"""Samples made at once, at the least: made one by one they cost so much that on a busy PC the board falls behind."""
 MOST_WAITING = 10_000
 """Packets that wait for a reader who does not read; beyond it the oldest are lost."""
+
+_ROUNDING = 1e-6  # of a sample
 
 
 class _Item(NamedTuple):
@@ -91,6 +96,7 @@ class PowerBoardEmulator(Emulator):
         self._set_options(options)
         self._modem = None if self._mode == "transparent" else Modem(escaped=self._mode == "api_escaped")
         self.tally.update(unheard=0, packets=0, heard=0)
+        self._blocks = Blocks(self._phase_values, 1 / self._rate, self._batch * -(-AHEAD // self._batch))
         self._began: float | None = None
         self._woke = 0.0  # UTC of the first sample, s
         self._clock = 0.0  # s that jumps have added to the board's clock
@@ -126,6 +132,11 @@ class PowerBoardEmulator(Emulator):
         if fault.kind == "disconnect" and self.link is None:
             raise ValueError("a port that vanishes needs the option link, else nobody finds it again")
         super().inject(fault)
+
+    def disturb(self, change: Mapping[str, float | str]) -> None:
+        """See ``Emulator.disturb``."""
+        super().disturb(change)
+        self._blocks.forget()
 
     async def serve(self, ready: Callable[[str], None]) -> None:
         """See ``Emulator.serve``."""
@@ -184,23 +195,27 @@ class PowerBoardEmulator(Emulator):
         """Make the packets whose last sample is due."""
         if self._began is None:
             return
-        while self._began + (self.tally["made"] + self._batch - 1) / self._rate <= now:
+        due = int((now - self._began) * self._rate + 1 + _ROUNDING) // self._batch
+        missed = max(0, due - self.tally["packets"] - (MOST_WAITING if self._listened else 0))
+        self._count(missed)
+        self.tally["unheard"] += missed * self._batch
+        while self.tally["packets"] < due:
             packet = self._packet(self.tally["made"])
-            self.tally["made"] += self._batch
-            self.tally["packets"] += 1
-            if self._listened:
-                frame = wire.wrap(
-                    payload.build(packet), self._mode, sender=SENDER, network=NETWORK, explicit=self._explicit
-                )
-                self._transmit(frame, now)
-            else:
-                self.tally["unheard"] += self._batch
+            self._count(1)
+            frame = wire.wrap(
+                payload.build(packet), self._mode, sender=SENDER, network=NETWORK, explicit=self._explicit
+            )
+            self._transmit(frame, now)
+
+    def _count(self, packets: int) -> None:
+        self.tally["packets"] += packets
+        self.tally["made"] += packets * self._batch
 
     def _packet(self, first: int) -> payload.Packet:
         """The samples from number ``first`` on."""
-        times = (first + np.arange(self._batch)) / self._rate
-        microseconds = round((times[0] + self._clock) * 1e6)
-        raw = payload.raw(self._phase_values(self._woke - self.epoch + times))
+        microseconds = round((first / self._rate + self._clock) * 1e6)
+        values, row = self._blocks.at(first)
+        raw = payload.raw(values[row : row + self._batch])
         return payload.Packet(
             self._board,
             first % payload.SEQUENCE_WRAP,
@@ -211,8 +226,8 @@ class PowerBoardEmulator(Emulator):
         )
 
     def _phase_values(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, phases, 3) V, A, W at t (n,) s: an even share of the supply for each phase."""
-        signals = self.signals.at(t)
+        """(n, phases, 3) V, A, W t (n,) s after the first sample: an even share of the supply for each phase."""
+        signals = self.signals.at(self._woke - self.epoch + t)
         power = signals["supply.power"]
         voltage = signals.get("supply.voltage", np.full_like(t, 230.0))
         current = signals.get("supply.current", power / voltage)
