@@ -86,7 +86,9 @@ def head(cell: LiveCell, look: Look, title: str = "") -> list[Text]:
     s = cell.status
     if not s:
         return [Text(f"{title}{WAITING}", "dim"), *_silence(cell, look)]
-    text = Text(f"{title}{s['site']}/{s['cell']} ", style="bold").append(f"● {s['state']}", style=COLOUR[s["state"]])
+    text = Text(f"{title}{s['site']}/{s['cell']} ", style="bold").append(
+        f"● {s['state']}", style=COLOUR.get(s["state"], "")
+    )
     recorder = f"recorder {s['recorder']['state']}" if s["recorder"] else "not recording"
     text.append(f"  {look.clock(s['time'])} {look.zone}", style="not bold")
     text.append(f"  {recorder} · {s['frames']['count']} frames · {s['results']} results", style="not bold dim")
@@ -107,7 +109,7 @@ def sources(cell: LiveCell, look: Look) -> list[Text]:
     every = cell.status["sources"]
     for name, source in every.items():
         lost = sum(source["missed"].values()) + sum(source["dropped"].values())
-        state = Text(source["state"], COLOUR[source["state"]])
+        state = Text(source["state"], COLOUR.get(source["state"], ""))
         account = (str(source["expected"]), str(source["received"]), Text(str(lost), "red" if lost else "green"))
         for stream, figures in source["streams"].items() or [("", {"rate_hz": None, "jitter_p99_ms": None})]:
             clock = source["clocks"].get(stream)
