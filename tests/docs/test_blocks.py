@@ -148,7 +148,8 @@ def test_settings_are_right(block: Block, tmp_path: Path) -> None:
     rest = {key: value for key, value in NEEDED.items() if key not in keys}
     cell = tmp_path / "cell.yaml"
     cell.write_text(f"{block.text}\n{yaml.safe_dump(rest) if rest else ''}")
-    for model in re.findall(r"[\w./-]+\.onnx", block.text):  # the reader's
+    robots = [f"{folder}/robot.yaml" for folder in re.findall(r"^robot: (\w+/[\w./-]+)", block.text, re.MULTILINE)]
+    for model in (*re.findall(r"[\w./-]+\.onnx", block.text), *robots):  # the reader's
         (tmp_path / model).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / model).touch()
     load(cell, dict.fromkeys(re.findall(r"\$\{(\w+)}", block.text), "given"))
