@@ -35,3 +35,11 @@ sbom:
 # Which lines and branches of the three packages the tests run.
 coverage *arguments:
     {{ python }} -m pytest -n auto --cov --cov-report=term:skip-covered {{ arguments }}
+
+# Sdist, wheel and Debian package in dist/; --snapshot for a commit that is no release.
+build *arguments:
+    {{ python }} -m release.build {{ arguments }}
+
+# The wheel, installed with nothing but its pins, run.
+try-wheel:
+    {{ python }} -m release.try_wheel

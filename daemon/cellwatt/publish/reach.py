@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import json
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
-from cellwatt.errors import ConfigError
-from cellwatt.publish.link import LinkSettings, TlsSettings
+from cellwatt.errors import ConfigError, SinkError
+from cellwatt.publish.keys import CellKeys
+from cellwatt.publish.link import LinkSettings, TlsSettings, open_session
 from cellwatt.publish.sink import ZenohSettings
 
 if TYPE_CHECKING:
     from cellwatt.config import CellConfig
+
+PATIENCE: Final = 5.0  # s, for a link to a cell and for its answer
 
 
 def link_to(
@@ -42,3 +46,26 @@ def client_of(endpoint: str, tls: TlsSettings | None = None, **more: Any) -> Lin
         return LinkSettings(mode="client", connect=(endpoint,), tls=tls, **more)
     except ValidationError as error:
         raise ConfigError("; ".join(e["msg"].removeprefix("Value error, ") for e in error.errors())) from None
+
+
+def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
+    """The running daemon's answer to ``@/question`` (``status``, ``config``, ``schema`` …), from JSON.
+
+    Raises ``SinkError`` if nobody answers within some seconds, or not with an answer.
+    """
+    import zenoh
+
+    keys = CellKeys(config.site, config.cell)
+    session = open_session(link_to(config), lambda: False, patience=PATIENCE)
+    try:
+        replies = list(session.get(keys.question(question), timeout=PATIENCE))
+        told = next((reply.ok for reply in replies if reply.ok is not None), None)
+        if told is None:
+            refused = [reply.err.payload.to_string() for reply in replies if reply.err is not None]
+            raise SinkError(f"the cell {keys.root} does not answer: {', '.join(refused) or 'is its daemon running?'}")
+        answer: dict[str, Any] = json.loads(told.payload.to_bytes())
+    except (zenoh.ZError, ValueError) as error:
+        raise SinkError(f"the cell {keys.root} gave no answer that can be read: {error}") from error
+    finally:
+        session.close()  # type: ignore[no-untyped-call]
+    return answer

@@ -1,0 +1,31 @@
+"""``cellwatt health``: one answer from the running daemon, for health checks and scripts."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from cellwatt.commands import EXIT_FAILED
+from cellwatt.config import load
+from cellwatt.publish.reach import ask_cell
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print the whole health message as one JSON object.")
+def command(file: Path, as_json: bool) -> None:
+    """Ask the running daemon of FILE how its cell is.
+
+    Exit code 0: green or amber; 1: red, no source delivers or nothing can be recorded; 3: the daemon does not answer.
+    """
+    status = ask_cell(load(file), "status")
+    if as_json:
+        click.echo(json.dumps(status))
+    else:
+        states = [source["state"] for source in status["sources"].values()]
+        click.echo(f"{status['state']}: {states.count('ok')} of {len(states)} sources are up")
+    if status["state"] == "red":
+        sys.exit(EXIT_FAILED)

@@ -1,0 +1,78 @@
+"""A zip file with a table of its contents, and of what could not be had."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from cellwatt.errors import CellwattError, why
+
+_SHORTEST: Final = 4
+"""Characters of a secret from which on it is blanked in texts; a shorter one is part of ordinary words."""
+_README: Final = """\
+This is a bundle for a bug report about cellwatt, written by `cellwatt diagnose`.
+
+Passwords and whatever the settings fill in from the environment are left out: *** or ${NAME} stands in their place.
+Environment variables are not in it. It does name the plant, its cells, devices and addresses, as well as paths and
+users of this PC: open the files and read them before you give the bundle to others.
+
+"""
+
+
+@dataclass(slots=True)
+class Bundle:
+    """Files for the zip by name, each with a line that says what it is; ``secrets`` are replaced in every text."""
+
+    secrets: dict[str, str] = field(default_factory=dict)
+    texts: dict[str, tuple[str, str]] = field(default_factory=dict)
+    files: dict[str, tuple[str, Path]] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+
+    def add(self, name: str, what: str, make: Callable[[], str | Mapping[str, Any] | list[Any]]) -> None:
+        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had."""
+        try:
+            made = make()
+        except (CellwattError, OSError) as error:
+            self.missing[name] = f"{what}: {why(error) if isinstance(error, OSError) else error}"
+        except Exception as error:  # the bundle is for things that are broken
+            self.missing[name] = f"{what}: {type(error).__name__}: {error}"
+        else:
+            text = made if isinstance(made, str) else json.dumps(made, indent=2, ensure_ascii=False, default=str)
+            self.texts[name] = what, text.rstrip("\n") + "\n"
+
+    def listing(self) -> str:
+        """Lines that name each file with its size, and what is missing with the reason."""
+        sizes = {name: (what, len(self._blanked(text).encode())) for name, (what, text) in self.texts.items()}
+        sizes |= {name: (what, path.stat().st_size) for name, (what, path) in self.files.items()}
+        wide = max(map(len, sizes), default=0)
+        lines = [f"  {name:<{wide}}  {size / 1e3:9.1f} kB  {what}" for name, (what, size) in sizes.items()]
+        absent = [f"  {self._blanked(reason)}" for reason in self.missing.values()]
+        return "\n".join(["Inside:", *lines, *(["Could not be had:", *absent] if absent else [])]) + "\n"
+
+    def write(self, path: Path) -> None:
+        """Write the zip, readable by its owner alone. Raises ``CellwattError``."""
+        try:
+            with (
+                os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file,
+                zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+            ):
+                archive.writestr("README.txt", _README + self.listing())
+                for name, (_, text) in self.texts.items():
+                    archive.writestr(name, self._blanked(text))
+                for name, (_, source) in self.files.items():
+                    archive.write(source, name)
+        except OSError as error:
+            raise CellwattError(f"{path} cannot be written: {why(error)}") from error
+
+    def _blanked(self, text: str) -> str:
+        for value in sorted(self.secrets, key=len, reverse=True):
+            if len(value) >= _SHORTEST:
+                # A value with quotes or line ends stands escaped in JSON.
+                for form in (value, json.dumps(value, ensure_ascii=False)[1:-1]):
+                    text = text.replace(form, self.secrets[value])
+        return text

@@ -1,0 +1,140 @@
+"""Gathers the parts of a bundle; each part that cannot be had is told and the rest goes on."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from cellwatt.config import CellConfig
+from cellwatt.diagnose import pc
+from cellwatt.diagnose.bundle import Bundle
+from cellwatt.diagnose.settings import examine
+from cellwatt.errors import CellwattError, RecordingError
+from cellwatt.files import read_bytes
+from cellwatt.publish.reach import ask_cell
+from cellwatt.record.cut import cut
+from cellwatt.record.header import DAMAGED
+from cellwatt.record.opening import survey
+from cellwatt.record.retention import Kept, listing
+from cellwatt.sbom import sbom
+from cellwatt.version import __version__
+
+LINES: Final = 2000
+"""Last lines of the log."""
+_MOST_LOG: Final = 100_000_000
+_EXAMINED: Final = 100
+"""Recordings, the newest ones, that are opened for a verdict."""
+
+
+def gather(file: Path | None, log: Path | None, record: float, folder: Path) -> Bundle:
+    """Gather the bundle for a settings file, or for the PC alone.
+
+    ``log`` replaces the journal. The last ``record`` s of the record are cut into ``folder``; 0 leaves them out.
+    """
+    bundle = Bundle()
+    bundle.add("versions.json", "versions of cellwatt, Python and the system", _versions)
+    bundle.add("packages.cdx.json", "all Python packages (CycloneDX)", sbom)
+    config = None
+    if file is not None:
+        found = examine(file)
+        config, bundle.secrets = found.config, found.secrets
+        bundle.add("check.txt", "what cellwatt check says", lambda: "\n".join(found.check))
+        bundle.add("settings.json", "the settings without secrets", lambda: found.shown or _unreadable())
+    disk = config.record.folder if config is not None and config.record is not None else None
+    bundle.add("pc.json", "cores, clocks, memory, limits and disk of this PC", lambda: pc.facts(disk))
+    if log is not None or file is not None:
+        bundle.add("log.txt", f"the last {LINES} lines of the log", lambda: _log(file, log))
+    if config is not None:
+        _cell(bundle, config, record, folder)
+    return bundle
+
+
+def _cell(bundle: Bundle, config: CellConfig, record: float, folder: Path) -> None:
+    bundle.add("status.json", "health and counts of the running daemon", lambda: ask_cell(config, "status"))
+    if "status.json" in bundle.texts:
+        bundle.add("schema.json", "its channels", lambda: ask_cell(config, "schema"))
+    if config.record is None:
+        return
+    kept = listing(config.record.folder, config.cell)
+    bundle.add("recordings.json", "recordings with sizes and verdicts", lambda: _recordings(kept))
+    if record:
+        try:
+            made = _last(config, kept, record, folder / "record.mcap")
+        except (CellwattError, OSError) as error:
+            bundle.missing["record.mcap"] = f"the last {record:g} s of the record: {error}"
+        else:
+            bundle.files["record.mcap"] = f"the last {record:g} s of the record", made
+
+
+def _versions() -> dict[str, Any]:
+    return {
+        "cellwatt": __version__,
+        "python": sys.version,
+        "implementation": platform.python_implementation(),
+        "executable": sys.executable,
+        "system": platform.platform(),
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _unreadable() -> str:
+    raise CellwattError("the file cannot be read as YAML, see check.txt")
+
+
+def _log(file: Path | None, log: Path | None) -> str:
+    if log is not None:
+        return "\n".join(read_bytes(log, _MOST_LOG).decode("utf-8", "replace").splitlines()[-LINES:])
+    assert file is not None
+    unit = f"cellwatt@{file.stem}"
+    command = ["journalctl", "-u", unit, "-n", str(LINES), "--no-pager", "-o", "short-iso-precise", "-q"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=30, check=False)
+    except (FileNotFoundError, subprocess.TimeoutExpired):
+        raise CellwattError("there is no journal to ask; give the log with --log FILE") from None
+    if not done.stdout.strip():
+        reason = done.stderr.strip() or "it has no lines that this user may read"
+        raise CellwattError(f"journal of {unit}: {reason}; run as root, or give the log with --log FILE")
+    return done.stdout
+
+
+def _recordings(kept: list[Kept]) -> list[dict[str, Any]]:
+    newest = kept[-_EXAMINED:]
+    return [
+        {
+            "file": k.path.name,
+            "size, B": k.size,
+            "written": datetime.fromtimestamp(k.modified, UTC).isoformat(timespec="seconds"),
+            "verdict": _verdict(k) if k in newest else "not examined",
+        }
+        for k in kept
+    ]
+
+
+def _verdict(kept: Kept) -> str:
+    if kept.path.name.endswith(DAMAGED):
+        return "damaged, set aside"
+    try:
+        found = survey(kept.path, chunks=False)
+    except RecordingError as error:
+        return str(error)
+    damage = "; ".join(map(str, found.damage))
+    return damage or ("whole" if found.closed else "open")
+
+
+def _last(config: CellConfig, kept: list[Kept], seconds: float, to: Path) -> Path:
+    """The end of the record; of a cell that stopped, what it recorded last."""
+    ends = [end for k in kept[-3:] if (end := _end(k))]
+    if config.record is None or not ends:
+        raise RecordingError("nothing was recorded that can be read")
+    return cut(config.record.folder, config.cell, max(ends) - round(seconds * 1e9), max(ends), to).path
+
+
+def _end(kept: Kept) -> int:
+    try:
+        return survey(kept.path).contents.end
+    except RecordingError:
+        return 0

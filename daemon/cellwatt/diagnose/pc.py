@@ -1,0 +1,89 @@
+"""Facts about the PC that matter to a daemon with deadlines. No environment variables."""
+
+from __future__ import annotations
+
+import os
+import platform
+import resource
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+_FILES: Final = {
+    "clock source": "/sys/devices/system/clocksource/clocksource0/current_clocksource",
+    "load": "/proc/loadavg",
+    "uptime, s": "/proc/uptime",
+    "memory limit of the group": "/sys/fs/cgroup/memory.max",
+    "processor limit of the group": "/sys/fs/cgroup/cpu.max",
+    "real-time share, us": "/proc/sys/kernel/sched_rt_runtime_us",
+}
+_LIMITS: Final = {
+    "real-time priority": resource.RLIMIT_RTPRIO,
+    "locked memory, B": resource.RLIMIT_MEMLOCK,
+    "open files": resource.RLIMIT_NOFILE,
+}
+_NAPS: Final = 300
+
+
+def facts(folder: Path | None) -> dict[str, Any]:
+    """Facts about the system, processors, clocks, memory, limits, and the disk of ``folder``; takes 0.3 s."""
+    return {
+        "system": platform.platform(),
+        "distribution": _distribution(),
+        "processor": {"machine": platform.machine(), "model": _line("/proc/cpuinfo", "model name")},
+        "cores": {"there": os.cpu_count(), "allowed": len(os.sched_getaffinity(0))},
+        "memory": {key: _line("/proc/meminfo", key) for key in ("MemTotal", "MemAvailable", "SwapTotal")},
+        "user": {"uid": os.getuid(), "groups": sorted(os.getgroups())},
+        "limits (soft, hard)": {name: _limit(number) for name, number in _LIMITS.items()},
+        "clocks": {"resolution of time(), s": time.get_clock_info("time").resolution, **_sync(), **_late()},
+        "files": {name: _text(path) for name, path in _FILES.items()},
+        "serial ports": sorted(str(p) for p in Path("/dev").glob("tty[UA][SCM]*")),
+        "disk": None if folder is None else _disk(folder),
+    }
+
+
+def _distribution() -> str:
+    try:
+        return platform.freedesktop_os_release().get("PRETTY_NAME", "")
+    except OSError as error:
+        return f"not known: {error.strerror}"
+
+
+def _text(path: str) -> str:
+    try:
+        return Path(path).read_text().strip()
+    except OSError as error:
+        return f"not readable: {error.strerror}"
+
+
+def _line(path: str, key: str) -> str:
+    lines: Iterator[str] = (line for line in _text(path).splitlines() if line.startswith(key))
+    return next(lines, "").partition(":")[2].strip()
+
+
+def _limit(number: int) -> list[str]:
+    return ["unlimited" if v == resource.RLIM_INFINITY else str(v) for v in resource.getrlimit(number)]
+
+
+def _sync() -> dict[str, bool]:
+    return {"synchronised by systemd-timesyncd": Path("/run/systemd/timesync/synchronized").exists()}
+
+
+def _late() -> dict[str, float]:
+    """Lateness of wake-ups after naps of 1 ms: what a source's deadlines meet on this PC."""
+    late = []
+    for _ in range(_NAPS):
+        due = time.perf_counter() + 1e-3
+        time.sleep(1e-3)
+        late.append(1e3 * (time.perf_counter() - due))
+    late.sort()
+    return {"late after a nap of 1 ms, median, ms": round(late[_NAPS // 2], 3), "worst, ms": round(late[-1], 3)}
+
+
+def _disk(folder: Path) -> dict[str, Any]:
+    folder = folder.absolute()
+    there = next(parent for parent in (folder, *folder.parents) if parent.exists())
+    usage = shutil.disk_usage(there)
+    return {"folder": str(there), "size, GB": usage.total / 1e9, "free, GB": usage.free / 1e9}
