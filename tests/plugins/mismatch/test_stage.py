@@ -207,7 +207,13 @@ def modelled(robot, folder, *terms):
 def test_the_cells_robot_is_the_default(robot):
     assert made(robot, cell_robot=".")
     with pytest.raises(ConfigError, match=r"set `robot` to a folder with robot\.yaml"):
-        made(robot, cell_robot="ur10e")
+        made(robot, robot=None)
+
+
+@pytest.mark.parametrize(("name", "hint"), [("ur99", "these are packaged: mh12"), ("mh21", r"did you mean mh12\?")])
+def test_a_robot_that_nobody_knows(robot, name, hint):
+    with pytest.raises(ConfigError, match=f"robot '{name}': no such file or folder, and no packaged robot .*; {hint}"):
+        made(robot, cell_robot=name)
 
 
 def channels(*named):
