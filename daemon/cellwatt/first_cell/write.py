@@ -85,7 +85,8 @@ def arms_of(streams: Mapping[str, tuple[Stream, ...]]) -> tuple[str, ...]:
 
 def cell_text(plan: CellPlan, arms: tuple[str, ...]) -> str:
     """The settings file; ``arms`` are the sources whose motion is cut into tasks."""
-    named = {"site": in_yaml(plan.site), "cell": in_yaml(plan.cell)}
+    newest = str(CellName.model_fields["version"].default)
+    named = {"version": newest, "site": in_yaml(plan.site), "cell": in_yaml(plan.cell)}
     if plan.robot:
         named["robot"] = in_yaml(plan.robot)
     record = {} if plan.record is None else {"folder": in_yaml(plan.record)}
