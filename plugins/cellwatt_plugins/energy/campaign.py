@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt.files import Place
+from cellwatt.units import Units
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
@@ -51,12 +52,14 @@ class Outcome:
         """The content of ``energy.json``, which ``cellwatt disaggregate --json`` prints."""
         return self.findings.as_json()
 
-    def report(self, path: Place) -> None:
-        """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
+    def report(self, path: Place, units: Units | None = None) -> None:
+        """Write the page, ``report.html``, with energies and powers in ``units`` (SI unless told).
+
+        Raises ``CellwattError`` where the file cannot be written."""
         from cellwatt.report import Provenance
         from cellwatt_plugins.energy.report import report
 
-        page = report(self.findings, self.identified, self.repetitions, Provenance.here(self.inputs))
+        page = report(self.findings, self.identified, self.repetitions, Provenance.here(self.inputs), units or Units())
         page.write(Path(path))
 
 

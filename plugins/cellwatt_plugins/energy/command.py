@@ -13,8 +13,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cellwatt.commands.units import with_units
 from cellwatt.errors import CellwattError, RecordingError, why
+from cellwatt.units import Units
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
+from cellwatt_plugins.energy.wording import amount
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.campaign import Outcome
@@ -46,6 +49,7 @@ class _Disaggregate(click.Command):
 @click.option("--released", required=True, type=FILE, help="Power with the brakes released and the arm at rest.")
 @click.option("--runs", required=True, type=FILE, help="Folder of SPEED_PAYLOADkg.robot and .analyzer files.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
+@with_units
 @click.option("--json", "as_json", is_flag=True, help="Print energy.json.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 def disaggregate(
@@ -55,6 +59,7 @@ def disaggregate(
     released: Path,
     runs: Path,
     out: Path,
+    units: tuple[str, ...],
     as_json: bool,
     no_report: bool,
 ) -> None:
@@ -68,9 +73,9 @@ def disaggregate(
     outcome = api.disaggregate(robot=robot, controller=controller, connected=connected, released=released, runs=runs)
     _write(outcome, out)
     if not no_report:
-        outcome.report(out / "report.html")
+        outcome.report(out / "report.html", Units().but(units))
     found = outcome.findings
-    click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out))
+    click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out, Units().but(units)))
 
 
 def _write(outcome: Outcome, out: Path) -> None:
@@ -95,13 +100,16 @@ def write_table(found: Findings, path: Path) -> None:
             writer.writerow([*values, *(run.uncertainty[name] for name in unsure), "; ".join(run.notes)])
 
 
-def in_words(found: Findings, out: Path) -> str:
-    """The findings as a person reads them at the terminal."""
+def in_words(found: Findings, out: Path, units: Units) -> str:
+    """The findings as a person reads them at the terminal, energies and powers in ``units``."""
+    energy, power = units.of("J"), units.of("W")
     fixed = found.fixed
+    total = f"total {energy.name}"
     lines = [
-        f"{found.robot}: controller {fixed.controller:.2f} W, robot electronics {fixed.robot_electronics:.2f} W, "
-        f"brakes {fixed.brakes:.2f} ± {fixed.brakes_uncertainty:.2f} W",
-        "            run     total J  electronics %  brakes %  mechanical %  electrical %  chopper %",
+        f"{found.robot}: controller {amount(fixed.controller, power, 2)} {power.name}, "
+        f"robot electronics {amount(fixed.robot_electronics, power, 2)} {power.name}, brakes "
+        f"{amount(fixed.brakes, power, 2)} ± {amount(fixed.brakes_uncertainty, power, 2)} {power.name}",
+        f"            run {total:>11s}  electronics %  brakes %  mechanical %  electrical %  chopper %",
     ]
     for run in found.runs:
         share = [100 * part / run.total for part in (run.electronics, run.brakes, run.mechanical_losses)]
@@ -113,7 +121,7 @@ def in_words(found: Findings, out: Path) -> str:
             )
         ]
         lines.append(
-            f"{run.run:>15s} {run.total:11.1f} {share[0]:14.1f} {share[1]:9.1f} {share[2]:13.1f} "
+            f"{run.run:>15s} {amount(run.total, energy):>11s} {share[0]:14.1f} {share[1]:9.1f} {share[2]:13.1f} "
             f"{told[0]:>13s} {told[1]:>10s}"
         )
     said = [*fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in found.runs for note in run.notes)]

@@ -10,10 +10,12 @@ import numpy as np
 from cellwatt.report import Axis, Block, Figure, Html, Notes, Panel, Provenance, Report, Section, Table, heading
 from cellwatt.report.drawing import bars, curve, dots, line, note
 from cellwatt.report.theme import BAD, CURVE, GOOD, MEASURED, MODEL, PALE, SIMULATION
+from cellwatt.units import Unit, Units
 from cellwatt_plugins.energy.drive import bus_power, supply_power
 from cellwatt_plugins.energy.findings import Findings, Fixed, RunEnergy
 from cellwatt_plugins.energy.identify import Identified
 from cellwatt_plugins.energy.repetitions import Repetition
+from cellwatt_plugins.energy.wording import amount, unsure
 
 GROUPS: Final = {
     "electronics": MODEL,
@@ -32,14 +34,23 @@ JOINTS = (
 )
 PAPER_FASTEST = 250.0
 """mm/s: the fastest speed of the paper, drawn over time beside the fastest of the campaign."""
+_PERCENT: Final = Unit("%")
 ROW = 22
 """Pixels of a bar."""
 
 
 def report(
-    found: Findings, identified: Identified, repetitions: Sequence[Sequence[Repetition]], provenance: Provenance
+    found: Findings,
+    identified: Identified,
+    repetitions: Sequence[Sequence[Repetition]],
+    provenance: Provenance,
+    units: Units,
 ) -> Report:
-    """Return the page of a campaign; ``repetitions`` are those of each of ``identified.observed``."""
+    """Return the page of a campaign; ``repetitions`` are those of each of ``identified.observed``.
+
+    Energies and powers are shown in ``units``, what was identified of the joints in SI units.
+    """
+    energy, power = units.of("J"), units.of("W")
     runs = found.runs
     said = [*found.fixed.notes, *found.notes, *(f"{run.run}: {note}" for run in runs for note in run.notes)]
     return Report(
@@ -48,11 +59,11 @@ def report(
         facts=["energy by consumer", f"{len(runs)} runs", f"{sum(run.repetitions for run in runs)} repetitions"],
         verdict=headline(found),
         sections=[
-            Section("Fixed power", [_fixed(found)], "Drawn whatever the robot does."),
-            Section("Average power of each run", [_bars(found, "W")], "W, over one repetition."),
-            Section("Share of each consumer", [_bars(found, "%")], "Percent of the run's energy."),
-            Section("Over time", _curves(found, identified, repetitions), OVER_TIME),
-            Section("Energies of one repetition", [_energies(found)], _columns_told(found)),
+            Section("Fixed power", [_fixed(found, power)], "Drawn whatever the robot does."),
+            Section("Average power of each run", [_bars(found, power)], f"{power.name}, over one repetition."),
+            Section("Share of each consumer", [_bars(found, None)], "Percent of the run's energy."),
+            Section("Over time", _curves(found, identified, repetitions, power), OVER_TIME),
+            Section("Energies of one repetition", [_energies(found, energy)], _columns_told(found, energy)),
             Section("Payload efficiency", _payload(found), "ε_P = 100 (E_RL − E_RNL) / E_RL."),
             Section("Joints", [_joints(found)], JOINTS),
             Section("Notes", [Notes(said)]),
@@ -74,29 +85,25 @@ def headline(found: Findings) -> str:
     return f"Of the mean power of these runs {words[0]}, {words[1]}, {words[2]} and {words[3]}."
 
 
-def unsure(spread: float) -> str:
-    """An uncertainty, never shown as 0 where it is not: 0.01 at least."""
-    return f"{spread:.1f}" if spread >= 1 else f"{spread:.2f}" if spread >= 0.01 else "0.01" if spread > 0 else "0"
-
-
-def _columns_told(found: Findings) -> str:
-    share = f"{100 * found.returned:.0f} ± {unsure(100 * found.returned_uncertainty)} %"
+def _columns_told(found: Findings, energy: Unit) -> str:
+    share = f"{100 * found.returned:.0f} ± {unsure(100 * found.returned_uncertainty, _PERCENT)} %"
     return (
-        "J with one standard deviation, and percent of the total. L_E* = L_E + E_RB; “at most” is the negative "
-        f"mechanical energy that ECDP takes for E_RB. Of what the motors give back to the bus the electronics "
+        f"{energy.name} with one standard deviation, and percent of the total. L_E* = L_E + E_RB; “at most” is the "
+        f"negative mechanical energy that ECDP takes for E_RB. Of what the motors give back to the bus the electronics "
         f"use {share}; the chopper burns the rest."
     )
 
 
-def _bars(found: Findings, unit: str) -> Figure:
-    """Stacked bars, one a run: Figs 7 and 8."""
+def _bars(found: Findings, power: Unit | None) -> Figure:
+    """Stacked bars, one a run: Figs 7 and 8, in a unit of power or in percent."""
+    unit = "%" if power is None else power.name
     labels = [_name(run) for run in found.runs]
-    scales = [1 / run.seconds if unit == "W" else 100 / run.total for run in found.runs]
+    scales = [100 / run.total if power is None else 1 / run.seconds / power.factor for run in found.runs]
     sizes = np.array([_parts(run) for run in found.runs]) * np.array(scales)[:, None]
     traces = [bars(name, labels, sizes[:, i], colour, unit) for i, (name, colour) in enumerate(GROUPS.items())]
     ends = np.maximum(sizes, 0.0).sum(axis=1)
     said = [
-        f"{run.total * s:.0f} W" if unit == "W" else f"electronics {p[0]:.0f} %"
+        f"electronics {p[0]:.0f} %" if power is None else f"{amount(run.total / run.seconds, power, 0)} {unit}"
         for run, s, p in zip(found.runs, scales, sizes, strict=True)
     ]
     marks = [
@@ -115,14 +122,18 @@ def _parts(run: RunEnergy) -> tuple[float, ...]:
     return run.electronics, run.brakes, run.mechanical_losses, left, run.regeneration or 0.0
 
 
-def _curves(found: Findings, identified: Identified, repetitions: Sequence[Sequence[Repetition]]) -> list[Block]:
+def _curves(
+    found: Findings, identified: Identified, repetitions: Sequence[Sequence[Repetition]], power: Unit
+) -> list[Block]:
     """Power over time of the paper's fastest speed and the fastest of all, each payload: Fig. 6."""
     runs = found.runs
     slow = max((run.speed_mm_s for run in runs if run.speed_mm_s <= PAPER_FASTEST), default=None)
     speeds = {slow, max(run.speed_mm_s for run in runs)}
     chosen = [i for i, run in enumerate(runs) if run.speed_mm_s in speeds]
     return [
-        block for i in chosen for block in (heading(_name(runs[i])), _curve(found.fixed, identified, i, repetitions[i]))
+        block
+        for i in chosen
+        for block in (heading(_name(runs[i])), _curve(found.fixed, identified, i, repetitions[i], power))
     ]
 
 
@@ -130,7 +141,7 @@ def _name(run: RunEnergy) -> str:
     return f"{run.speed_mm_s:g} mm/s, {run.payload_kg:g} kg"
 
 
-def _curve(fixed: Fixed, identified: Identified, index: int, repetitions: Sequence[Repetition]) -> Figure:
+def _curve(fixed: Fixed, identified: Identified, index: int, repetitions: Sequence[Repetition], unit: Unit) -> Figure:
     one, drive = identified.observed[index], identified.drive
     first = repetitions[0]
     motion, reading = one.run.motion, one.run.reading
@@ -146,18 +157,18 @@ def _curve(fixed: Fixed, identified: Identified, index: int, repetitions: Sequen
     power = np.broadcast_to(reading.power, measured.shape)
     ends, step = np.array([0.0, time[-1]]), float(np.median(np.diff(time)))
     traces = [
-        line("electronics", ends, np.full(2, fixed.electronics), MODEL),
-        line("electronics and brakes", ends, np.full(2, level), PALE),
-        curve("mechanical power", mechanical, GOOD, step=step),
-        curve("electrical losses and chopper", supply - mechanical - level, SIMULATION, step=step),
-        curve("model of the supply", supply, CURVE, step=step),
-        dots("measured", measured[seen], power[seen], MEASURED, size=5, opacity=0.9),
+        line("electronics", ends, unit.of(np.full(2, fixed.electronics)), MODEL),
+        line("electronics and brakes", ends, unit.of(np.full(2, level)), PALE),
+        curve("mechanical power", unit.of(mechanical), GOOD, step=step),
+        curve("electrical losses and chopper", unit.of(supply - mechanical - level), SIMULATION, step=step),
+        curve("model of the supply", unit.of(supply), CURVE, step=step),
+        dots("measured", measured[seen], unit.of(power[seen]), MEASURED, size=5, opacity=0.9),
     ]
     label = f"Power of each consumer over one repetition, {one.run.name}"
-    return Figure(label, [[Panel(traces, Axis("s"), Axis("W"))]], (240,))
+    return Figure(label, [[Panel(traces, Axis("s"), Axis(unit.name))]], (240,))
 
 
-def _fixed(found: Findings) -> Table:
+def _fixed(found: Findings, power: Unit) -> Table:
     """Table II: power drawn whatever the robot does."""
     fixed = found.fixed
     cells = [
@@ -167,12 +178,16 @@ def _fixed(found: Findings) -> Table:
         (fixed.brakes, fixed.brakes_uncertainty),
     ]
     heads = ["P<sub>RC</sub> controller", "P<sub>RE</sub> robot", "P<sub>E</sub> both", "P<sub>MB</sub> brakes"]
-    row = [found.robot, *(f"{value:.2f} ± {unsure(spread)} W" for value, spread in cells)]
+    row = [found.robot, *(_level(value, spread, power) for value, spread in cells)]
     return Table("Fixed power", ["Robot", *map(Html, heads)], [row])
 
 
-def _energies(found: Findings) -> Table:
-    """Table III: energies of a repetition in J and in percent of the total."""
+def _level(value: float, spread: float, power: Unit) -> str:
+    return f"{amount(value, power, 2)} ± {unsure(spread, power)} {power.name}"
+
+
+def _energies(found: Findings, energy: Unit) -> Table:
+    """Table III: energies of a repetition, and in percent of the total."""
     named = [
         ("Run", ""),
         ("T", "time, s"),
@@ -188,25 +203,25 @@ def _energies(found: Findings) -> Table:
         ("ε<sub>M+</sub>", "%"),
     ]
     heads = [Html(f"{symbol}<br><small>{name}</small>") for symbol, name in named]
-    return Table("Energies of one repetition", heads, [_row(run) for run in found.runs])
+    return Table("Energies of one repetition", heads, [_row(run, energy) for run in found.runs])
 
 
-def _row(run: RunEnergy) -> list[str]:
+def _row(run: RunEnergy, energy: Unit) -> list[str]:
     def both(name: str) -> Html:
         value, spread = getattr(run, name), run.uncertainty.get(name)
         if value is None:
             return Html("not told")
         share = f"<small>{100 * value / run.total:.1f} %</small>"
-        return Html(f"{value:.1f}<small> ± {unsure(spread or 0.0)}</small><br>{share}")
+        return Html(f"{amount(value, energy)}<small> ± {unsure(spread or 0.0, energy)}</small><br>{share}")
 
     names = ("electronics", "brakes", "mechanical_losses", "electrical_losses_with_regeneration")
     return [
         Html(f"{_name(run)}<br><small>{run.repetitions} repetitions</small>"),
         f"{run.seconds:.2f}",
-        Html(f"{run.total:.1f}<small> ± {unsure(run.uncertainty.get('total') or 0.0)}</small>"),
+        Html(f"{amount(run.total, energy)}<small> ± {unsure(run.uncertainty.get('total') or 0.0, energy)}</small>"),
         *(both(name) for name in (*names, "electrical_losses", "regeneration")),
-        f"{run.regeneration_upper_bound:.1f}",
-        f"{run.positive_mechanical:.1f}",
+        amount(run.regeneration_upper_bound, energy),
+        amount(run.positive_mechanical, energy),
         f"{run.motion_efficiency_percent:.1f}",
     ]
 
