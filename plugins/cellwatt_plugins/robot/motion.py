@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import uniform_filter1d
+
+from cellwatt.noise import white_noise
 
 Float = NDArray[np.float64]
 
@@ -150,17 +151,6 @@ def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
         mean += weight * sign
         square += weight * sign**2
     return mean, square
-
-
-def white_noise(values: Float, order: int = 3) -> Float:
-    """Return the standard deviation (c,) of white noise in evenly sampled ``values`` (N, c) or (N,).
-
-    From the median of their differences of this ``order``, in which motion cancels; NaN where all are NaN.
-    """
-    size = np.abs(np.diff(values, order, axis=0)).reshape(len(values) - order, -1)
-    known = (column[np.isfinite(column)] for column in size.T)
-    middle = np.array([np.median(column) if len(column) else np.nan for column in known])
-    return np.asarray(middle / 0.6745 / np.sqrt(comb(2 * order, order)))
 
 
 def encoder_noise(position: Float) -> Float:

@@ -14,7 +14,6 @@ from cellwatt_plugins.robot.motion import (
     expected_sign,
     rates,
     smooth,
-    white_noise,
 )
 from tests.plugins.mismatch import plant
 
@@ -102,19 +101,6 @@ def test_encoder_noise_of_a_coarse_encoder_is_its_rounding():
     step = 1e-3
     rounded = step * np.round(np.sin(t)[:, None] / step)
     assert encoder_noise(rounded)[0] == pytest.approx(step / np.sqrt(12), rel=0.3)
-
-
-@pytest.mark.parametrize("order", [3, 4])
-def test_white_noise_is_found_in_motion_and_beside_gaps(order):
-    t = np.arange(4000) * STEP
-    noise = 1e-3 * np.random.default_rng(4).standard_normal(len(t))
-    values = np.sin(t) + noise
-    assert white_noise(values, order) == pytest.approx([1e-3], rel=0.1)
-    values[::50] = np.nan
-    silent = np.full(len(t), np.nan)
-    found = white_noise(np.column_stack([values, silent]), order)
-    assert found[0] == pytest.approx(1e-3, rel=0.1)
-    assert np.isnan(found[1])
 
 
 def test_rates_are_the_derivatives_of_what_is_slow_enough():

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -98,3 +101,9 @@ def test_settings_take_units():
 def test_wrong_settings_are_refused(key, value, text):
     with pytest.raises(ValidationError, match=text):
         SegmentSettings.model_validate({key: value})
+
+
+def test_a_plain_installation_can_cut_motion():
+    """Neither Pinocchio nor SciPy, which are extras, is needed for README's cell."""
+    script = "import sys, cellwatt_plugins.segment; sys.exit('pinocchio' in sys.modules or 'scipy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
