@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,13 +35,14 @@ class Cut:
     lost: tuple[str, ...]
 
 
-def cut(folder: Path, cell: str, start: int, end: int, to: Path) -> Cut:
+def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: float = 0.0) -> Cut:
     """Write what a cell recorded into ``folder`` from ``start`` to ``end`` (UTC ns) to the file ``to``.
 
     It holds everything that a recording does and opens as one. It appears under its name once it is whole; a file
     that is there already is replaced. Its header is that of the newest file in the span. The caller may stop at any
-    time, for ``to`` with ``.part`` behind it is written anew. Raises ``RecordingError`` where nothing was recorded
-    in that span or the file cannot be written.
+    time, for ``to`` with ``.part`` behind it is written anew. ``reserve`` bytes of the disk stay free.
+
+    Raises ``RecordingError`` where nothing was recorded in that span or the file cannot be written.
     """
     files = [kept.path for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", f".mcap{PART}"))]
     if not files:
@@ -50,7 +54,7 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path) -> Cut:
         to.with_name(to.name + PART).unlink(missing_ok=True)
         file = OpenFile(to, header)
         try:
-            _fill(file, recording.items())
+            _fill(file, recording.items(), reserve)
             if file.contents.chunks:
                 file.finish()
                 file.publish()
@@ -62,7 +66,9 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path) -> Cut:
     if not contents.chunks:
         raise RecordingError(f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}")
     lost = tuple(map(str, recording.damage))
-    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, recording.paths, lost)
+    within = zip(recording.paths, recording.spans, strict=True)
+    sources = tuple(path for path, (_, first, last) in within if first <= end and last >= start)
+    return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, sources, lost)
 
 
 def _newest(recording: Recording, start: int, end: int) -> Header:
@@ -71,7 +77,7 @@ def _newest(recording: Recording, start: int, end: int) -> Header:
     return (within or [recording.spans[-1][0]])[-1]
 
 
-def _fill(file: OpenFile, items: Iterator[tuple[Header, Item]]) -> None:
+def _fill(file: OpenFile, items: Iterator[tuple[Header, Item]], reserve: float) -> None:
     session, encoder = -1, Encoder(file)
     for header, item in items:
         if header.session != session:  # numbers of samples begin anew
@@ -82,5 +88,12 @@ def _fill(file: OpenFile, items: Iterator[tuple[Header, Item]]) -> None:
             encoder = Encoder(file)
             encoder.add(item)
         if file.waiting > CHUNK:
+            _check_room(file, reserve)
             file.write_chunk()
+    _check_room(file, reserve)
     file.write_chunk()
+
+
+def _check_room(file: OpenFile, reserve: float) -> None:
+    if reserve and shutil.disk_usage(file.path.parent).free - file.waiting < reserve:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 from cellwatt.record.header import DAMAGED, FileName, plain_cell
 from cellwatt.record.seal import seal_of
@@ -36,7 +37,29 @@ def listing(folder: Path, cell: str) -> list[Kept]:
     return sorted(found, key=lambda k: (k.name, k.path.name))
 
 
-def surplus(files: Sequence[Kept], *, keep: float, age: float, now: float, reserve: float) -> list[Kept]:
+class Removable(Protocol):
+    """What a budget counts: a size in bytes, the time of its last change in UTC s, and true where it may go."""
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        ...
+
+    @property
+    def modified(self) -> float:
+        """UTC s."""
+        ...
+
+    @property
+    def closed(self) -> bool:
+        """True where it may go."""
+        ...
+
+
+R = TypeVar("R", bound=Removable)
+
+
+def surplus(files: Sequence[R], *, keep: float, age: float, now: float, reserve: float) -> list[R]:
     """Files to remove, oldest first, so that all files and ``reserve`` bytes more fit into ``keep`` bytes.
 
     Closed files last written more than ``age`` s before ``now`` (UTC s) go as well; 0 keeps them.

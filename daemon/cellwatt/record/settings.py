@@ -4,11 +4,30 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from cellwatt.quantity import Bytes, Seconds
+from cellwatt.results import Severity
+
+
+class EvidenceSettings(BaseModel):
+    """Evidence packs: what was recorded around an alarm, kept in files of their own, longer than the record."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    severity: Severity | Literal["none"] = "warning"
+    """Least severity of the alarms that get a pack: info, warning or error; none for no packs."""
+    before: Seconds = 120.0
+    """Time in front of the first evidence of the alarm."""
+    after: Seconds = 60.0
+    """Time behind the raise of the alarm."""
+    keep: Bytes = 2e9
+    """Disk budget of the packs, beside that of the record; the oldest go first."""
+    age: Seconds = 365 * 86400.0
+    """Remove packs older than this; 0 keeps them until the budget is spent."""
+
 
 ROOTS: Final = Path("/var/lib/cellwatt")
 """Where root records, a folder for each cell."""
@@ -59,3 +78,10 @@ class RecordSettings(BaseModel):
     """Record the aligned frames beside the raw samples."""
     sign: Path | None = None
     """Private key (Ed25519, PEM) that signs each finished file, in ``NAME.mcap.sig`` beside it."""
+    evidence: EvidenceSettings = EvidenceSettings()
+    """Evidence packs of alarms, in the folder ``evidence`` beside the recordings."""
+
+    @property
+    def file_limit(self) -> float:
+        """Bytes at which a file is closed."""
+        return min(self.file_size, self.keep / 4)

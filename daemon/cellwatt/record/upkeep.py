@@ -37,7 +37,7 @@ class Upkeep:
     def __init__(self, settings: RecordSettings, cell: str) -> None:
         self._settings = settings
         self._cell = cell
-        self.rotate_at = min(settings.file_size, settings.keep / 4)
+        self.rotate_at = settings.file_limit
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
         self._syncing: Future[None] | None = None

@@ -41,30 +41,9 @@ def report(recording: Recording, start: float | None, end: float | None, wanted:
     low, high = -np.inf if start is None else start - 1e-9, np.inf if end is None else end + 1e-9
     seconds = (frames.time - origin) * 1e-9
     first, last = np.searchsorted(seconds, low), np.searchsorted(seconds, high, side="right")
-    groups = _groups(frames, wanted, units)
-    if not groups or first >= last:
-        raise RecordingError("nothing to draw: no such channels, or no frames in that span")
+    figure = channels_over_time(recording, frames, int(first), int(last), wanted, units)
     alarms = recording.alarms()
     raised = [a for a in alarms if a.active]
-    shown = (float(seconds[first]), float(seconds[last - 1]))
-    intervals = recording.intervals() or _segment(frames)
-    marks, labels = _bands(intervals, origin, shown)
-    marks += _lines(alarms, origin, shown)
-    x = Axis("s since the start", shown)
-    grids = [_gridded(frames, columns, int(first), int(last), units) for _, columns in groups]
-    rows = [
-        [Panel(_curves(frames, columns, grid, shown[0]), x, marks=marks + labels * (row == 0), title=title)]
-        for row, ((title, columns), grid) in enumerate(zip(groups, grids, strict=True))
-    ]
-    figure = Figure(
-        f"Channels of {recording.header.cell} over time",
-        rows,
-        [HEIGHT] * len(rows),
-        "x",
-        own_legends=True,
-        sides=(70, 190),
-        layout={"hovermode": "x unified"},
-    )
     table = [[f"{(a.time - origin) * 1e-9:.2f} s", a.severity, a.statement] for a in raised]
     tasks = recording.tasks()
     header = recording.header
@@ -81,6 +60,47 @@ def report(recording: Recording, start: float | None, end: float | None, wanted:
             Section("Damage to the recording", [Notes([str(d) for d in recording.damage])]),
         ],
         provenance=Provenance.here(),
+    )
+
+
+def channels_over_time(
+    recording: Recording,
+    frames: Frames,
+    first: int,
+    last: int,
+    wanted: Sequence[str],
+    units: Units,
+    *,
+    since: tuple[int, str] | None = None,
+    most: int = MOST_POINTS * 2,
+) -> Figure:
+    """Frames ``first`` to before ``last`` of a recording by quantity, with its intervals and alarms marked.
+
+    ``since`` is the zero of the time axis, UTC ns, and its name: the first frame unless told. Raises
+    ``RecordingError`` where there is nothing to draw.
+    """
+    groups = _groups(frames, wanted, units)
+    if not groups or first >= last:
+        raise RecordingError("nothing to draw: no such channels, or no frames in that span")
+    origin, name = since or (int(frames.time[0]), "the start")
+    shown = (float(frames.time[first] - origin) * 1e-9, float(frames.time[last - 1] - origin) * 1e-9)
+    intervals = recording.intervals() or _segment(frames)
+    marks, labels = _bands(intervals, origin, shown)
+    marks += _lines(recording.alarms(), origin, shown)
+    x = Axis(f"s since {name}", shown)
+    grids = [_gridded(frames, columns, first, last, units) for _, columns in groups]
+    rows = [
+        [Panel(_curves(frames, columns, grid, shown[0], most), x, marks=marks + labels * (row == 0), title=title)]
+        for row, ((title, columns), grid) in enumerate(zip(groups, grids, strict=True))
+    ]
+    return Figure(
+        f"Channels of {recording.header.cell} over time",
+        rows,
+        [HEIGHT] * len(rows),
+        "x",
+        own_legends=True,
+        sides=(70, 190),
+        layout={"hovermode": "x unified"},
     )
 
 
@@ -121,11 +141,11 @@ def _gridded(frames: Frames, columns: Sequence[int], first: int, last: int, unit
     return out
 
 
-def _curves(frames: Frames, columns: Sequence[int], values: NDArray[np.float64], start: float) -> list[Json]:
+def _curves(frames: Frames, columns: Sequence[int], values: NDArray[np.float64], start: float, most: int) -> list[Json]:
     step = frames.layout.step * 1e-9
     names = [frames.layout.channels[column].short for column in columns]
     return [
-        curve(name, column, SERIES[n % len(SERIES)], start=start, step=step, most=MOST_POINTS * 2)
+        curve(name, column, SERIES[n % len(SERIES)], start=start, step=step, most=most)
         for n, (name, column) in enumerate(zip(names, values.T, strict=True))
     ]
 

@@ -17,6 +17,7 @@ from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
 from cellwatt.runtime.delivery import Delivery
+from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
@@ -40,6 +41,7 @@ class Teller:
         self.site, self.cell, self.session = config.site, config.cell, session
         self.sinks: dict[str, Delivery] = {}
         self.recorder: Recorder | None = None
+        self.evidence: Keeper | None = None
         self.on_health: Callable[[Mapping[str, Any]], None] = lambda _status: None
         self._config = config
         self._now = now
@@ -67,6 +69,9 @@ class Teller:
             await asyncio.to_thread(self.recorder.start)
             self._history = History(self._config.record.folder, self.recorder)
             tasks.spawn("recovery", self._report_recovery(self.recorder))
+            known = [standing.alarm for standing in self.alarms.raised]
+            self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
+            tasks.spawn("evidence", self.evidence.run())
         for sink in self._config.sinks.values():
             self._start_sink(tasks, sink)
 
@@ -93,8 +98,11 @@ class Teller:
     async def close(self, tasks: Tasks) -> None:
         """Let sinks and the record finish what is queued."""
         await self.stop(tasks, self.sinks)
+        await tasks.end(["evidence"])
         if self.recorder is not None:
             await self.recorder.close()
+        if self.evidence is not None:
+            await self.evidence.close()
 
     def _header(self) -> Header:
         config = self._config
@@ -147,6 +155,8 @@ class Teller:
             if new or not alarm.active:
                 log.warning("%s: %s", alarm.severity if alarm.active else "cleared", alarm.statement)
             self._offer(alarm)
+            if self.evidence is not None:
+                self.evidence.alarm(alarm)
 
     def _offer(self, item: Batch | Event | Frames | Result) -> None:
         for sink in self.sinks.values():
@@ -182,6 +192,7 @@ class Teller:
             "results": self._results,
             "sinks": {name: sink.status() for name, sink in self.sinks.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,
+            "evidence": self.evidence.stats() if self.evidence is not None else None,
         }
 
     # what sinks may ask (cellwatt.sink.CellView) -----------------------------------------------------

@@ -1,0 +1,175 @@
+"""Evidence packs as files: their names, those that are due, those that are kept.
+
+A pack is ``<cell>_<time of the alarm, UTC>_<id of the alarm>.mcap`` in the folder ``evidence`` of the record, with a
+page (``.html``) beside it, and a seal where recordings are signed. One that is still to be cut is a file that ends in
+``.due``; so it is cut by the next daemon where this one is killed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from pydantic import TypeAdapter
+
+from cellwatt.alarms import SEVERITIES
+from cellwatt.files import WRITTEN, read_bytes
+from cellwatt.record.header import plain_cell
+from cellwatt.record.retention import surplus
+from cellwatt.record.seal import seal_of
+from cellwatt.record.settings import EvidenceSettings
+from cellwatt.results import Alarm
+
+FOLDER: Final = "evidence"
+DUE: Final = ".due"
+MOST_ALARMS: Final = 100
+"""Alarms that a pack lists; more are counted."""
+_LONGEST: Final = 80
+"""Characters of an alarm's id in a file's name."""
+_NAME = re.compile(r"(?P<cell>.+)_\d{8}T\d{6}_\d{3}Z_.+\.mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """A pack to be cut: ``name`` without ending, span in UTC ns, and the alarms it is for, first the one that named it.
+
+    ``latest`` is the last end that it may come to have, ``more`` the count of alarms beyond those listed.
+    """
+
+    name: str
+    cell: str
+    start: int
+    end: int
+    latest: int
+    alarms: tuple[Alarm, ...]
+    more: int = 0
+
+    @classmethod
+    def of(cls, cell: str, alarm: Alarm, settings: EvidenceSettings) -> Due:
+        """The pack of an alarm that was raised."""
+        before, after = round(settings.before * 1e9), round(settings.after * 1e9)
+        # Evidence of long ago is not what the pack is for: it would be as long as the record.
+        start = max(alarm.since, alarm.time - before) - before
+        end = alarm.time + after
+        return cls(name_of(cell, alarm), cell, start, end, end + before, (alarm,))
+
+    def joined(self, alarm: Alarm, settings: EvidenceSettings) -> Due | None:
+        """The same pack for one more alarm, with its time after; ``None`` where the pack would become too long."""
+        end = max(self.end, alarm.time + round(settings.after * 1e9))
+        if alarm.time < self.start or alarm.time > self.end or end > self.latest:
+            return None
+        if len(self.alarms) < MOST_ALARMS:
+            return replace(self, end=end, alarms=(*self.alarms, alarm))
+        return replace(self, end=end, more=self.more + 1)
+
+
+_DUE: TypeAdapter[Due] = TypeAdapter(Due)
+
+
+def name_of(cell: str, alarm: Alarm) -> str:
+    """A pack's name without ending: safe as a file's name whatever is in the alarm's id."""
+    stamp = datetime.fromtimestamp(alarm.time // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%S")
+    plain = re.sub(r"[^\w.-]+", "-", alarm.id, flags=re.ASCII)[:_LONGEST] or "alarm"
+    return f"{plain_cell(cell)}_{stamp}_{alarm.time // 1_000_000 % 1000:03d}Z_{plain}"
+
+
+def wants(settings: EvidenceSettings, alarm: Alarm) -> bool:
+    """True for an alarm that is to have a pack."""
+    if settings.severity == "none" or not alarm.active:
+        return False
+    return SEVERITIES.index(alarm.severity) >= SEVERITIES.index(settings.severity)
+
+
+def write_due(folder: Path, due: Due) -> None:
+    """Note a pack that is to be cut. Raises ``OSError``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = due_path(folder, due)
+    new = path.with_name(path.name + ".new")
+    with new.open("wb") as file:
+        file.write(_DUE.dump_json(due, fallback=str))
+        file.flush()
+        os.fsync(file.fileno())
+    new.rename(path)
+
+
+def read_due(path: Path) -> Due:
+    """A pack that is to be cut. Raises ``OSError``, and ``ValueError`` where the file is damaged."""
+    due = _DUE.validate_json(read_bytes(path, WRITTEN))
+    if Path(due.name).name != due.name or not due.alarms:
+        raise ValueError(f"{path} does not name a pack")
+    return due
+
+
+def due_path(folder: Path, due: Due) -> Path:
+    """The file that notes a pack to be cut."""
+    return folder / f"{due.name}{DUE}"
+
+
+def all_due(folder: Path, cell: str) -> list[Due]:
+    """The packs of a cell still to be cut, oldest first; damaged notes are removed. Raises ``OSError``."""
+    found = []
+    for path in sorted(folder.glob(f"*{DUE}")):
+        try:
+            due = read_due(path)
+        except ValueError:
+            path.unlink(missing_ok=True)
+            continue
+        if due.cell == cell:
+            found.append(due)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Pack:
+    """A pack that is kept: ``size`` bytes with all that stands beside it, ``modified`` UTC s."""
+
+    path: Path
+    size: int
+    modified: float
+    closed: bool = True
+
+    @property
+    def beside(self) -> tuple[Path, ...]:
+        """Page and seal."""
+        return (page_of(self.path), seal_of(self.path))
+
+
+def page_of(pack: Path) -> Path:
+    """Path of a pack's page."""
+    return pack.with_suffix(".html")
+
+
+def listing(folder: Path, cell: str) -> list[Pack]:
+    """The packs of one cell, oldest first; files with other names are not ours and never touched."""
+    found = []
+    for path in folder.iterdir() if folder.is_dir() else ():
+        match = _NAME.fullmatch(path.name)
+        if match is None or match["cell"] != plain_cell(cell):
+            continue
+        with contextlib.suppress(FileNotFoundError):
+            status = path.stat()
+            pack = Pack(path, status.st_size, status.st_mtime)
+            size = status.st_size + sum(p.stat().st_size for p in pack.beside if p.exists())
+            found.append(replace(pack, size=size))
+    return sorted(found, key=lambda p: p.path.name)
+
+
+def retain(folder: Path, cell: str, settings: EvidenceSettings, now: float) -> list[Pack]:
+    """Remove packs beyond budget and age; gives those that stay. ``now`` UTC s. Raises ``OSError``."""
+    packs = listing(folder, cell)
+    gone = surplus(packs, keep=settings.keep, age=settings.age, now=now, reserve=0.0)
+    remove(gone)
+    return [pack for pack in packs if pack not in gone]
+
+
+def remove(packs: Iterable[Pack]) -> None:
+    """Delete packs with what stands beside them. Raises ``OSError``."""
+    for pack in packs:
+        for path in (*pack.beside, pack.path):
+            path.unlink(missing_ok=True)

@@ -1,0 +1,222 @@
+"""Has evidence packs made: notes what is due on disk, waits for the time after the alarm, starts the process."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+from cellwatt.child import ends_with_parent
+from cellwatt.errors import RecordingError
+from cellwatt.record import RecordSettings, packs
+from cellwatt.record.packs import Due
+from cellwatt.results import Alarm, Event
+
+log = logging.getLogger(__name__)
+
+LOOK: Final = 0.5
+"""Period, s, at which it is looked for packs that are due."""
+RETAIN_EVERY: Final = 3600.0
+"""Period, s, at which packs are compared with their age."""
+LIMIT: Final = 300.0
+"""Longest time, s, that one pack may take."""
+CLOSE: Final = 4.0
+"""Longest time, s, that the end of the daemon waits for packs; what is not made then is made at the next start."""
+NICENESS: Final = 19
+"""Making a pack gives way to everything else on the PC."""
+MODULE: Final = "cellwatt.runtime.evidence.making"
+
+
+class Keeper:
+    """The packs of one cell. ``alarm`` is called on the event loop and only notes; ``run`` does the rest.
+
+    ``now`` is the cell's clock, UTC ns; ``tell`` takes the event that says where a pack is, or why there is none.
+    ``known`` are alarms that were up before this process: their packs are noted on disk.
+    """
+
+    def __init__(
+        self,
+        settings: RecordSettings,
+        cell: str,
+        now: Callable[[], int],
+        tell: Callable[[Event], None],
+        known: Iterable[Alarm] = (),
+    ) -> None:
+        self._settings, self._cell, self._now, self._tell = settings, cell, now, tell
+        self.folder = settings.folder / packs.FOLDER
+        self._waiting: list[Due] = []
+        self._unwritten: set[str] = set()
+        """Names of packs whose note on disk is older than what is known."""
+        self._seen = {alarm.id: alarm.since for alarm in known if packs.wants(settings.evidence, alarm)}
+        """``since`` of each alarm that is up and has its pack."""
+        self._noted = asyncio.Event()
+        self._kept: list[packs.Pack] = []
+        self._retained_at = -RETAIN_EVERY
+        self._made = self._given_up = 0
+        self._problem = ""
+
+    def alarm(self, alarm: Alarm) -> None:
+        """Take a message of an alarm: its raise, or its rise to a severity that wants a pack, makes one due."""
+        if not alarm.active:
+            self._seen.pop(alarm.id, None)
+            return
+        if not packs.wants(self._settings.evidence, alarm) or self._seen.get(alarm.id) == alarm.since:
+            return
+        self._seen[alarm.id] = alarm.since
+        for place, due in enumerate(self._waiting):
+            if (joined := due.joined(alarm, self._settings.evidence)) is not None:
+                self._waiting[place] = joined
+                break
+        else:
+            joined = Due.of(self._cell, alarm, self._settings.evidence)
+            self._waiting.append(joined)
+        self._unwritten.add(joined.name)
+        self._noted.set()
+
+    async def run(self) -> None:
+        """Make packs when they are due, also those that an earlier daemon left, until cancelled."""
+        await self._resume()
+        while True:
+            await self._write()
+            await self._retain()
+            late = self._now() - round(1e9 * (self._settings.flush + LOOK))  # by then it is in the file
+            due = next((due for due in self._waiting if due.end <= late), None)
+            if due is not None:
+                await self._make(due)
+                continue
+            self._noted.clear()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(LOOK):
+                    await self._noted.wait()
+
+    async def close(self) -> None:
+        """Make the packs that are still due with what there is; ``run`` has ended and the record is closed."""
+        await self._write()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(CLOSE):
+                for due in list(self._waiting):
+                    await self._make(due)
+
+    def stats(self) -> dict[str, Any]:
+        """Figures for health messages; sizes in bytes."""
+        return {
+            "packs": len(self._kept),
+            "bytes": sum(pack.size for pack in self._kept),
+            "waiting": len(self._waiting),
+            "made": self._made,
+            "given_up": self._given_up,
+            "problem": self._problem,
+        }
+
+    async def _resume(self) -> None:
+        try:
+            left = await asyncio.to_thread(packs.all_due, self.folder, self._cell)
+        except OSError as error:
+            self._problem = f"{self.folder} cannot be read: {error.strerror}"
+            return
+        known = {due.name for due in self._waiting}
+        self._waiting[:0] = [due for due in left if due.name not in known]
+
+    async def _write(self) -> None:
+        """Bring to disk which packs are due."""
+        names, self._unwritten = self._unwritten, set()
+        for due in [due for due in self._waiting if due.name in names]:
+            try:
+                await asyncio.to_thread(packs.write_due, self.folder, due)
+            except OSError as error:
+                self._waiting = [other for other in self._waiting if other.name != due.name]
+                self._give_up(due, f"{self.folder} cannot be written: {error.strerror}")
+
+    async def _retain(self) -> None:
+        if time.monotonic() - self._retained_at < RETAIN_EVERY:
+            return
+        self._retained_at = time.monotonic()
+        settings = self._settings.evidence
+        try:
+            self._kept = await asyncio.to_thread(packs.retain, self.folder, self._cell, settings, time.time())
+        except OSError as error:
+            self._problem = f"old packs cannot be removed: {error.strerror}"
+
+    async def _make(self, due: Due) -> None:
+        made: dict[str, Any] = {}
+        failure = ""
+        try:
+            made = await self._made_by_process(due)
+        except RecordingError as error:
+            failure = str(error)
+        except Exception as error:
+            # A pack is worth something, but never the record of what goes on: this process goes on without.
+            log.exception("evidence of alarm %s", due.alarms[0].id)
+            failure = f"{type(error).__name__}: {error}"
+        self._waiting = [other for other in self._waiting if other.name != due.name]
+        with contextlib.suppress(OSError):
+            await asyncio.to_thread(packs.due_path(self.folder, due).unlink, missing_ok=True)
+        self._retained_at = -RETAIN_EVERY
+        if failure:
+            self._give_up(due, failure)
+            return
+        self._made += 1
+        self._problem = made["problem"]
+        self._say(due, f"kept in {packs.FOLDER}/{due.name}.mcap", {**made, "pack": f"{due.name}.mcap"})
+
+    async def _made_by_process(self, due: Due) -> dict[str, Any]:
+        """What the process that makes a pack says of it. Raises ``RecordingError`` where it makes none."""
+        settings = self._settings
+        sign = [] if settings.sign is None else ["--sign", str(settings.sign)]
+        note = str(packs.due_path(self.folder, due))
+        command = [sys.executable, "-m", MODULE, note, "--reserve", str(settings.file_limit), *sign]
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *command,
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.PIPE,
+                preexec_fn=_tied(),
+            )
+        except OSError as error:
+            raise RecordingError(f"the process that makes it cannot be started: {error.strerror}") from error
+        try:
+            async with asyncio.timeout(LIMIT):
+                said, wrong = await process.communicate()
+        except TimeoutError:
+            raise RecordingError(f"it took longer than {LIMIT:.0f} s") from None
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+        if process.returncode:
+            words = wrong.decode(errors="replace").strip().splitlines()
+            raise RecordingError(words[-1] if words else f"the process that makes it ended with {process.returncode}")
+        found: dict[str, Any] = json.loads(said.splitlines()[-1])
+        return found
+
+    def _give_up(self, due: Due, why: str) -> None:
+        self._given_up += 1
+        self._problem = why
+        log.warning("evidence of alarm %s is not kept: %s", due.alarms[0].id, why)
+        self._say(due, f"not kept: {why}", {})
+
+    def _say(self, due: Due, what: str, data: dict[str, Any]) -> None:
+        first = due.alarms[0]
+        others = len(due.alarms) - 1 + due.more
+        told = f"evidence of alarm {first.id}{f' and {others} more' if others else ''} {what}"
+        alarms = [alarm.id for alarm in due.alarms]
+        self._tell(Event(self._now(), first.source, "evidence", told, {"alarms": alarms, **data}))
+
+
+def _tied() -> Callable[[], None]:
+    """For the child: it ends with this process and gives way to all others."""
+    tie = ends_with_parent(signal.SIGKILL)
+
+    def begin() -> None:
+        tie()
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+
+    return begin
