@@ -105,7 +105,7 @@ def case(seed: int, folder: Path) -> Case:
     arm = HeldArm.of(described, poses.q)
     start = time.process_time()
     with threadpool_limits(1):
-        trained = train(poses, arm, lambda: None)
+        trained = train(poses, arm)
     seconds = time.process_time() - start
     best, *paper = write(trained, arm, folder)
     q, came, torque = held_arms.unseen(really, seed)

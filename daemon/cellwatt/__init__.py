@@ -33,6 +33,7 @@ from cellwatt.errors import (
 )
 from cellwatt.files import Places
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.progress import show_progress
 from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
 from cellwatt.sink import CellView, Sink, SinkSettings
 from cellwatt.stage import CellInfo, Stage, StageSettings
@@ -89,6 +90,7 @@ __all__ = [
     "WrongDeviceError",
     "__version__",
     "open",
+    "show_progress",
 ]
 
 

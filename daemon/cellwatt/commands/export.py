@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import Progress
 
 from cellwatt.batch import Batch
+from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.errors import RecordingError
+from cellwatt.progress import stage
 from cellwatt.record import Recording, messages
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.record.tables import Table, write_lines
 from cellwatt.units import Units
-
-Advance = Callable[[int], None]
 
 
 @click.command()
@@ -36,6 +34,7 @@ Advance = Callable[[int], None]
 )
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@with_progress
 def command(
     recordings: tuple[Path, ...],
     out: Path,
@@ -60,12 +59,7 @@ def command(
     except OSError as error:
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
     export = Export(recording, out, form, force, recorded_units(recording.header.settings, units))
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as progress:
-        counts = recording.counts
-        total = sum(n for topic, n in counts.items() if topic == FRAME_TOPIC or topic.startswith("/raw/"))
-        task = progress.add_task("export", total=total)
-        written = export.run(only, lambda n: progress.advance(task, n))
+    written = export.run(only)
     if as_json:
         damage = [str(d) for d in recording.damage]
         report = {"start": recording.start, "end": recording.end, "files": written, "damage": damage}
@@ -96,13 +90,19 @@ class Export:
         self._force = force
         self._units = units
 
-    def run(self, only: str | None, advance: Advance) -> list[dict[str, Any]]:
+    def run(self, only: str | None) -> list[dict[str, Any]]:
         """Write the requested tables; return name and number of rows of each file."""
         written: list[dict[str, Any]] = []
-        if only != "frames":
-            written += self._raw(advance)
-        if only != "raw":
-            written += self._frames(advance)
+        counts = self._recording.counts
+        frames = 0 if only == "raw" else counts.get(FRAME_TOPIC, 0)
+        raw = 0 if only == "frames" else sum(n for topic, n in counts.items() if topic.startswith("/raw/"))
+        with stage("", frames + raw):
+            if only != "frames":
+                with stage("raw samples", 1, share=raw):
+                    written += self._raw()
+            if only != "raw":
+                with stage("frames", 1, share=frames):
+                    written += self._frames()
         if only is None:
             kinds = {"results.jsonl": self._recording.results(), "events.jsonl": self._recording.events()}
             for name, items in kinds.items():
@@ -110,7 +110,7 @@ class Export:
                 written += [{"file": name, "rows": rows}] if rows else []
         return written
 
-    def _raw(self, advance: Advance) -> Iterator[dict[str, Any]]:
+    def _raw(self) -> Iterator[dict[str, Any]]:
         tables: dict[tuple[str, str], Table] = {}
         with ExitStack() as stack:
             for batch in self._recording.entries():
@@ -121,10 +121,9 @@ class Export:
                     table = self._table(".".join(key), batch.stream.channels)
                     tables[key] = stack.enter_context(table)
                 tables[key].add_batch(batch)
-                advance(len(batch))
         return (_told(table) for table in tables.values())
 
-    def _frames(self, advance: Advance) -> list[dict[str, Any]]:
+    def _frames(self) -> list[dict[str, Any]]:
         layout = self._recording.layout
         if layout is None:
             return []
@@ -135,7 +134,6 @@ class Export:
                         "the layout of the frames changes within these recordings: export them one by one"
                     )
                 table.add_frames(frames)
-                advance(len(frames))
         return [_told(table)]
 
     def _table(self, name: str, channels: Any) -> Table:

@@ -10,8 +10,10 @@ from pathlib import Path
 import click
 
 from cellwatt.commands.numbers import FiniteRange
+from cellwatt.commands.quiet import with_progress
 from cellwatt.errors import RecordingError
 from cellwatt.imports import Part, read_map, read_parts, write_recording
+from cellwatt.progress import steps
 
 
 @click.command("import")
@@ -21,6 +23,7 @@ from cellwatt.imports import Part, read_map, read_parts, write_recording
 @click.option("--rate", type=FiniteRange(0.1, 10_000), default=100.0, show_default=True, help="Hz of the frames.")
 @click.option("--parts", type=click.IntRange(min=1), help="Only the first so many repetitions.")
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@with_progress
 def command(form: str, files: tuple[Path, ...], out: Path, rate: float, parts: int | None, as_json: bool) -> None:
     """Write FILEs of a published FORMAT as a recording that export, replay, faults and train power can use.
 
@@ -34,8 +37,8 @@ def command(form: str, files: tuple[Path, ...], out: Path, rate: float, parts: i
         )
 
     def every() -> Iterator[Part]:
-        for path in files:
-            yield from read_parts(path, columns)
+        for path in steps(files, "file"):
+            yield from steps(read_parts(path, columns), "part")
 
     counts = write_recording(out, islice(every(), parts), Path(form).stem, rate)
     if as_json:

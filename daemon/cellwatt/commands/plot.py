@@ -8,7 +8,9 @@ from pathlib import Path
 import click
 
 from cellwatt.commands.numbers import FINITE
+from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.units import recorded_units, with_units
+from cellwatt.progress import stage
 from cellwatt.record import Recording
 
 
@@ -20,6 +22,7 @@ from cellwatt.record import Recording
 @click.option("--channel", "channels", multiple=True, help="Only channels with this in their name; may be repeated.")
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@with_progress
 def command(
     recording: tuple[Path, ...],
     out: Path,
@@ -36,5 +39,7 @@ def command(
     from cellwatt.runtime.page import report
 
     opened = Recording.open(recording)
-    report(opened, start, end, channels, recorded_units(opened.header.settings, units)).write(out)
+    page = report(opened, start, end, channels, recorded_units(opened.header.settings, units))
+    with stage(f"writing {out}"):
+        page.write(out)
     click.echo(json.dumps({"file": str(out)}) if as_json else f"wrote {out}")

@@ -15,9 +15,11 @@ from pydantic import ValidationError
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.numbers import NOT_NEGATIVE
+from cellwatt.commands.quiet import with_progress
 from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
+from cellwatt.progress import aside
 from cellwatt.record import Recording
 from cellwatt.report.page import PAGE
 from cellwatt.results import Alarm, Result
@@ -42,6 +44,7 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 @click.option("--verify", is_flag=True, help="Hold the frames against the recorded ones; exit code 1 if a bit differs.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Results as JSON lines, then the summary as one JSON object.")
+@with_progress
 def command(
     recording: tuple[Path, ...], settings: Path | None, speed: float, verify: bool, page: Path | None, as_json: bool
 ) -> None:
@@ -118,9 +121,11 @@ def _show(items: Iterable[Frames | Result], results: list[Result], as_json: bool
         kind = type(item).__name__.lower()
         counts[kind] += 1
         if as_json:
-            click.echo(json.dumps({"kind": kind, **asdict(item)}))
+            with aside():
+                click.echo(json.dumps({"kind": kind, **asdict(item)}))
         elif isinstance(item, Alarm):
-            click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")
+            with aside():
+                click.echo(f"{item.severity if item.active else 'cleared'}: {item.statement}")
     return dict(counts)
 
 

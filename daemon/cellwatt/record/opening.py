@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
+from cellwatt.progress import steps
 from cellwatt.record.header import PART
 from cellwatt.record.scan import Damage
 from cellwatt.record.summary import Survey, survey_open
@@ -68,7 +69,7 @@ def survey_all(paths: Iterable[Path]) -> tuple[list[Survey], list[Damage]]:
     surveys: dict[tuple[int, int], Survey] = {}
     damage: list[Damage] = []
     errors: list[RecordingError] = []
-    for path in paths:
+    for path in steps(paths, "opening file"):
         try:
             found = survey(path, chunks=False)
             surveys.setdefault(found.identity, found)

@@ -19,6 +19,7 @@ from cellwatt.channel import Stream
 from cellwatt.errors import RecordingError
 from cellwatt.files import Places, paths_of
 from cellwatt.frames import Frames
+from cellwatt.progress import aside, steps
 from cellwatt.record import decoder
 from cellwatt.record.chunks import LARGEST_RECORD, open_chunk
 from cellwatt.record.container import RECORD, Chunk
@@ -256,7 +257,7 @@ class Recording:
         """Nothing is open between two reads."""
 
     def _of(self, kinds: tuple[type[T], ...], wanted: Callable[[Track], bool]) -> Iterator[T]:
-        for file, tracks in zip(self._files, self._tracks, strict=True):
+        for file, tracks in steps(list(zip(self._files, self._tracks, strict=True)), "reading file"):
             numbers = {number for number, track in tracks.items() if wanted(track)}
             yield from (item for item in self._of_file(file, tracks, numbers) if isinstance(item, kinds))
 
@@ -283,7 +284,7 @@ class Recording:
             now = file
             if not file.contents.chunks or identity_of(opened) != file.identity:  # the latter: repaired meanwhile
                 now = survey_open(opened, path)
-            for chunk in now.contents.chunks:
+            for chunk in steps(now.contents.chunks, "part"):
                 if span is not None and (chunk.start > span[1] or chunk.end < span[0]):
                     continue
                 if chunk.indexes and not any(number in wanted for number, _ in chunk.indexes):
@@ -298,7 +299,8 @@ class Recording:
     def _note(self, damage: Damage) -> None:
         if damage not in self.damage:
             self.damage.append(damage)
-            log.warning("%s", damage)
+            with aside():
+                log.warning("%s", damage)
 
     def _all_tracks(self) -> Iterator[Track]:
         return (track for tracks in self._tracks for track in tracks.values())

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt.files import Place
+from cellwatt.progress import stage, steps
 from cellwatt.units import Units
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
@@ -65,15 +66,18 @@ class Outcome:
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
     """The pipeline of ECDP on one arm. Raises ``RecordingError`` where a run cannot be used."""
-    found = [find_repetitions(run.motion) for run in runs]
+    found = [find_repetitions(run.motion) for run in steps(runs, "repetitions of run")]
     repetitions = tuple(tuple(kept) for kept, _ in found)
-    belief, rigid = _belief(arm, rest, runs)
+    with stage("fitting the arm"):
+        belief, rigid = _belief(arm, rest, runs)
     guess = begin(arm, belief.fixed[0])
-    identified = identify(observe(arm, runs, [len(r) for r in repetitions], guess), guess, belief)
+    with stage("fitting the drives"):
+        identified = identify(observe(arm, runs, [len(r) for r in repetitions], guess), guess, belief)
     fixed = _fixed(arm, rest, identified)
     draws = identified.drawn(np.random.default_rng(3), DRAWS)
     energies = tuple(
-        run_energy(arm, fixed, identified, draws, i, repetitions[i], tuple(found[i][1])) for i in range(len(runs))
+        run_energy(arm, fixed, identified, draws, i, repetitions[i], tuple(found[i][1]))
+        for i in steps(range(len(runs)), "energy of run")
     )
     findings = Findings(
         robot=arm.description.robot,

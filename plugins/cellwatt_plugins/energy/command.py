@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.units import with_units
 from cellwatt.errors import CellwattError, RecordingError, why
+from cellwatt.progress import stage
 from cellwatt.units import Units
 from cellwatt_plugins.energy.findings import Findings, RunEnergy
 from cellwatt_plugins.energy.wording import amount
@@ -52,6 +54,7 @@ class _Disaggregate(click.Command):
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Print energy.json.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
+@with_progress
 def disaggregate(
     robot: Path,
     controller: Path | None,
@@ -73,7 +76,8 @@ def disaggregate(
     outcome = api.disaggregate(robot=robot, controller=controller, connected=connected, released=released, runs=runs)
     _write(outcome, out)
     if not no_report:
-        outcome.report(out / "report.html", Units().but(units))
+        with stage("writing the report"):
+            outcome.report(out / "report.html", Units().but(units))
     found = outcome.findings
     click.echo(json.dumps(found.as_json()) if as_json else in_words(found, out, Units().but(units)))
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
 from cellwatt_plugins.energy.clock import Offset, align, inside, refine, windows
 from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, motion_features, supply_power
 from cellwatt_plugins.energy.recordings import Recorded
@@ -126,7 +127,7 @@ def identify(observed: Sequence[Observed], drive: Drive, belief: Belief) -> Iden
     runs = list(observed)
     scatter = [1.0] * len(runs)
     covariance = np.zeros((0, 0))
-    for _ in range(ROUNDS):
+    for _ in steps(range(ROUNDS), "round"):
         tables = [_equations(one, drive) for one in runs]
         found, covariance = _fitted(tables, scatter, drive, belief)
         shared = len(covariance)

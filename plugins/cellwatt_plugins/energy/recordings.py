@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.progress import steps
 from cellwatt.tables import Table, read_table
 
 Float = NDArray[np.float64]
@@ -102,7 +103,7 @@ def read_runs(folder: Path, joints: int) -> list[Recorded]:
     """All runs of a folder, by payload and speed. Raises ``RecordingError`` where a file of a pair is missing."""
     runs = []
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
-    for path in files:
+    for path in steps(files, "reading file"):
         name, _, kind = path.name.removesuffix(path.suffix).rpartition(".")
         if kind != "robot":
             continue

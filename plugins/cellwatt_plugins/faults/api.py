@@ -14,6 +14,7 @@ from cellwatt.config import read_settings
 from cellwatt.errors import ConfigError, ModelError, RecordingError
 from cellwatt.files import Place, Places, paths_of
 from cellwatt.frames import Frames
+from cellwatt.progress import stage
 from cellwatt.registry import stage as find_stage
 from cellwatt.results import Interval, Result, Task
 from cellwatt.stage import CellInfo
@@ -230,7 +231,8 @@ def learn_from(
     head = Cell(robot, source, power, layout.step * 1e-9)
     tasks = [r for r in found if isinstance(r, Task)]
     trace = Trace(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("time", "position", "power")))
-    return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
+    with stage("learning intervals"):
+        return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
 
 
 class _Described(BaseModel):

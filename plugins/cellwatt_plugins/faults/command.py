@@ -12,7 +12,9 @@ import click
 
 from cellwatt.commands.completion import or_files
 from cellwatt.commands.numbers import FiniteRange
+from cellwatt.commands.quiet import with_progress
 from cellwatt.errors import RecordingError, why
+from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
@@ -42,6 +44,7 @@ METER = "Power (t, power) that a meter logged on its own clock, one a table."
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def reference(
     recordings: tuple[Path, ...],
     out: Path,
@@ -62,7 +65,8 @@ def reference(
         click.echo(learned.note, err=True)
     learned.save(out)
     if page is not None:
-        learned.report(page)
+        with stage("writing the report"):
+            learned.report(page)
         click.echo(f"written to {page}", err=True)
     report = {"file": str(out), **learned.as_json()}
     click.echo(json.dumps(report) if as_json else _in_words(report))
@@ -104,6 +108,7 @@ def faults() -> None:
 )
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
+@with_progress
 def judge(
     recordings: tuple[Path, ...],
     file: Path,
@@ -138,7 +143,8 @@ def judge(
         except OSError as error:
             raise RecordingError(f"--out {out}: cannot be written: {why(error)}") from error
     if page is not None:
-        found.report(page)
+        with stage("writing the report"):
+            found.report(page)
         click.echo(f"written to {page}", err=True)
     click.echo(json.dumps(content) if as_json else _findings_in_words(found.cycles, out))
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cellwatt.channel import Quality
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.progress import steps
 from cellwatt.record.reader import Recording
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter import onto, power_beside, with_meters
@@ -38,7 +39,7 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
     if recordings:
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
     start = 0
-    for path, meter in with_meters(paths, meters):
+    for path, meter in steps(with_meters(paths, meters), "reading table"):
         table = read_table(path)
         time = table.rising_time()
         position, power = table.joints("position"), table.whole("supply.power")

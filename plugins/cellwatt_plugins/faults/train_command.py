@@ -13,11 +13,13 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.commands.quiet import with_progress
 from cellwatt.errors import ConfigError, ModelError, why
 from cellwatt.onnx_file import OnnxFile
+from cellwatt.progress import steps
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
-from cellwatt_plugins.faults.paper.course import Key, courses_of
+from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.training import CodeNetwork, Sources, train_codes
 from cellwatt_plugins.faults.recordings import frames_of_files
@@ -25,6 +27,7 @@ from cellwatt_plugins.faults.reference import Reference, load
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.known import Known
+    from cellwatt_plugins.faults.cycles.pattern import Pattern
 
 Codes = NDArray[np.int8]
 
@@ -44,6 +47,7 @@ KINDS = ("codes", "motion")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def train(
     recordings: tuple[Path, ...],
     file: Path,
@@ -116,7 +120,7 @@ def _train_codes(
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     calm = codes_in(wanted.recordings) if wanted.recordings else {}
     sources = Sources(told, None if known is None else known.arm, emulated, tolerance)
-    for course in courses:
+    for course in steps(courses, "network of codes", _name):
         trained = train_codes(course, sources, wanted.seed)
         name = f"{course.task}-{course.speed:.2f}-codes.onnx"
         yield {
@@ -154,7 +158,7 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
         raise ModelError("the reference is of a slow meter: the network of a motion needs samples of the power")
     networks: list[PatternNetwork] = []
     reports: list[dict[str, Any]] = []
-    for pattern in known.patterns:
+    for pattern in steps(known.patterns, "network of the motion", _name):
         trained = train_motion(known.arm, pattern, wanted.seed)
         content = exported(trained, pattern, {"seed": wanted.seed})
         path = _write(wanted.out, f"{pattern.task}-{pattern.speed:.2f}-motion.onnx", content)
@@ -174,10 +178,14 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
     if wanted.recordings:
         recording = recording_of(list(frames_of_files(wanted.recordings)), wanted.arm, wanted.power)
         judge = NetworkJudge(known.patterns, tuple(networks))
-        for match in find_cycles(recording, find_runs(recording), known.patterns):
+        for match in steps(find_cycles(recording, find_runs(recording), known.patterns), "judging healthy cycle"):
             reports[match.pattern]["healthy_cycles"] += 1
             reports[match.pattern]["named_in_vain"] += bool(judge.whole(recording, match).faults)
     yield from reports
+
+
+def _name(known: Course | Pattern) -> str:
+    return f"{known.task} at speed {known.speed:.2f}"
 
 
 def _known(reference: Reference, robot: Path) -> Known:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,15 +24,14 @@ def explain(
     simulation: Places = (),
     meter: Places = (),
     seconds: float = 50.0,
-    progress: Callable[[str], None] = lambda _: None,
 ) -> Explained:
     """Explain where recordings differ from the simulation, which physics it leaves out, and what a model gains.
 
     ``recordings`` are Parquet, CSV or cellwatt's own: t (s), q_i (rad), qd_i (rad/s), tau_i (Nm) and power (W);
     ``simulation`` the same of the simulator, one a recording, or a simulator's own file (MJCF, URDF). Without one,
     ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion. ``meter`` are tables of power on a clock
-    of their own, one a recording. After ``seconds`` of computing nothing more is looked for; ``progress`` is told what
-    it is at. The result has ``findings``, the augmented ``model``, ``as_json`` and ``report``.
+    of their own, one a recording. After ``seconds`` of computing nothing more is looked for. The result has
+    ``findings``, the augmented ``model``, ``as_json`` and ``report``.
 
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
@@ -42,7 +40,7 @@ def explain(
     with threadpool_limits(1):
         runs = read_runs(recorded, simulated, arm.description, metered)
         base, notes = examine(runs, arm)
-        found = explain_runs(runs, base, notes=notes, seconds=seconds, progress=progress)
+        found = explain_runs(runs, base, notes=notes, seconds=seconds)
     return replace(found, inputs=(*recorded, *simulated, *metered, robot_file(robot), arm.description.urdf))
 
 

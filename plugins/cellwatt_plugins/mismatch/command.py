@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 
 import click
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from cellwatt.commands.numbers import FiniteRange
+from cellwatt.commands.quiet import with_progress
+from cellwatt.progress import stage
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
@@ -65,6 +66,7 @@ class _Explain(click.Command):
     type=click.Path(dir_okay=False, path_type=Path),
     help="CSV file to write: the motion that would tell what these recordings cannot.",
 )
+@with_progress
 def explain(
     recordings: tuple[Path, ...],
     simulations: tuple[Path, ...],
@@ -84,18 +86,16 @@ def explain(
     report.html.
     """
     user = None if simulator is None else to_mend(simulator, Arm.load(robot).body)
-    with Console(stderr=True).status("reading") as status:
-        given = simulations or ((simulator,) if simulator else ())
-        found = api.explain(
-            recordings, robot=robot, simulation=given, meter=meters, seconds=seconds, progress=status.update
-        )
+    given = simulations or ((simulator,) if simulator else ())
+    found = api.explain(recordings, robot=robot, simulation=given, meter=meters, seconds=seconds)
     out.mkdir(parents=True, exist_ok=True)
     content = found.as_json()
     (out / "findings.json").write_text(json.dumps(content, indent=1))
     save_model(found.model, out / "model.yaml")
     if not no_report:
-        found.report(out / "report.html")
-    with threadpool_limits(1):
+        with stage("writing the report"):
+            found.report(out / "report.html")
+    with threadpool_limits(1), stage("mending the simulator's file"):
         mended = None if user is None else mend(found, found.runs, user, out)
     if mended is not None:
         content["mended"] = mended.as_json()
@@ -104,7 +104,7 @@ def explain(
     if mended is not None:
         click.echo(mended_in_words(mended), err=as_json)
     if experiment is not None:
-        with threadpool_limits(1):
+        with threadpool_limits(1), stage("choosing a motion"):
             suggestion = suggest(found)
         if suggestion.motion is not None:
             write_suggestion(suggestion.motion, experiment)
@@ -117,6 +117,7 @@ def explain(
 @click.option("--simulation", type=FILE, help="What the user's simulation says of that motion; the model adds to it.")
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def simulate(model: Path, motion: Path, simulation: Path | None, out: Path, as_json: bool) -> None:
     """Torque and supply power that a model says for a motion, as Parquet: t, tau_i, power.
 

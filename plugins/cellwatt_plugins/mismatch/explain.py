@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.files import Place
+from cellwatt.progress import stage
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
@@ -85,32 +86,30 @@ def explain(
     thresholds: Thresholds = DEFAULT,
     notes: Sequence[str] = (),
     seconds: float = np.inf,
-    progress: Callable[[str], None] = lambda _: None,
 ) -> Explained:
     """Find where the runs differ from the simulation, name the causes and model them; ``notes`` are of admission.
 
-    What is not found after ``seconds`` of this process's time is not looked for; ``progress`` is told what it is at.
+    What is not found after ``seconds`` of this process's time is not looked for.
     """
     until = time.process_time() + seconds
     states = [base.states(run, i) for i, run in enumerate(runs)]
     body = base.arm.body
-    progress("fitting the nominal parameters")
-    nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
-    progress("looking for effects in the torques")
-    torque = search(
-        lambda turning: torque_problem(runs, states, turning),
-        body.joints,
-        thresholds,
-        until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
-        progress=progress,
-    )
+    with stage("fitting the nominal parameters"):
+        nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
+    with stage("looking for effects in the torques"):
+        torque = search(
+            lambda turning: torque_problem(runs, states, turning),
+            body.joints,
+            thresholds,
+            until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
+        )
     driven, doubt = _torque_for_power(runs, torque)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
-    progress("looking for effects in the supply")
-    supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until, progress=progress)
-    progress("judging by data left out")
-    findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
+    with stage("looking for effects in the supply"):
+        supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until)
+    with stage("judging by data left out"):
+        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
     return Explained(findings, model_of(torque, supply), torque, supply, nominal, tuple(runs))
 
 

@@ -9,6 +9,7 @@ from typing import Final
 
 import click
 
+from cellwatt.commands.quiet import with_progress
 from cellwatt.errors import CellwattError
 
 KINDS: Final = {
@@ -57,6 +58,7 @@ def train() -> None:
     "--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Table to write: .parquet or .csv."
 )
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def predict(table: Path, model: Path, out: Path, as_json: bool) -> None:
     """Say what a model gives for the rows of TABLE (Parquet, CSV, or a recording of cellwatt).
 

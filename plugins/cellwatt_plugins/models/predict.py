@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cellwatt.errors import RecordingError
 from cellwatt.files import Place
 from cellwatt.onnx_file import refused
+from cellwatt.progress import stage
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.network import Network, open_network
@@ -76,12 +77,14 @@ def predict_file(model: Place, table: Place, out: Place | None = None) -> Report
     run, ``RecordingError`` where the table cannot be used or ``out`` not be written.
     """
     network = open_network(Path(model))
-    rows = read_table(Path(table))
+    with stage("reading"):
+        rows = read_table(Path(table))
     values = inputs_of(network.metadata, rows)
     starts = starts_of(rows)
     if network.metadata.rate_hz is not None:
         _check_rate(network.metadata.rate_hz, rows, starts, Path(model))
-    given = predict(network, values, starts)
+    with stage("running the model"):
+        given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
     kept = {name: _numbered(rows.columns[name]) for name in KEPT if name in rows.columns}
     clock = {} if rows.clock is None else {"t": rows.time}

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 import click
 
 from cellwatt.commands.numbers import FiniteRange
+from cellwatt.commands.quiet import with_progress
 from cellwatt.errors import CellwattError, ConfigError, why
+from cellwatt.progress import steps
 from cellwatt_plugins.energy.procedure.cube import REPETITIONS, SPEEDS, load_cube
 from cellwatt_plugins.energy.procedure.programs import minutes, programs
 
@@ -60,6 +62,7 @@ def campaign() -> None:
 @_robot
 @click.option("--starts", default=32, show_default=True, type=click.IntRange(1, 4096), help="Places to search from.")
 @_json
+@with_progress
 def rest_pose(robot: Path, starts: int, as_json: bool) -> None:
     """Find the pose at which gravity asks the least of the motors: there the brakes' power is measured."""
     import numpy as np
@@ -182,6 +185,7 @@ def measure(
 @_source
 @_supply
 @_json
+@with_progress
 def cut(
     recording: Path,
     robot: Path,
@@ -206,7 +210,7 @@ def cut(
     states = cut_states(recorded, log, out)
     runs = [
         run
-        for programme in log.programmes
+        for programme in steps(log.programmes, "cutting programme")
         for run in cut_programme(recorded, arm, programme, speeds, repetitions, least or repetitions, out)
     ]
     if as_json:

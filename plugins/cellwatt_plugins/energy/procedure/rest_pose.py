@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from scipy.stats import qmc
 
 from cellwatt.errors import ConfigError
+from cellwatt.progress import steps
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.collision import CLEARANCE, Checker
 
@@ -57,7 +58,7 @@ def rest_pose(arm: Arm, limits: Float, checker: Checker, starts: int = STARTS) -
     shares = qmc.Sobol(len(limits), scramble=False).random(starts)
     places = [np.clip(np.zeros(len(limits)), lower, upper), *(lower + shares[1:] * (upper - lower))]
 
-    found = [_descend(arm, place, (lower, upper), checker) for place in places]
+    found = [_descend(arm, place, (lower, upper), checker) for place in steps(places, "searching from place")]
     free = [q for q in found if checker.safe(q[None])[0]]
     if not free:
         raise ConfigError(

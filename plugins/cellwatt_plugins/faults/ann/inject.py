@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
 from cellwatt_plugins.faults.ann.bins import PARTS, Bins, together
 from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, torque
 from cellwatt_plugins.faults.cycles.effects import part_effects, warm_up
@@ -104,7 +105,7 @@ class Injector:
     def draw(self, count: int, healthy: float = HEALTHY) -> Injected:
         """``count`` cycles, of which the share ``healthy`` has no fault."""
         sizes = np.full(ARMS, count // ARMS) + (np.arange(ARMS) < count % ARMS)
-        parts = [self._of_one_arm(self._arm_drawn(), int(size), healthy) for size in sizes]
+        parts = [self._of_one_arm(self._arm_drawn(), int(size), healthy) for size in steps(sizes, "arm")]
         return Injected(
             *(np.concatenate([getattr(p, n) for p in parts]) for n in ("inputs", "joints", "encoders", "watts"))
         )

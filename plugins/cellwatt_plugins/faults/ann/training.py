@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.progress import stage
 from cellwatt_plugins.faults.ann.bins import Bins
 from cellwatt_plugins.faults.ann.inject import Injected, Injector
 from cellwatt_plugins.faults.cycles.identify import FittedArm
@@ -57,10 +58,12 @@ class Trained:
 def train(arm: FittedArm, pattern: Pattern, seed: int = 0) -> Trained:
     """A network for one task at one speed. Raises ``ConfigError`` where scikit-learn is missing."""
     learn, held = Injector(arm, pattern, seed), Injector(arm, pattern, seed + 1)
-    calm = learn.draw(CALM, healthy=1.0)
-    mean, white = whitening(calm.inputs, learn.bins)
-    drawn = learn.draw(CYCLES)
-    layers = _fitted(np.arcsinh((drawn.inputs - mean) @ white), drawn.labels, seed)
+    with stage("simulating cycles"):
+        calm = learn.draw(CALM, healthy=1.0)
+        mean, white = whitening(calm.inputs, learn.bins)
+        drawn = learn.draw(CYCLES)
+    with stage("training"):
+        layers = _fitted(np.arcsinh((drawn.inputs - mean) @ white), drawn.labels, seed)
     raw = Trained(mean, white, layers, 1.0, 0.5, 0.0)
     temperature, loss = _temperature(raw, held.draw(HELD))
     tempered = Trained(mean, white, layers, temperature, 0.5, loss)

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import stage, steps
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, find_cycles
@@ -93,8 +94,9 @@ def judge_recording(
     """Judge every cycle in order; ``tell`` is given the evidence. Those of unknown tasks are said to be new."""
     recording = replace(recording, meter=known.meter)
     runs = find_runs(recording)
-    matches = find_cycles(recording, runs, known.patterns)
-    out = [judge_cycle(recording, match, known, tell) for match in matches]
+    with stage("finding the cycles"):
+        matches = find_cycles(recording, runs, known.patterns)
+    out = [judge_cycle(recording, match, known, tell) for match in steps(matches, "judging cycle")]
     out += [stranger(recording, runs[a : b + 1]) for a, b in new_tasks(runs, matches, known.patterns)]
     return sorted(out, key=lambda finding: finding.start)
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields
 import numpy as np
 
 from cellwatt.errors import ModelError
+from cellwatt.progress import stage
 from cellwatt_plugins.faults.cycles.arm import Parameters
 from cellwatt_plugins.faults.cycles.identify import FittedArm, identify, with_covariance
 from cellwatt_plugins.faults.cycles.learn import learn_patterns
@@ -37,8 +38,10 @@ def learn_known(recording: Recording, arm: Arm) -> Known:
     if recording.joints != arm.joints:
         raise ModelError(f"the recording has {recording.joints} joints, robot {arm.name} has {arm.joints}")
     recording = with_meter(recording, arm)
-    patterns = learn_patterns(recording)
-    return Known(identify(arm, patterns), tuple(patterns), meter=recording.meter)
+    with stage("finding the cycles"):
+        patterns = learn_patterns(recording)
+    with stage("fitting the arm"):
+        return Known(identify(arm, patterns), tuple(patterns), meter=recording.meter)
 
 
 def stored(known: Known, arm: Arm) -> tuple[StoredModel, tuple[StoredCycle, ...]]:

@@ -9,6 +9,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_begun, judge_cycle, stranger
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, begun_cycle, find_cycles
@@ -102,8 +103,12 @@ class CycleWatch:
         there = ~np.isnan(position).any(axis=1)
         time, position, power = time[there], position[there], power[there]
         size = max(1, round(PIECE / self._step))
-        pieces = (slice(begin, begin + size) for begin in range(0, len(time), size))
-        return [told for piece in pieces for told in self._take(time[piece], position[piece], power[piece])]
+        pieces = [slice(begin, begin + size) for begin in range(0, len(time), size)]
+        return [
+            told
+            for piece in steps(pieces, "judging stretch")
+            for told in self._take(time[piece], position[piece], power[piece])
+        ]
 
     def close(self) -> list[Told]:
         """Return what the end of the frames settles."""

@@ -11,7 +11,9 @@ from typing import Final
 import click
 import numpy as np
 
+from cellwatt.commands.quiet import with_progress
 from cellwatt.errors import ModelError, why
+from cellwatt.progress import steps
 from cellwatt_plugins.faults.paper import equation, rivals
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
@@ -39,6 +41,7 @@ class Fitted:
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for equations.")
 @click.option("--order", default=ORDERS[-1], show_default=True, type=click.IntRange(2, 200), help="Poles; even.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None:
     """Write the power pattern of each task of REFERENCE as an equation, by vector fitting (BEVF).
 
@@ -50,7 +53,8 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ModelError(f"--out {out}: cannot be made: {why(error)}") from error
-    found = [_fitted(task.name, variant, order, out) for task in learned.tasks for variant in task.variants]
+    wanted = [(task.name, variant) for task in learned.tasks for variant in task.variants]
+    found = [_fitted(task, variant, order, out) for task, variant in steps(wanted, "equation")]
     if not found:
         raise ModelError(f"reference {reference}: has no task to write an equation of")
     click.echo(json.dumps([asdict(each) for each in found]) if as_json else "\n\n".join(map(_in_words, found)))

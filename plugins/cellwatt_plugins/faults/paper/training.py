@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ModelError
+from cellwatt.progress import steps
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.columns import column_of, emulated, recorded, simulated
@@ -90,7 +91,7 @@ class CodeNetwork:
 def train_codes(course: Course, sources: Sources, seed: int = 0) -> CodeNetwork:
     """The table of a course and its network. Raises ``CellwattError``."""
     joints = range(1, course.intervals[0].readings.q.shape[1] + 1)
-    columns = tuple(sources.column(course, joint) for joint in joints)
+    columns = tuple(sources.column(course, joint) for joint in steps(joints, "cycles with a fault of joint"))
     tolerance = sources.tolerance
     made = {
         "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in columns],

@@ -48,11 +48,11 @@ class Term:
         """Effect and joint, which tell it from other terms."""
         return self.effect.name, self.joint
 
-    @property
-    def said(self) -> str:
-        """Its name in messages."""
-        name = self.effect.name.replace("_", " ")
-        return name if self.joint is None else f"{name} of joint {self.joint + 1}"
+
+def said(term: Term) -> str:
+    """Name of a term in messages."""
+    name = term.effect.name.replace("_", " ")
+    return name if term.joint is None else f"{name} of joint {term.joint + 1}"
 
 
 @dataclass(frozen=True)

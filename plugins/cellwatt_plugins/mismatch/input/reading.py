@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from cellwatt.errors import RecordingError
+from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
@@ -44,13 +45,13 @@ def read_runs(
     description lacks what it needs.
     """
     runs = []
-    every = [_read(path, meter, robot) for path, meter in with_meters(recordings, meters)]
+    every = [_read(path, meter, robot) for path, meter in steps(with_meters(recordings, meters), "reading recording")]
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
     simulator = _simulator(simulations, robot)
     tables = _matched(recordings, () if simulator is not None else simulations)
-    pairs = zip(_names(recordings), slowed, tables, strict=True)
-    for name, signals, simulation in pairs:
+    pairs = list(zip(_names(recordings), slowed, tables, strict=True))
+    for name, signals, simulation in steps(pairs, "preparing run"):
         run = Run(
             name=name,
             time=signals.time,

@@ -14,7 +14,6 @@ from cellwatt_plugins.models.power.exported import write, write_published
 from cellwatt_plugins.models.power.moves import Moves, read_moves
 from cellwatt_plugins.models.power.training import Trained, train
 from cellwatt_plugins.models.power.wording import as_json
-from cellwatt_plugins.models.progress import Advance
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.description import robot_file
 
@@ -53,20 +52,17 @@ class PowerModel:
         report(self.trained, self.moves, self.arm.name, Provenance.here(self.inputs)).write(Path(path))
 
 
-def train_power(
-    recordings: Places, *, robot: Place, meter: Places = (), seed: int = 0, progress: Advance | None = None
-) -> PowerModel:
+def train_power(recordings: Places, *, robot: Place, meter: Places = (), seed: int = 0) -> PowerModel:
     """Train a model of the currents (A) and the supply power (W) of a moving arm, on recordings of its moves.
 
     ``recordings`` are tables with t (s), q_i (rad), qd_i (rad/s), current_i (A) and power (W), and move where a file
     holds several, or cellwatt's own; ``robot`` is robot.yaml, or its folder. ``meter`` are tables of power on a clock
-    of their own, one a recording. The same moves and ``seed`` give the same model. ``progress`` is told the share of
-    the work done since its last call, and what comes next. Raises ``RecordingError`` where a file cannot be used,
-    ``ConfigError`` where the description lacks what it needs.
+    of their own, one a recording. The same moves and ``seed`` give the same model. Raises ``RecordingError`` where a
+    file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
     arm = Arm.load(robot)
     recorded, metered = paths_of(recordings), paths_of(meter)
     moves = read_moves(recorded, arm.joints, metered)
     with threadpool_limits(1):
-        trained = train(moves, arm, seed, progress)
+        trained = train(moves, arm, seed)
     return PowerModel(trained, moves, arm, (*recorded, *metered, robot_file(robot), arm.description.urdf))

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.quiet import with_progress
+from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 
 FILE = click.Path(exists=True, path_type=Path)
@@ -24,6 +26,7 @@ FILE = click.Path(exists=True, path_type=Path)
 )
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def train_power(
     recordings: tuple[Path, ...],
     robot: Path,
@@ -41,12 +44,11 @@ def train_power(
     """
     from cellwatt_plugins.models.power import api
     from cellwatt_plugins.models.power.wording import in_words
-    from cellwatt_plugins.models.progress import progress_bar
 
-    with progress_bar(1.0, quiet=as_json) as advance:
-        model = api.train_power(recordings, robot=robot, meter=meters, seed=seed, progress=advance)
+    model = api.train_power(recordings, robot=robot, meter=meters, seed=seed)
     files = [str(file) for file in model.save(out)]
     if page is not None:
-        model.report(page)
+        with stage("writing the report"):
+            model.report(page)
         files.append(str(page))
     click.echo(json.dumps(model.as_json()) if as_json else in_words(model.trained, model.moves, files))

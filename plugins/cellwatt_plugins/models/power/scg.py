@@ -13,6 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
+
 Float = NDArray[np.float64]
 
 SIGMA: Final = 1e-5
@@ -54,7 +56,7 @@ def minimise(
     p = r.copy()
     lam, lam_bar, success, delta = LAMBDA, 0.0, True, 0.0
     done = 0
-    for k in range(1, iterations + 1):
+    for k in steps(range(1, iterations + 1), "epoch"):
         if np.linalg.norm(r) <= tolerance or lam > LAMBDA_MOST:
             break
         done = k

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
 from cellwatt_plugins.models.graph import beside, pick
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.paper import ROWS, Seen, Traced
@@ -47,7 +48,9 @@ class Scg:
 
         inputs = [_joint_inputs(seen.motion, j) for j in range(moves.joints)]
         least = ALIKE * np.median([each.std(axis=0) for each in inputs], axis=0)
-        currents = tuple(train(each, moves.current[:, [j]], least) for j, each in enumerate(inputs))
+        currents = tuple(
+            train(each, moves.current[:, [j]], least) for j, each in enumerate(steps(inputs, "network of joint"))
+        )
         found = cls(currents, None, seen.constant)
         if not np.isfinite(moves.power).any():
             return found

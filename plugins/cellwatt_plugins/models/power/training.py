@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.progress import stage, steps
 from cellwatt_plugins.models.power.design import Rows
 from cellwatt_plugins.models.power.fitting import Fitted, Structure, fit, structure_of
 from cellwatt_plugins.models.power.folds import FEW, TURNS, folds_of
@@ -25,8 +25,8 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
 Float = NDArray[np.float64]
-Advance = Callable[[float, str], None]
-"""Told how much of the work was done since the last call, and what comes next."""
+SHARES: Final = (0.05, 0.15, 0.65, 0.15)
+"""Of the time of a training: smoothing, effects, folds, and the model of all moves, about."""
 
 METHODS: Final = ("NLS", "SCG", "best")
 BEST: Final = "best"
@@ -57,37 +57,45 @@ class Trained:
     """The slow meter that power is from."""
 
 
-def train(moves: Moves, arm: Arm, seed: int = 0, advance: Advance | None = None) -> Trained:
+def train(moves: Moves, arm: Arm, seed: int = 0) -> Trained:
     """Chooses, fits, and judges by leaving moves out. The same moves and seed give the same model."""
+    with stage("", sum(SHARES)):
+        return _train(moves, arm, seed)
+
+
+def _train(moves: Moves, arm: Arm, seed: int) -> Trained:
     check_known(arm)
-    tell = advance or (lambda share, text: None)
     moves = through_its_meter(moves, arm)
-    tell(0.0, "smoothing of the encoders")
-    tuning = tune(moves, arm, AHEAD)
-    tell(0.15, "effects")
-    structure = structure_of(moves, arm, tuning)
+    with stage("smoothing of the encoders", share=SHARES[0]):
+        tuning = tune(moves, arm, AHEAD)
+    with stage("choosing effects", share=SHARES[1]):
+        structure = structure_of(moves, arm, tuning)
     fold = folds_of(moves)
     which = np.unique(fold)
     methods = METHODS if np.isfinite(moves.current).any() else (BEST,)
     predictions = {method: (np.full(len(moves), np.nan), np.full(moves.q.shape, np.nan)) for method in methods}
-    for k in which:
-        tell(0.7 / len(which), f"held-out moves, {k + 1} of {len(which)}")
+    for k in steps(which, "fold", share=SHARES[2]):
         held = fold == k
         known, unknown = moves.where(~held), moves.where(held)
         # Of so few, what is left out would have a say in the choice of windows and effects.
         windows = tune(known, arm, AHEAD) if moves.count < FEW else tuning
         effects = structure_of(known, arm, windows) if moves.count < FEW else structure
-        for method in methods:
+        for method in steps(methods, "method", lambda method: method):
             power, current = _held_out(method, known, unknown, arm, windows, effects, seed)
             predictions[method][0][held], predictions[method][1][held] = power, current
-    tell(0.1, "the model")
-    fitted = fit(moves, arm, tuning, structure)
-    seen = Seen.of(moves, arm, tuning) if methods == METHODS else None
+    with stage("all moves", 3, share=SHARES[3]):
+        with stage("best"):
+            fitted = fit(moves, arm, tuning, structure)
+        seen = Seen.of(moves, arm, tuning) if methods == METHODS else None
+        with stage("NLS"):
+            nls = None if seen is None else Nls.fit(moves, seen, arm.description)
+        with stage("SCG"):
+            scg = None if seen is None else Scg.fit(moves, seen, seed)
     many = moves.count >= FEW
     return Trained(
         fitted=fitted,
-        nls=None if seen is None else Nls.fit(moves, seen, arm.description),
-        scg=None if seen is None else Scg.fit(moves, seen, seed),
+        nls=nls,
+        scg=scg,
         tuning=tuning,
         predictions=predictions,
         scores=_scores(moves, predictions, np.ones(len(moves), bool)),

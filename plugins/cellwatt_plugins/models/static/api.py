@@ -9,10 +9,9 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from cellwatt.files import Place, Places, paths_of
-from cellwatt_plugins.models.progress import Advance
 from cellwatt_plugins.models.static.identify import HeldArm
 from cellwatt_plugins.models.static.poses import read_poses
-from cellwatt_plugins.models.static.training import Trained, steps, train, write
+from cellwatt_plugins.models.static.training import Trained, train, write
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.description import robot_file
 
@@ -41,18 +40,17 @@ class StaticModel:
         report(self.trained, self.arm.arm.name, Provenance.here(self.inputs)).write(Path(path))
 
 
-def train_static(recordings: Places, *, robot: Place, progress: Advance = lambda share, text: None) -> StaticModel:
+def train_static(recordings: Places, *, robot: Place) -> StaticModel:
     """Train a model of the torque (Nm) that an arm needs to hold still, on recordings of held poses.
 
     ``recordings`` are tables with q_i (rad), torque_percent_i or torque_i (Nm) and pose, or cellwatt's own, in which
-    poses are recognised; ``robot`` is robot.yaml, or its folder. ``progress`` is told the share of the work done since
-    its last call, and what comes next. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where
-    the description lacks what it needs, ``ModelError`` where there are too few poses.
+    poses are recognised; ``robot`` is robot.yaml, or its folder. Raises ``RecordingError`` where a file cannot be used,
+    ``ConfigError`` where the description lacks what it needs, ``ModelError`` where there are too few poses.
     """
     described = Arm.load(robot)
     recorded = paths_of(recordings)
     poses = read_poses(recorded, described.description)
     arm = HeldArm.of(described, poses.q)
     with threadpool_limits(1):
-        trained = train(poses, arm, lambda: progress(1 / steps(len(poses)), "training"))
+        trained = train(poses, arm)
     return StaticModel(trained, arm, (*recorded, robot_file(robot), described.description.urdf))

@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from cellwatt.commands.numbers import FINITE, FiniteRange
+from cellwatt.commands.quiet import with_progress
+from cellwatt.progress import aside, stage
 from cellwatt.report.page import PAGE
 
 FILE = click.Path(exists=True, path_type=Path)
@@ -19,6 +21,7 @@ FILE = click.Path(exists=True, path_type=Path)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Path | None, as_json: bool) -> None:
     """Make a model of the torque that an arm needs to hold still, from RECORDINGs of held poses.
 
@@ -27,15 +30,14 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
     the best model do on poses that they have not seen, what the arm has and its CAD model lacks, and whether more
     poses would help.
     """
-    from cellwatt_plugins.models.progress import progress_bar
     from cellwatt_plugins.models.static import api
     from cellwatt_plugins.models.static.wording import in_words
 
-    with progress_bar(1.0, quiet=as_json) as advance:
-        model = api.train_static(recordings, robot=robot, progress=advance)
+    model = api.train_static(recordings, robot=robot)
     files = model.save(out)
     if page is not None:
-        model.report(page)
+        with stage("writing the report"):
+            model.report(page)
         files.append(page)
     report = {**model.as_json(), "files": [str(file) for file in files]}
     click.echo(json.dumps(report) if as_json else in_words(model.trained, files))
@@ -53,6 +55,7 @@ def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Pat
 @click.option("--hold", default=3.0, show_default=True, type=FiniteRange(2.6, 600), help="Wait in each pose, s.")
 @click.option("--name", default="POSES", show_default=True, help="The job's name.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
+@with_progress
 def plan_poses(
     robot: Path | None,
     count: int,
@@ -82,6 +85,7 @@ def plan_poses(
 @click.option("--source", help="Source with the joints, where several have joints.")
 @click.option("--seconds", type=FINITE, help="How long at most (default: until the plan is done, or Ctrl-C).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON line a pose.")
+@with_progress
 def collect(cell: Path, out: Path, plan: Path | None, source: str | None, seconds: float | None, as_json: bool) -> None:
     """Collect the poses that the arm of the running cell CELL (its settings file) holds.
 
@@ -91,22 +95,22 @@ def collect(cell: Path, out: Path, plan: Path | None, source: str | None, second
     import contextlib
     from dataclasses import asdict
 
-    from cellwatt_plugins.models.progress import progress_bar
     from cellwatt_plugins.models.static.collect import Progress
     from cellwatt_plugins.models.static.live import collect as run
     from cellwatt_plugins.models.static.live import read_plan
 
     planned = None if plan is None else read_plan(plan)
     last: Progress | None = None
-    with progress_bar(0 if planned is None else len(planned), quiet=as_json) as advance:
+    with stage("waiting for frames", None if planned is None else len(planned)) as told:
 
         def tell(progress: Progress) -> None:
             nonlocal last
-            done = progress.planned - (0 if last is None else last.planned)
             last = progress
-            advance(done, f"{progress.held} poses held, {progress.too_short} too short")
+            told.done = progress.planned
+            told.name = f"{progress.held} poses held, {progress.too_short} too short"
             if as_json:
-                click.echo(json.dumps(asdict(progress)))
+                with aside():
+                    click.echo(json.dumps(asdict(progress)))
 
         with contextlib.suppress(KeyboardInterrupt):
             last = run(cell, source, out, planned, seconds, tell) or last

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
 from cellwatt_plugins.models.static.basis import Basis, gravity_parameters, joint_limits
 from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.evidence import Belief, Posterior, fit
@@ -116,15 +116,14 @@ class Checked:
     """(N,) Nm: the same, not told how the arm came to the pose."""
 
 
-def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int, step: Callable[[], None]) -> Checked:
+def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) -> Checked:
     """The best model; the Gaussian process is in it only where poses left out are predicted better with it."""
     parts = folds(len(poses), seed)
     plain, with_rest = np.empty((2, 2, len(poses)))
     gained = np.empty(len(poses))
-    for part in parts:
+    for part in steps(parts, "model that leaves poses out"):
         rest = np.setdiff1d(np.arange(len(poses)), part)
         model = identify(basis.rows(rest), poses.torque[rest], effects)
-        step()
         fuller = with_leftover(model, basis.rows(rest), poses.torque[rest])
         seen, blind = basis.rows(part), replace(basis.rows(part), direction=np.zeros_like(basis.share[part]))
         plain[:, part] = model.total(seen), model.total(blind)
@@ -132,7 +131,6 @@ def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int, st
         errors = [((poses.torque[part] - m.torque(seen)) / model.posterior.noise) ** 2 for m in (model, fuller)]
         gained[part] = np.nansum(np.where(seen.direction == 0, np.nan, errors[0] - errors[1]), axis=1)
     model = identify(basis, poses.torque, effects)
-    step()
     if np.mean(gained) > 2.0 * np.std(gained) / np.sqrt(len(gained)):
         return Checked(with_leftover(model, basis, poses.torque), *with_rest)
     return Checked(model, *plain)

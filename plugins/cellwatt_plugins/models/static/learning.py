@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from cellwatt.progress import steps
 from cellwatt_plugins.models.static.basis import Basis
 from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.identify import identify
@@ -70,19 +70,16 @@ def sizes_for(count: int) -> tuple[int, ...]:
     return tuple(size for size in SIZES if size <= _LARGEST * count)
 
 
-def learning_curve(
-    poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int, step: Callable[[], None]
-) -> Curve:
-    """Trains on part of the poses, ``REPEATS`` times each; physics alone. ``step`` is called after each."""
+def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int) -> Curve:
+    """Trains on part of the poses, ``REPEATS`` times each; physics alone."""
     points = []
-    for size in sizes_for(len(poses)):
+    for size in steps(sizes_for(len(poses)), "models of", lambda size: f"{size} poses"):
         errors = []
-        for repeat in range(REPEATS):
+        for repeat in steps(range(REPEATS), "draw"):
             rows = np.random.default_rng((seed, size, repeat)).permutation(len(poses))
             model = identify(basis.rows(rows[:size]), poses.torque[rows[:size]], effects)
             rest = rows[size:]
             errors.append(float(np.sqrt(np.mean((model.total(basis.rows(rest)) - poses.total[rest]) ** 2))))
-            step()
         together = float(np.sqrt(np.mean(np.square(errors))))
         points.append(Point(size, together, min(errors), max(errors)))
     return Curve(tuple(points), floor, reached, len(poses))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
+
 Float = NDArray[np.float64]
-Step = Callable[[], None]
-"""Called when one more network is trained."""
 
 NEURONS: Final = (8, 1000)
 """The paper's range of hidden neurons."""
@@ -60,7 +59,7 @@ def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp],
     return np.sort(rows[test:]), np.sort(rows[:test])
 
 
-def searched(inputs: Float, target: Float, seed: int, step: Step) -> Perceptron:
+def searched(inputs: Float, target: Float, seed: int) -> Perceptron:
     """The network with the number of neurons that tree-structured Parzen estimators find best, trained on all rows.
 
     ``inputs`` (N, k), ``target`` (N,).
@@ -74,11 +73,11 @@ def searched(inputs: Float, target: Float, seed: int, step: Step) -> Perceptron:
     def objective(trial: optuna.Trial) -> float:
         neurons = trial.suggest_int("neurons", *NEURONS)
         network = trained(inputs[rows[held:]], target[rows[held:]], neurons, seed)
-        step()
         return float(np.mean((network(inputs[rows[:held]]) - target[rows[:held]]) ** 2))
 
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
-    study.optimize(objective, n_trials=TRIALS)
+    for _ in steps(range(TRIALS), "network"):
+        study.optimize(objective, n_trials=1)
     return trained(inputs, target, int(study.best_params["neurons"]), seed)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
+from cellwatt.progress import stage, steps
 from cellwatt_plugins.robot.collision import Checker
 
 Float = NDArray[np.float64]
@@ -44,11 +45,13 @@ def plan_poses(count: int, limits: Float, speed: Float, checker: Checker) -> Pla
 
     Raises ``ConfigError`` where too few places within the limits are safe.
     """
-    q, unsafe = safe_places(count, limits, checker)
+    with stage("choosing poses"):
+        q, unsafe = safe_places(count, limits, checker)
     before = travel(q, speed)
-    ordered = q[staged_order(q, speed)]
+    with stage("choosing their order"):
+        ordered = q[staged_order(q, speed)]
     kept = [ordered[0]]
-    for pose in ordered[1:]:
+    for pose in steps(ordered[1:], "checking the way to pose"):
         if checker.safe_move(kept[-1], pose):
             kept.append(pose)
     found = np.stack(kept)

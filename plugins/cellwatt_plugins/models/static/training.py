@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import stage
 from cellwatt_plugins.models.static import exported, paper
 from cellwatt_plugins.models.static.basis import Basis
 from cellwatt_plugins.models.static.conformal import COVERAGE, half_width
@@ -17,14 +18,13 @@ from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.exported import Widths
 from cellwatt_plugins.models.static.findings import Finding, findings
 from cellwatt_plugins.models.static.identify import (
-    FOLDS,
     Checked,
     HeldArm,
     identify,
     identify_checked,
     with_leftover,
 )
-from cellwatt_plugins.models.static.learning import REPEATS, Curve, learning_curve, sizes_for
+from cellwatt_plugins.models.static.learning import Curve, learning_curve
 from cellwatt_plugins.models.static.paper import Perceptron
 from cellwatt_plugins.models.static.poses import Poses
 from cellwatt_plugins.models.static.scores import Scores
@@ -32,6 +32,8 @@ from cellwatt_plugins.models.static.scores import Scores
 Float = NDArray[np.float64]
 
 SEED: Final = 0
+SHARES: Final = (0.7, 0.15, 0.15)
+"""Of the time of a training: networks as published, the best model on poses left out, and the learning curve, about."""
 PUBLISHED: Final = {
     "gravity": (29.31, 0.687, 15.783),
     "network": (30.19, 0.663, 16.671),
@@ -95,23 +97,25 @@ class Trained:
         }
 
 
-def steps(count: int) -> int:
-    """Calls of ``step`` in a training on ``count`` poses."""
-    return 2 * paper.TRIALS + FOLDS + 2 + REPEATS * len(sizes_for(count))
+def train(poses: Poses, arm: HeldArm) -> Trained:
+    """Trains all methods."""
+    with stage("", sum(SHARES)):
+        return _train(poses, arm)
 
 
-def train(poses: Poses, arm: HeldArm, step: Callable[[], None]) -> Trained:
-    """Trains all methods; ``step`` is called as the work goes on."""
+def _train(poses: Poses, arm: HeldArm) -> Trained:
     basis, effects = arm.basis(poses), arm.effects(poses)
-    methods, networks = _published(poses, basis, effects, step)
-    checked = identify_checked(poses, basis, effects, SEED, step)
+    with stage("networks as published", 2, share=SHARES[0]):
+        methods, networks = _published(poses, basis, effects)
+    with stage("", share=SHARES[1]):
+        checked = identify_checked(poses, basis, effects, SEED)
     scores = Scores.of(poses.total, checked.predicted)
     floor = float(np.sqrt(np.sum(checked.model.posterior.noise**2)))
     told = half_width(checked.predicted - poses.total)
     widths = Widths(told, max(told, half_width(checked.blind - poses.total)))
     best = Method("best", _held_out(poses, basis, effects, checked))
-    step()
-    curve = learning_curve(poses, basis, effects, floor, scores.rmse, SEED, step)
+    with stage("", share=SHARES[2]):
+        curve = learning_curve(poses, basis, effects, floor, scores.rmse, SEED)
     told_of = tuple(findings(checked.model, arm, basis))
     residual = poses.torque - checked.model.torque(basis)
     return Trained((*methods, best), checked, scores, widths, curve, told_of, poses, residual, networks)
@@ -128,16 +132,14 @@ def write(trained: Trained, arm: HeldArm, out: Path) -> list[Path]:
     return files
 
 
-def _published(
-    poses: Poses, basis: Basis, effects: Effects, step: Callable[[], None]
-) -> tuple[list[Method], tuple[Perceptron, Perceptron]]:
+def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Method], tuple[Perceptron, Perceptron]]:
     """The paper's methods on its 80/20 split."""
     rows, test = paper.split(len(poses), SEED)
     gravity = basis.vertical @ effects.cad
     simulated = np.sum(np.abs(gravity), axis=1)
     both = np.hstack([poses.q, gravity])
-    plain = paper.searched(poses.q[rows], poses.total[rows], SEED, step)
-    hybrid = paper.searched(both[rows], poses.total[rows] - simulated[rows], SEED, step)
+    plain = paper.searched(poses.q[rows], poses.total[rows], SEED)
+    hybrid = paper.searched(both[rows], poses.total[rows] - simulated[rows], SEED)
     said: Sequence[tuple[str, Float, int | None]] = (
         ("gravity", simulated, None),
         ("network", plain(poses.q), plain.neurons),

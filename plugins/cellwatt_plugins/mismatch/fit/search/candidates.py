@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.acceptance import physical, within_prior
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
@@ -22,7 +23,7 @@ def candidates(state: SearchState, now: Solution, at: int | None = None) -> list
     residual = now.problem.every_sample(now.residual)
     chi2 = now.problem.fast_chi2(now.residual)
     out = []
-    for effect in state.effects:
+    for effect in steps(state.effects, "trying", lambda effect: effect.name.replace("_", " ")):
         for joint in _places(state, effect):
             elsewhere = at is not None and joint is not None and joint != at
             if elsewhere or not _open(state, now, effect, joint, chi2):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 
+from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection, required_gain
-from cellwatt_plugins.mismatch.fit.problem import Term
+from cellwatt_plugins.mismatch.fit.problem import Term, said
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
-from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 
 BEST = 2
 """Candidates at one place (a joint, the whole arm) that are looked at closely in a step."""
@@ -23,7 +24,7 @@ AHEAD = 3.0
 def enter(state: SearchState, now: Solution) -> Solution | None:
     """The solution with the best new term; None where none is accepted."""
     looked_at: Counter[int | None] = Counter()
-    for candidate in candidates(state, now):
+    for candidate in steps(candidates(state, now), "fitting", _said):
         if candidate.gain < required_gain(candidate.term, state.robot, state.thresholds):
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
@@ -44,6 +45,10 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
     return None
 
 
+def _said(candidate: Candidate) -> str:
+    return said(candidate.term)
+
+
 def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solution | None:
     """The solution with a new term in an old one's place; None where the old one has more evidence."""
     others = without(state, now, old)
@@ -56,7 +61,7 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
 
 def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
     """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
-    for term in list(now.terms):
+    for term in steps(list(now.terms), "other names for", said):
         if beside is not None and None not in (beside.joint, term.joint) and beside.joint != term.joint:
             continue
         if state.spent():

@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt.progress import steps
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
 from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_minor,
     drop_needless,
@@ -37,9 +38,8 @@ def search(
     thresholds: Thresholds = DEFAULT,
     effects: Sequence[Effect] = EFFECTS,
     until: float = float("inf"),
-    progress: Callable[[str], None] = lambda _: None,
 ) -> Solution:
-    """The terms of one side that the data ask for; ``progress`` is told each one that enters.
+    """The terms of one side that the data ask for.
 
     Nothing more is tried from ``until`` s of this process's time on.
 
@@ -48,14 +48,13 @@ def search(
     state = start(make, channels, thresholds, effects, until)
     now = solve(state, [])
     while len(now.terms) < thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
-        progress(entered.terms[-1].said)
         now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
     now = drop_needless(state, swap(state, now))
-    for term in now.terms[:-1]:
+    for term in steps(now.terms[:-1], "refining", said):
         if not state.spent():
             now = refine(state, now, term)
     now = drop_needless(state, now, keep=0)
-    for drop in (drop_within_model_error, drop_minor, drop_unconfirmed):
+    for drop in steps((drop_within_model_error, drop_minor, drop_unconfirmed), "test of what was found"):
         now = drop(state, now)
     now.spent = state.spent()
     return _compared(state, now)
@@ -63,7 +62,7 @@ def search(
 
 def _compared(state: SearchState, now: Solution) -> Solution:
     """The solution with the rivals of each term, and all that was tried: kept first, then by the evidence."""
-    now.rivals = {term.place: _rivals(state, now, term) for term in now.terms}
+    now.rivals = {term.place: _rivals(state, now, term) for term in steps(now.terms, "other names for", said)}
     refused = [trial for place, trial in state.refused.items() if place not in now.rivals]
     now.tried = [_kept(now, term) for term in now.terms] + sorted(refused, key=lambda t: -t.gain)
     return now

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cellwatt.errors import RecordingError
+from cellwatt.progress import stage, steps
 from cellwatt_plugins.mismatch.input.admission.description import told_otherwise
 from cellwatt_plugins.mismatch.input.admission.factors import usable
 from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
@@ -36,15 +37,16 @@ def examine(runs: Sequence[Run], arm: Arm) -> tuple[Baseline, list[str]]:
     check_length(runs)
     check_moving(runs)
     notes = [note for run in runs for note in run.notes]
-    for run in runs:
+    for run in steps(runs, "checking run"):
         check_stuck(run)
         notes += check_pairing(run, runs, arm.description)
         check_limits(run, arm)
         check_velocity(run, arm.description)
         check_simulated(run, arm)
         check_simulated_power(run)
-    base = baseline(runs, arm)
-    for run in runs:
+    with stage("simulating the runs"):
+        base = baseline(runs, arm)
+    for run in steps(runs, "checking the torque of run"):
         motion = moved(run)
         check_torque(run, motion, base.arm)
         check_power(run, motion)
