@@ -1,8 +1,8 @@
 """Try the Debian package in a clean root: ``python -m release.try_deb PACKAGE ROOT`` as root.
 
-ROOT comes from ``debootstrap --variant=minbase --include=python3,passwd,libgomp1 SUITE ROOT`` and is changed. An older package
-with the same scripts is installed first, then PACKAGE over it; it runs, is removed and purged, and what belongs to the
-user is still there.
+ROOT comes from ``debootstrap --variant=minbase --include=python3,passwd,libgomp1 SUITE ROOT`` and is changed. An older
+package with the same scripts is installed first, then PACKAGE over it; it runs, is removed and purged, and what belongs
+to the user is still there.
 """
 
 from __future__ import annotations
