@@ -30,10 +30,14 @@ def free_port() -> int:
 
 
 class Daemon:
-    """``cellwatt run`` on a settings text; ``folder`` holds the file, the recordings and the log."""
+    """``cellwatt run`` on a settings text; ``folder`` holds the file, the recordings and the log.
 
-    def __init__(self, folder: Path, text: str, port: int | None = None) -> None:
+    ``record`` are settings of the record beside its folder.
+    """
+
+    def __init__(self, folder: Path, text: str, port: int | None = None, record: str = "") -> None:
         self.folder = folder
+        self.record = record
         self.endpoint = f"tcp/127.0.0.1:{port or free_port()}"
         self.file = folder / "cell.yaml"
         self.write(text)
@@ -41,7 +45,8 @@ class Daemon:
 
     def write(self, text: str) -> None:
         """Put the settings; the record folder and the endpoint are added."""
-        more = f"record: {{folder: {self.folder / 'record'}}}\nzenoh: {{listen: [{self.endpoint}]}}\n"
+        record = f"{{folder: {self.folder / 'record'}, {self.record}}}"
+        more = f"record: {record}\nzenoh: {{listen: [{self.endpoint}]}}\n"
         self.file.write_text(f"site: test\ncell: test\n{text}\n{more}")
 
     @property

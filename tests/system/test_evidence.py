@@ -1,0 +1,96 @@
+"""A spring on an elbow: its alarm's pack outlives the record. And a folder is read while its cell rotates files."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import cellwatt as cw
+from cellwatt.commands.export import command as export
+from cellwatt.demo.fault import JOINT, SPRING, next_start
+from cellwatt.emulation import EmulatorProcess
+from cellwatt.record import packs
+from cellwatt.results import Event
+from tests.patience import PATIENCE, eventually
+from tests.system.running import Audience, Daemon
+from tests.system.test_daemon import ur
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+
+ROOT = Path(__file__).resolve().parents[2]
+REFERENCE = ROOT / "examples" / "demo-reference.yaml"
+BEFORE, AFTER = 8.0, 1.0
+
+
+def packs_told(audience: Audience) -> list[Event]:
+    return [e for e in audience.events if e.kind == "evidence" and any("_fault" in a for a in e.data["alarms"])]
+
+
+async def test_the_minutes_before_an_alarm_are_kept_when_the_record_has_forgotten_them(tmp_path: Path) -> None:
+    epoch = time.time()
+    common = ("--epoch", str(epoch))
+    async with (
+        EmulatorProcess("ur", "--listen", "127.0.0.1:0", *common) as arm,
+        EmulatorProcess("power_board", "--listen", "pty", *common) as board,
+    ):
+        text = f"""
+sources:
+{ur("arm", arm.address)}  board: {{driver: power_board, port: {board.address}, rate: 123 Hz}}
+stages:
+  segment: {{arm: arm}}
+  faults: {{stage: faults, reference: {REFERENCE}, arm: arm, power: board.supply.power}}
+"""
+        record = f"keep: 12 MB, evidence: {{before: {BEFORE} s, after: {AFTER} s}}"
+        async with Daemon(tmp_path, text, record=record) as daemon, Audience(daemon) as audience:
+            await audience.until(lambda a: a.all_up() and a.received["raw/arm/rtde"] > 4000)
+            hooked = next_start(time.time() + 2, epoch)
+            for device in (arm, board):
+                await device.disturb(spring=float(JOINT), at=hooked - epoch, **SPRING)
+            await audience.until(
+                lambda a: any(e.kind == "evidence" and e.data["alarms"] for e in a.events), 2 * PATIENCE
+            )
+            told = next(e for e in audience.events if e.kind == "evidence")
+            pack = tmp_path / "record" / packs.FOLDER / told.data["pack"]
+            alarm = next(a for a in audience.alarms if a.id == told.data["alarms"][0])
+            await audience.until(lambda a: (a.status.get("evidence") or {}).get("packs", 0) >= 1)
+            await eventually(
+                lambda: cw.open(tmp_path / "record").start > alarm.time, "the record to forget it", 2 * PATIENCE
+            )
+            assert await daemon.stop() == 0
+    assert alarm.joint == JOINT and alarm.kind.endswith("_fault")
+    with cw.open(pack) as kept:
+        assert kept.start <= alarm.since - 0.9 * BEFORE * 1e9 and kept.end >= alarm.time + 0.9 * AFTER * 1e9
+        assert alarm in kept.alarms() and list(kept.health()) and list(kept.frames()) and kept.intervals()
+        samples = kept.batches("arm", "rtde")
+        assert np.all(np.diff(samples.sequence) == 1) and len(samples) > 450 * (BEFORE + AFTER)
+        assert not kept.damage
+    page = packs.page_of(pack).read_text()
+    assert f"Joint {JOINT}" in page and alarm.statement.split(":")[0] in page and "<svg" in page
+
+
+async def test_a_fast_rotating_folder_is_exported_again_and_again(tmp_path: Path) -> None:
+    """Files of half a second, kept for some seconds: they are closed, and removed, while an export reads them."""
+    async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:
+        text = f"sources:\n{ur('arm', arm.address)}"
+        record = "keep: 1 MB, file_age: 500 ms, file_size: 100 kB, evidence: {severity: none}"
+        async with Daemon(tmp_path, text, record=record) as daemon, Audience(daemon) as audience:
+            await audience.until(lambda a: a.received["raw/arm/rtde"] > 1000)
+            numbers, ends = [], []
+            for turn in range(12):
+                out = tmp_path / f"tables-{turn}"
+                arguments = [str(tmp_path / "record"), "--out", str(out), "--format", "csv", "--raw", "--json"]
+                done = await asyncio.to_thread(CliRunner().invoke, export, arguments)
+                assert done.exit_code == 0, (done.output, done.exception)
+                rows = np.genfromtxt(out / "arm.rtde.csv", delimiter=",", names=True, usecols=("sequence",))
+                holes = np.flatnonzero(np.diff(rows["sequence"]) != 1)
+                assert not len(holes) or "was removed" in done.output, "less only where it is told"
+                numbers.append(len(rows))
+                ends.append(rows["sequence"][-1])
+            assert min(numbers) > 100 and np.all(np.diff(ends) > 0)
+            await audience.until(lambda a: a.status["recorder"]["removed"]["files"] > 3)
+            assert await daemon.stop() == 0
