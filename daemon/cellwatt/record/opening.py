@@ -86,10 +86,10 @@ def _unread(path: Path, error: RecordingError) -> list[Damage]:
     if isinstance(error.__cause__, FileNotFoundError):
         return [Damage(path, 0, 0, "was removed before it could be read")]
     try:
-        size = path.stat().st_size
+        size, regular = path.stat().st_size, path.is_file()
     except OSError:
-        size = 0
-    just_begun = path.name.endswith(PART) and not size
+        size, regular = 0, True
+    just_begun = path.name.endswith(PART) and regular and not size
     return [] if just_begun else [Damage(path, 0, size, "nothing in it can be read")]
 
 

@@ -213,10 +213,14 @@ async def test_messages_are_taken_while_nothing_can_be_drawn() -> None:
         while not over.wait(0.01):
             yield None
 
+    def hold_the_loop() -> bool:
+        """Not a key is taken, nothing is drawn."""
+        return taken.wait(PATIENCE)
+
     app = LiveApp(feed(), Look())
     async with app.run_test() as pilot:
-        assert taken.wait(PATIENCE)  # holds the loop: not a key is taken, nothing is drawn
+        assert hold_the_loop()
         assert list(app._cell.alarms) == ["elbow", "late"]
-        over.set()
         assert any("late" in line for line in await seen(app, pilot))
         assert app.query_one(Footer).region.bottom == 24
+        over.set()  # the end of the messages ends the dashboard
