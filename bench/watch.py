@@ -67,10 +67,10 @@ def demo_cell(folder: Path, fault: str) -> Iterator[LinkSettings]:
             yield link
 
 
-async def drawn(link: LinkSettings) -> str:
-    """The dashboard as SVG, once an alarm names a joint and a cycle with the spring is on it."""
+async def drawn(site: str, name: str, link: LinkSettings, look: Look) -> str:
+    """The dashboard of a cell as SVG, once an alarm names a joint and a cycle with the fault is on it."""
     cell = LiveCell()
-    with Subscriber("demo", "demo", link, want=WANT) as subscriber:
+    with Subscriber(site, name, link, want=WANT) as subscriber:
 
         def messages() -> Iterator[Message | None]:
             while True:
@@ -79,7 +79,7 @@ async def drawn(link: LinkSettings) -> str:
                 except TimeoutError:
                     yield None
 
-        app = LiveApp(messages(), Look(power="board.supply.power"), cell)
+        app = LiveApp(messages(), look, cell)
         async with app.run_test(size=SIZE):
             end = time.monotonic() + PATIENCE
             while not any(alarm["joint"] for alarm in cell.alarms.values()):
@@ -91,10 +91,10 @@ async def drawn(link: LinkSettings) -> str:
             await asyncio.sleep(0.3)
             svg = app.export_screenshot(title="cellwatt watch cell.yaml")
             app.exit()
-    return svg
+    return _without_hosts(svg)
 
 
-def without_hosts(svg: str) -> str:
+def _without_hosts(svg: str) -> str:
     """The picture without fonts and links from elsewhere."""
     svg = re.sub(r"@font-face \{.*?\}|<!--.*?-->", "", svg, flags=re.DOTALL)
     return re.sub(r"^\s+\n", "", svg.replace("Fira Code", "DejaVu Sans Mono"), flags=re.MULTILINE)
@@ -104,24 +104,30 @@ def png(svg: Path, out: Path) -> None:
     """Draw the SVG with Chromium."""
     found = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg.read_text())
     assert found is not None
-    height = round(WIDTH * float(found[2]) / float(found[1]))
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
         page.write_text(f'<body style="margin:0"><img src="{svg}" style="display:block" width="{WIDTH}">')
+        screenshot(page, out, round(WIDTH * float(found[2]) / float(found[1])))
+
+
+def screenshot(page: Path, out: Path, height: int) -> None:
+    """Draw the top of a page with Chromium, ``height`` pixels of it."""
+    with tempfile.TemporaryDirectory() as folder:
         quiet = (
             "headless no-sandbox disable-gpu no-first-run disable-sync disable-background-networking hide-scrollbars"
         )
         options = [f"--{option}" for option in quiet.split()]
         options += ["--allow-file-access-from-files", "--default-background-color=00000000"]
-        options += [f"--user-data-dir={folder}/user", f"--screenshot={out}", f"--window-size={WIDTH},{height}"]
+        options += ["--virtual-time-budget=10000"]  # the scripts of the page have drawn it
+        options += [f"--user-data-dir={folder}", f"--screenshot={out}", f"--window-size={WIDTH},{height}"]
         subprocess.run(["chromium", *options, str(page)], check=True, capture_output=True)
 
 
 def main() -> None:
     """Draw the pictures."""
     with tempfile.TemporaryDirectory() as folder, demo_cell(Path(folder), f"spring:joint=3,at={HOOKED}s") as link:
-        svg = asyncio.run(drawn(link))
-    (PICTURES / "watch.svg").write_text(without_hosts(svg))
+        svg = asyncio.run(drawn("demo", "demo", link, Look(power="board.supply.power")))
+    (PICTURES / "watch.svg").write_text(svg)
     png(PICTURES / "watch.svg", PICTURES / "watch.png")
 
 
