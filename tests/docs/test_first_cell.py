@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import multiprocessing
 import os
 import pwd
 import re
@@ -13,7 +14,7 @@ import sysconfig
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -114,12 +115,12 @@ def check(said: str, folder: Path) -> None:
 def test_the_page_as_it_stands(place):
     clone = place / "cellwatt"
     subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
-    with ThreadPoolExecutor(1) as beside:
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as beside:
         follow([INSTALL], place, alone=False)
         live = beside.submit(dashboard, clone / "first-cell" / "cell.yaml")
         check(follow(REST, place, alone=False), clone / "first-cell")
         svg = live.result()
-    assert "Joint 3" in svg
+    assert "Joint&#160;3" in svg
     pictures = Path(os.environ.get("CELLWATT_PICTURES", place))  # docs/pictures, to make them anew
     (pictures / "first-cell-watch.svg").write_text(svg)
     if shutil.which("chromium"):

@@ -21,9 +21,10 @@ def command(file: Path, as_json: bool) -> None:
 
     Exit code 0: green or amber; 1: red, no source delivers or nothing can be recorded; 3: the daemon does not answer.
     """
-    status = ask_cell(load(file), "status")
+    message = ask_cell(load(file), "status")
+    status = message["status"]
     if as_json:
-        click.echo(json.dumps(status))
+        click.echo(json.dumps(message))
     else:
         states = [source["state"] for source in status["sources"].values()]
         click.echo(f"{status['state']}: {states.count('ok')} of {len(states)} sources are up")

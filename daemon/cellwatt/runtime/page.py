@@ -42,8 +42,7 @@ def report(recording: Recording, start: float | None, end: float | None, wanted:
     seconds = (frames.time - origin) * 1e-9
     first, last = np.searchsorted(seconds, low), np.searchsorted(seconds, high, side="right")
     figure = channels_over_time(recording, frames, int(first), int(last), wanted, units)
-    alarms = recording.alarms()
-    raised = [a for a in alarms if a.active]
+    raised = [a for a in _without_updates(recording.alarms()) if a.active]
     table = [[f"{(a.time - origin) * 1e-9:.2f} s", a.severity, a.statement] for a in raised]
     tasks = recording.tasks()
     header = recording.header
@@ -86,7 +85,7 @@ def channels_over_time(
     shown = (float(frames.time[first] - origin) * 1e-9, float(frames.time[last - 1] - origin) * 1e-9)
     intervals = recording.intervals() or _segment(frames)
     marks, labels = _bands(intervals, origin, shown)
-    marks += _lines(recording.alarms(), origin, shown)
+    marks += _lines(_without_updates(recording.alarms()), origin, shown)
     x = Axis(f"s since {name}", shown)
     grids = [_gridded(frames, columns, first, last, units) for _, columns in groups]
     rows = [
@@ -173,6 +172,12 @@ def _bands(intervals: Sequence[Interval], origin: int, span: tuple[float, float]
         bands.append(stretch(left, right, colour))
         labels.append(note("+".join(map(str, interval.moving)), (left + right) / 2, 0.93, colour))
     return bands, labels
+
+
+def _without_updates(alarms: Sequence[Alarm]) -> list[Alarm]:
+    """Alarms as they were raised and cleared: the first message of each, and its last."""
+    first = {(a.id, a.since): a for a in reversed(alarms) if a.active}
+    return [a for a in alarms if not a.active or first[a.id, a.since] is a]
 
 
 def _lines(alarms: Sequence[Alarm], origin: int, span: tuple[float, float]) -> list[Json]:

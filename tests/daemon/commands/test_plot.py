@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,13 +18,14 @@ __all__ = ["call"]
 START = making.SESSION
 MOVES = Interval("arm", 1, START, START + 400_000_000, (1, 3), (0.5,) * 3, (0.0,) * 3, (0.1,) * 3)
 HEAT = Alarm("heat", "heat", "warning", True, START, START + 200_000_000, "Joint 2 is hot.", source="arm", joint=2)
+HOTTER = replace(HEAT, time=START + 300_000_000, statement="Joint 2 is hotter.")
 
 
 @pytest.fixture
 def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(making, "HEADER", Header("plant", "weld", START, None, "", {"arm": (making.ARM,)}))
     (tmp_path / "kept").mkdir()
-    making.write_chunks(tmp_path / "kept", [[making.batch_of(0, 50), making.frames_of(0, 25), MOVES, HEAT]])
+    making.write_chunks(tmp_path / "kept", [[making.batch_of(0, 50), making.frames_of(0, 25), MOVES, HEAT, HOTTER]])
     return tmp_path / "kept"
 
 
