@@ -19,7 +19,7 @@ TERMS = 8
 DEGREE = 9
 TRIES = 200
 """Candidates for the frequency, or for centre and width, of each new term."""
-FLAT = 20.0
+FLAT = 6.0
 """So many widths from its centre a bell is 0."""
 STEPS = 100
 """Steps at most from each start."""
@@ -107,10 +107,11 @@ def _bells(t: Float, shape: Float) -> Float:
 
 def _bell_slopes(t: Float, shape: Float, amplitudes: Float) -> Float:
     off, narrow = t[:, None] - shape[0::2], shape[1::2]
-    heights = 2 * amplitudes * _bells(t, shape)
+    off = np.where(np.abs(off * narrow) < FLAT, off, 0.0)  # no slope where it is flat: else steps grow without end
+    heights = 2 * amplitudes * _bells(t, shape) * off * narrow
     slopes = np.empty((len(t), len(shape)))
-    slopes[:, 0::2] = heights * off * narrow**2
-    slopes[:, 1::2] = -heights * off**2 * narrow
+    slopes[:, 0::2] = heights * narrow
+    slopes[:, 1::2] = -heights * off
     return slopes
 
 

@@ -31,3 +31,11 @@ def test_slopes_are_those_of_the_sums():
             step[k] = 1e-6
             up, down = (family.columns(T, shape + s) @ amplitudes for s in (step, -step))
             assert slopes[:, k] == pytest.approx((up - down) / 2e-6, abs=1e-5)
+
+
+def test_bells_and_their_slopes_stay_finite_however_narrow_and_far_off():
+    with np.errstate(all="raise", under="ignore"):
+        for narrow in (1e-200, 1.0, 1e160):
+            shape = np.array([2.0, narrow, 1e140, narrow])
+            assert np.isfinite(rivals._bells(T, shape)).all()
+            assert np.isfinite(rivals._bell_slopes(T, shape, np.array([3.0, 100.0]))).all()
