@@ -43,3 +43,11 @@ build *arguments:
 # The wheel, installed with nothing but its pins, run.
 try-wheel:
     {{ python }} -m release.try_wheel
+
+# The Debian package in a clean root of debootstrap, as root.
+try-deb package root:
+    {{ python }} -m release.try_deb {{ package }} {{ root }}
+
+# The container image on such a root, as root; needs buildah.
+try-container root:
+    {{ python }} -m release.try_container {{ root }}

@@ -98,19 +98,20 @@ def run(store: Store, about: dict[str, Any], folder: Path) -> None:
     assert check[0] == "CMD"
     with store.running(*inside, *about["Entrypoint"], *about["Cmd"]) as cell:
         with store.running(*inside, *about["Entrypoint"], "emulate", "ur", "--listen", f"127.0.0.1:{PORT}"):
-            _await_health(store, (*inside, *check[1:]), 0)
-        _await_health(store, (*inside, *check[1:]), 1)
-        cell.terminate()
+            _await_health(store, (*inside, *check[1:]), 0, "1 of 1 sources")
+        _await_health(store, (*inside, *check[1:]), 1, "0 of 1 sources")
+        # Not through buildah, which kills what it runs: the daemon is the oldest process of the image's user.
+        subprocess.run(["pkill", "-TERM", "--oldest", "--uid", "10001", "-f", " ".join(about["Cmd"])], check=True)
         assert cell.wait(30) == 0
     names = [file.name for file in record.rglob("*")]
     assert any(name.endswith(".mcap") for name in names), names
     assert not any(name.endswith(".part") for name in names), names
 
 
-def _await_health(store: Store, check: tuple[str, ...], code: int) -> None:
-    """Return once the image's health check ends with this exit code."""
+def _await_health(store: Store, check: tuple[str, ...], code: int, said: str) -> None:
+    """Return once the image's health check ends with this exit code and says this."""
     end = time.monotonic() + PATIENCE
-    while (done := store(*check, fails=True)).returncode != code:
+    while (done := store(*check, fails=True)).returncode != code or said not in done.stdout:
         assert time.monotonic() < end, done.stdout
         time.sleep(1.0)
 

@@ -56,13 +56,15 @@ def _tried(folder: Path) -> str:
 
 def _space(settings: RecordSettings, there: Path) -> list[str]:
     free = shutil.disk_usage(there).free
-    used = sum(file.stat().st_size for file in settings.folder.glob("*.mcap*")) if settings.folder.is_dir() else 0
-    if free + used >= settings.keep:
+    used = sum(file.stat().st_size for file in settings.folder.rglob("*.mcap*")) if settings.folder.is_dir() else 0
+    packs = settings.evidence.keep if settings.evidence.severity != "none" else 0.0
+    if free + used >= settings.keep + packs:
         return []
-    return [
-        f"folder {settings.folder}: {(free + used) / 1e9:.1f} GB are free or used by recordings, and keep asks for "
-        f"{settings.keep / 1e9:.1f} GB: the disk will run full"
-    ]
+    asked = f"keep asks for {settings.keep / 1e9:.1f} GB" + (
+        f", evidence.keep for {packs / 1e9:.1f} GB" if packs else ""
+    )
+    found = f"{(free + used) / 1e9:.1f} GB are free or used by recordings"
+    return [f"folder {settings.folder}: {found}, and {asked}: the disk will run full"]
 
 
 def _user() -> str:

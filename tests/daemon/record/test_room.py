@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cellwatt.record.room import Room, room
-from cellwatt.record.settings import RecordSettings, default_folder
+from cellwatt.record.settings import EvidenceSettings, RecordSettings, default_folder
 
 
 def test_a_folder_that_can_be_made_is_no_trouble_and_is_not_made(tmp_path: Path) -> None:
@@ -42,7 +42,11 @@ def test_a_folder_of_somebody_else_as_root_sees_it(tmp_path: Path, monkeypatch: 
 
 def test_a_disk_that_is_too_small_for_what_is_to_be_kept(tmp_path: Path) -> None:
     (told,) = room(RecordSettings(folder=tmp_path, keep=1e18)).warnings
-    assert "keep asks for 1000000000.0 GB: the disk will run full" in told
+    assert "keep asks for 1000000000.0 GB, evidence.keep for 2.0 GB: the disk will run full" in told
+    (told,) = room(RecordSettings(folder=tmp_path, keep=1e6, evidence=EvidenceSettings(keep=1e18))).warnings
+    assert "keep asks for 0.0 GB, evidence.keep for 1000000000.0 GB" in told
+    none = EvidenceSettings(keep=1e18, severity="none")
+    assert room(RecordSettings(folder=tmp_path, keep=1e6, evidence=none)) == Room()
 
 
 def test_a_folder_that_takes_no_byte(tmp_path: Path) -> None:
