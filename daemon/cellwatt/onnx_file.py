@@ -108,4 +108,5 @@ class OnnxFile:
 
 
 def _reason(error: Exception) -> str:
-    return _PREFIX.sub("", " ".join(str(error).split()))[:300]
+    # Python 3.11.2 has no words for some errors of onnxruntime.
+    return _PREFIX.sub("", " ".join(str(error).split()))[:300] or type(error).__name__

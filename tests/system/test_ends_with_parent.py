@@ -108,8 +108,9 @@ async def test_emulators_of_a_cell_end_with_it(number: signal.Signals, tmp_path:
 
 
 CHILD = """
-import subprocess, sys
+import signal, subprocess, sys
 from cellwatt.child import ends_with_parent
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts what runs in the background deaf to it
 child = subprocess.Popen(["sleep", "3600"], preexec_fn=ends_with_parent(), stdout=subprocess.DEVNULL)
 print(child.pid, flush=True)
 sys.stdin.read()

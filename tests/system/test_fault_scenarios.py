@@ -5,6 +5,7 @@ Each runs at both speeds of Fig. 19. The quickest one is part of every run, the 
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -104,7 +105,7 @@ async def alarms_of(scenario: Scenario, folder: Path) -> list[Alarm]:
     told = run(Run(scenario.moves, cycles, scenario.speed, scenario.faults, scenario.since, lead=READY, seed=4))
     columns = {"t": told.t} | {f"joint_{j}.position": told.q[:, j - 1] for j in range(1, 7)}
     table = folder / "cell.parquet"
-    pq.write_table(pa.table(columns | {"supply.power": told.power}), table)
+    await asyncio.to_thread(pq.write_table, pa.table(columns | {"supply.power": told.power}), table)
     epoch, egm = time.time(), free_port()
     (folder / "epoch").write_text(f"{epoch} {told.t[-1]}")
     common = ("--recording", str(table), "--loop", "--epoch", str(epoch))

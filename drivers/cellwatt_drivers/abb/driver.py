@@ -171,6 +171,7 @@ class AbbDriver(Driver[AbbSettings]):
         self._heard = time.monotonic()
         self._greeted = False
         self._trouble = None
+        failure: SourceError | None = None
         try:
             async with asyncio.TaskGroup() as tasks:
                 if self._intake is not None:
@@ -179,7 +180,9 @@ class AbbDriver(Driver[AbbSettings]):
                     tasks.create_task(self._ask(self._controller))
                 tasks.create_task(self._watch())
         except* SourceError as failures:
-            raise failures.exceptions[0] from None
+            failure = next(e for e in failures.exceptions if isinstance(e, SourceError))
+        if failure is not None:  # raised above, Python 3.11.2 would wrap it
+            raise failure
 
     async def _listen(self, intake: Intake) -> None:
         s = self.settings
