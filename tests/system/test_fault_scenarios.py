@@ -100,9 +100,10 @@ async def test_scenario(name: str, tmp_path: Path) -> None:
 
 async def alarms_of(scenario: Scenario, folder: Path) -> list[Alarm]:
     """The first alarms about joints, as many as are expected, that a subscriber of the daemon got."""
-    prepare(scenario, folder)
+    await asyncio.to_thread(prepare, scenario, folder)
     cycles = scenario.since + 2
-    told = run(Run(scenario.moves, cycles, scenario.speed, scenario.faults, scenario.since, lead=READY, seed=4))
+    plan = Run(scenario.moves, cycles, scenario.speed, scenario.faults, scenario.since, lead=READY, seed=4)
+    told = await asyncio.to_thread(run, plan)
     columns = {"t": told.t} | {f"joint_{j}.position": told.q[:, j - 1] for j in range(1, 7)}
     table = folder / "cell.parquet"
     await asyncio.to_thread(pq.write_table, pa.table(columns | {"supply.power": told.power}), table)

@@ -68,11 +68,11 @@ def test_several_files(cell_file):
 
 def test_json(cell_file):
     result = run(cell_file, "--json")
-    assert (result.exit_code, json.loads(result.output)) == (0, [])
+    assert (result.exit_code, json.loads(result.stdout)) == (0, [])
     cell_file.write_text(VALID.replace("500 Hz", "fast"))
     result = run(cell_file, "--json", cell_file.with_name("absent.yaml"))
     assert result.exit_code == 2
-    absent, rate = json.loads(result.output)
+    absent, rate = json.loads(result.stdout)
     assert (absent["line"], absent["column"]) == (None, None)
     assert absent["file"].endswith("absent.yaml")
     assert rate == {
@@ -110,7 +110,7 @@ def test_a_record_section_without_a_folder_has_that_of_the_user(cell_file, tmp_p
 def test_schema():
     result = run("--schema")
     assert result.exit_code == 0
-    assert json.loads(result.output)["title"] == "cellwatt cell"
+    assert json.loads(result.stdout)["title"] == "cellwatt cell"
 
 
 def test_no_file():
@@ -133,15 +133,17 @@ def test_as_a_process_a_mistake_is_a_line_and_never_a_traceback(tmp_path, conten
 
 
 def test_time_grows_with_the_file_and_no_faster(cell_file):
-    spent = []
+    least = []
     for count in (10, 40):
         lines = "".join(f"  arm_{i}: {{driver: arm, host: 192.0.2.{i}}}\n" for i in range(count))
         cell_file.write_text(f"site: a\ncell: b\nsources:\n{lines}")
-        start = time.process_time()
-        for _ in range(3):
+        spent = []
+        for _ in range(5):
+            start = time.process_time()
             assert run(cell_file).exit_code == 0
-        spent.append(time.process_time() - start)
-    assert spent[1] < 6 * spent[0] + 0.1
+            spent.append(time.process_time() - start)
+        least.append(min(spent))  # a collection of the garbage of other tests falls into some
+    assert least[1] < 6 * least[0] + 0.03
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ def test_list():
 
 
 def test_list_as_json():
-    parts = json.loads(run("--json").output)
+    parts = json.loads(run("--json").stdout)
     by_name = {(p["kind"], p["name"]): p for p in parts}
     assert by_name["driver", "arm"]["loads"] is True
     assert by_name["driver", "absent"]["loads"] is False
@@ -46,7 +46,7 @@ def test_installed_parts_name_their_package(monkeypatch):
 
     monkeypatch.setattr(registry, "entry_points", entry_points)
     registry.available.cache_clear()
-    ours = [p for p in json.loads(run("--json").output) if p["package"] == "cellwatt"]
+    ours = [p for p in json.loads(run("--json").stdout) if p["package"] == "cellwatt"]
     assert {p["version"] for p in ours} == {version("cellwatt")}
     assert {"ur", "yaskawa", "power_board", "scpi_analyzer"} <= {p["name"] for p in ours if p["kind"] == "driver"}
 
@@ -75,7 +75,7 @@ def test_page_of_a_stage_names_what_it_needs():
 
 
 def test_page_as_json():
-    (page,) = json.loads(run("arm", "--json").output)
+    (page,) = json.loads(run("arm", "--json").stdout)
     assert page["writes"] == ["a greeting"]
     host = next(f for f in page["settings"] if f["key"] == "host")
     assert host["required"] is True
@@ -83,7 +83,7 @@ def test_page_as_json():
 
 
 def test_channels_in_json():
-    (page,) = json.loads(run("arm", "--json").output)
+    (page,) = json.loads(run("arm", "--json").stdout)
     (stream,) = page["streams"]
     assert (stream["name"], stream["rate"], stream["clock"]) == ("state", 500.0, "device")
     assert stream["channels"][-1] == {"name": "supply.power", "unit": "W", "kind": "continuous", "method": "average"}

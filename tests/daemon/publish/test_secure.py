@@ -41,7 +41,7 @@ FORGED = f"cellwatt/{SITE}/{CELL}/alarm/error/joint_fault"
 def secure(*arguments: str, folder: Path | None = None) -> str:
     """Calls ``cellwatt secure``; what goes wrong is raised."""
     at = ["--in", str(folder)] if folder is not None else []
-    return CliRunner().invoke(command, [*arguments, *at], catch_exceptions=False, standalone_mode=False).output
+    return CliRunner().invoke(command, [*arguments, *at], catch_exceptions=False, standalone_mode=False).stdout
 
 
 class Site:

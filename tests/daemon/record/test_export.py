@@ -34,7 +34,7 @@ def run(*arguments):
 def test_parquet_has_the_recorded_values_names_and_units(folder, tmp_path):
     done = run(folder, "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0
-    report = json.loads(done.output)
+    report = json.loads(done.stdout)
     assert {f["file"]: f["rows"] for f in report["files"]} == {
         "arm.rtde.parquet": 40,
         "supply.meter.parquet": 40,

@@ -114,7 +114,7 @@ def test_newest_first_by_kind_with_finding_and_picture(folder: Path) -> None:
 
 
 def test_broken_pages_are_named_and_others_passed_over(folder: Path) -> None:
-    broken = json.loads(run(folder, "--json").output)["broken"]
+    broken = json.loads(run(folder, "--json").stdout)["broken"]
     assert broken == [
         f"{folder / 'strange.html'}: its facts cannot be read: make the page anew",
         f"{folder / 'torn.html'}: the page ends too early: make it anew",
@@ -131,7 +131,7 @@ def test_the_index_does_not_list_itself_and_may_lie_elsewhere(folder: Path, tmp_
 
 
 def test_json_gives_the_facts_and_writes_nothing(folder: Path) -> None:
-    found = json.loads(run(folder, "--json").output)["reports"]
+    found = json.loads(run(folder, "--json").stdout)["reports"]
     assert [(each["made"][:10], each["tone"]) for each in found] == [
         ("2026-03-06", "good"),
         ("2026-03-04", "found"),

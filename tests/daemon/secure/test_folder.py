@@ -20,7 +20,7 @@ def secure(folder: Path, *arguments: str) -> str:
     result = CliRunner().invoke(
         command, [*arguments, "--in", str(folder)], catch_exceptions=False, standalone_mode=False
     )
-    return result.output
+    return result.stdout
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ def written(measured, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
     done = CliRunner().invoke(disaggregate, words(measured[1], out), catch_exceptions=False)
     assert done.exit_code == 0
-    return out, done.output
+    return out, done.stdout
 
 
 def test_energy_json_keeps_the_contract(written, measured):
@@ -110,7 +110,7 @@ def test_a_controller_that_was_not_measured(copy, tmp_path):
     given = words(copy, tmp_path / "out", "--json", "--no-report")
     done = CliRunner().invoke(disaggregate, given, catch_exceptions=False)
     assert done.exit_code == 0
-    found = json.loads(done.output)
+    found = json.loads(done.stdout)
     assert found["fixed"]["robot_electronics"] == 0
     assert found == json.loads((tmp_path / "out" / "energy.json").read_text())
     assert not (tmp_path / "out" / "report.html").exists()

@@ -30,7 +30,7 @@ def called(*arguments):
 def test_it_learns_and_says_what(healthy, tmp_path):
     result = called(healthy, "--out", tmp_path / "ref.yaml", "--robot", "plant")
     assert result.exit_code == 0, result.output
-    assert result.output.splitlines() == [
+    assert result.stdout.splitlines() == [
         "task_1: 5 moves, 5 cycles at speed 1.00, 3 cycles at speed 0.60",
         "1 cycles left out: seen too rarely at their speed",
         f"written to {tmp_path / 'ref.yaml'}",
@@ -40,7 +40,7 @@ def test_it_learns_and_says_what(healthy, tmp_path):
 
 def test_it_reports_as_json(healthy, tmp_path):
     result = called(healthy, "--out", tmp_path / "ref.yaml", "--json")
-    report = json.loads(result.output)
+    report = json.loads(result.stdout)
     assert report["cycles_left_out"] == 1
     assert [v["cycles"] for v in report["tasks"][0]["variants"]] == [5, 3]
 

@@ -54,7 +54,7 @@ def test_a_table_is_learnt_from_recorded_faults_and_its_network_knows_others_lik
     calm = table(folder / "calm.parquet", seed=3)
     done = train(folder, *recorded(folder), calm, "--json")
     assert done.exit_code == 0, done.exception
-    (network,) = json.loads(done.output)["networks"]
+    (network,) = json.loads(done.stdout)["networks"]
     assert all(column == {"origin": "recorded", "cycles": 3} for column in network["columns"])
     assert (network["healthy_cycles"], network["named_in_vain"]) == (3, 0)
     learnt = FaultNetwork(Path(network["file"]))

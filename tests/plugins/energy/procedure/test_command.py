@@ -14,7 +14,7 @@ def run(*words):
 
 def test_programs_are_written(tmp_path):
     done = run("programs", "UR5e", "--out", tmp_path, "--speeds", "100,200", "--json")
-    told = json.loads(done.output)
+    told = json.loads(done.stdout)
     assert [path.split("/")[-1] for path in told["files"]] == ["UR5e_0kg.script", "UR5e_5kg.script"]
     assert "speeds = [0.1, 0.2]" in (tmp_path / "UR5e_5kg.script").read_text()
     # 1.931 m at 100 and 200 mm/s, a second of rest each, ten a speed.
@@ -30,7 +30,7 @@ def test_speeds_that_are_none(tmp_path, speeds, said):
 
 def test_the_rest_pose_is_told(plant, tmp_path):
     file = plant.describe(tmp_path)
-    told = json.loads(run("rest-pose", "--robot", file, "--starts", "4", "--json").output)
+    told = json.loads(run("rest-pose", "--robot", file, "--starts", "4", "--json").stdout)
     assert told["residual"] < 1.0
     assert len(told["joints"]) == 6
     assert "gravity leaves" in run("rest-pose", "--robot", file, "--starts", "1").output
@@ -47,14 +47,14 @@ def test_files_are_cut_by_the_log(plant, programme, tmp_path):
     log.write_text(taped.log.model_dump_json())
     words = ["cut", tmp_path / "record", "--robot", file, "--campaign", log, "--out", tmp_path / "cut"]
     words += ["--speeds", "200,250", "--repetitions", "30"]
-    told = json.loads(run(*words, "--json").output)
+    told = json.loads(run(*words, "--json").stdout)
     assert told["states"] == ["connected"]
     assert [(r["run"], r["repetitions"], r["written"]) for r in told["runs"]] == [
         ("200_0kg", 3, False),
         ("250_0kg", 3, False),
     ]
     assert "3 of 30 repetitions, too few" in run(*words).output
-    told = json.loads(run(*words, "--least", "3", "--json").output)
+    told = json.loads(run(*words, "--least", "3", "--json").stdout)
     assert all(one["written"] for one in told["runs"])
     assert len(list((tmp_path / "cut" / "runs").iterdir())) == 4
 

@@ -55,7 +55,7 @@ def folder(tmp_path_factory):
             "--seed", 1, "--json",
         )  # fmt: skip
     assert done.exit_code == 0, done.output or done.exception
-    (where / "report.json").write_text(done.output)
+    (where / "report.json").write_text(done.stdout)
     return where
 
 
@@ -142,7 +142,7 @@ def test_a_recording_is_judged_by_the_network_too(folder, tmp_path):
     known = ["--reference", folder / "reference.yaml"]
     done = called(faults, judged, *known, "--network", folder / "nets", "--json")
     assert done.exit_code == 0, done.exception
-    cycles = json.loads(done.output)["cycles"]
+    cycles = json.loads(done.stdout)["cycles"]
     assert [[(f["joint"], f["kind"]) for f in cycle["faults"]] for cycle in cycles] == [[], [(1, "joint")]]
     for given in ([], ["--network", folder / "nets", "--robot", folder / "robot.yaml"]):
         assert "give one of --robot and --network" in str(called(faults, judged, *known, *given).exception)

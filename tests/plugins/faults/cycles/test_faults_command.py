@@ -95,7 +95,7 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_p
 
 
 def test_as_json(folder):
-    assert len(json.loads(judge(folder, "--json").output)["cycles"]) == 2
+    assert len(json.loads(judge(folder, "--json").stdout)["cycles"]) == 2
 
 
 def test_the_file_keeps_what_was_learned(folder, known, robot):

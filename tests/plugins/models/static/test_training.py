@@ -46,7 +46,7 @@ def call(command, *words):
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
     assert done.exit_code == 0, done.output
-    return done.output
+    return done.stdout
 
 
 def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
