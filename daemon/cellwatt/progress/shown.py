@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
-EVERY = 10.0
+EVERY = 5.0
 """s between two lines where there is no terminal."""
 REDRAWN = 0.2
 """s between two states of the bar."""
@@ -152,7 +152,7 @@ class Watching:
 
 @contextmanager
 def show_progress(quiet: bool = False) -> Iterator[None]:
-    """Show the work that is done inside: a bar where stderr is a terminal, else a line every 10 s; none if ``quiet``.
+    """Show the work that is done inside: a bar where stderr is a terminal, else a line every 5 s; none if ``quiet``.
 
     with cw.show_progress():
         found = cw.explain("runs", robot="robot.yaml")

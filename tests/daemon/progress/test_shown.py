@@ -63,22 +63,22 @@ def watched(turns, clock):
         screen.close()
 
 
-def test_a_line_every_ten_seconds_also_of_work_that_does_not_advance(clock, turns, watched):
+def test_a_line_every_five_seconds_also_of_work_that_does_not_advance(clock, turns, watched):
     out = io.StringIO()
     work = watched(Lines(out, clock))
     with listening(work):
         for i in steps(range(4), "reading recording"):
-            for _ in range(3 if i == 1 else 1):  # the second takes half a minute
+            for _ in range(3 if i == 1 else 1):  # the second takes three times as long
                 before = clock.now
                 turns.look()
-                assert clock.now - before == EVERY == 10.0
+                assert clock.now - before == EVERY == 5.0
     assert out.getvalue().splitlines() == [
-        "10 s: reading recording 1 of 4; 0 %",
+        "5 s: reading recording 1 of 4; 0 %",
+        "10 s: reading recording 2 of 4; 25 %, 30 s left",
+        "15 s: reading recording 2 of 4; 25 %, 45 s left",
         "20 s: reading recording 2 of 4; 25 %, 60 s left",
-        "30 s: reading recording 2 of 4; 25 %, 90 s left",
-        "40 s: reading recording 2 of 4; 25 %, 2 min left",
-        "50 s: reading recording 3 of 4; 50 %, 50 s left",
-        "60 s: reading recording 4 of 4; 75 %, 20 s left",
+        "25 s: reading recording 3 of 4; 50 %, 25 s left",
+        "30 s: reading recording 4 of 4; 75 %, 10 s left",
     ]
 
 
@@ -91,7 +91,7 @@ def test_nothing_is_said_between_two_stages(clock, turns, watched):
         turns.look()
         with stage("writing"):
             turns.look()
-    assert out.getvalue() == "20 s: writing\n"
+    assert out.getvalue() == "10 s: writing\n"
 
 
 @pytest.fixture
