@@ -171,6 +171,11 @@ class AbbDriver(Driver[AbbSettings]):
         self._heard = time.monotonic()
         self._greeted = False
         self._trouble = None
+        # In a task of its own: of Python 3.11.2 (Debian 12) a group leaves the task in which it failed marked as being
+        # cancelled, and the next time limit in that task would end as a cancellation.
+        await asyncio.create_task(self._read())
+
+    async def _read(self) -> None:
         failure: SourceError | None = None
         try:
             async with asyncio.TaskGroup() as tasks:
