@@ -100,8 +100,9 @@ def run(store: Store, about: dict[str, Any], folder: Path) -> None:
         with store.running(*inside, *about["Entrypoint"], "emulate", "ur", "--listen", f"127.0.0.1:{PORT}"):
             _await_health(store, (*inside, *check[1:]), 0, "1 of 1 sources")
         _await_health(store, (*inside, *check[1:]), 1, "0 of 1 sources")
-        # Not through buildah, which kills what it runs: the daemon is the oldest process of the image's user.
-        subprocess.run(["pkill", "-TERM", "--oldest", "--uid", "10001", "-f", " ".join(about["Cmd"])], check=True)
+        # Not through buildah, which kills what it runs: the daemon is the oldest Python of the image's user.
+        daemon = f"^[^ ]*python[^ ]* .*{' '.join(about['Cmd'])}"
+        subprocess.run(["pkill", "-TERM", "--oldest", "--uid", "10001", "-f", daemon], check=True)
         assert cell.wait(30) == 0
     names = [file.name for file in record.rglob("*")]
     assert any(name.endswith(".mcap") for name in names), names
