@@ -45,7 +45,7 @@ def _install(stage: Path, wheel: Path) -> None:
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")} | {"SOURCE_DATE_EPOCH": "0"}
     subprocess.run([PYTHON, "-m", "venv", home], check=True, env=environment)
     pip = [home / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
-    subprocess.run([*pip, "--require-hashes", "-r", ROOT / "constraints.txt"], check=True, env=environment)
+    subprocess.run([*pip, "--require-hashes", "--no-deps", "-r", ROOT / "constraints.txt"], check=True, env=environment)
     subprocess.run([*pip, "--no-deps", "--no-index", wheel], check=True, env=environment)
     leave = [home / "bin" / "python", "-m", "pip", "uninstall", "--quiet", "--yes", "setuptools", "pip"]
     subprocess.run(leave, check=True, env=environment)

@@ -65,7 +65,7 @@ def context(folder: Path) -> Path:
     shutil.copy(ROOT / "constraints.txt", dist)
     wheel(sdist(folder), dist)
     pip = [sys.executable, "-m", "pip", "download", "--quiet", "--require-hashes", "--dest", dist]
-    subprocess.run([*pip, "-r", ROOT / "constraints.txt"], check=True)
+    subprocess.run([*pip, "--no-deps", "-r", ROOT / "constraints.txt"], check=True)
     return dist
 
 
