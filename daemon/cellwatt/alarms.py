@@ -117,12 +117,28 @@ class AlarmBook:
 
     def __init__(self, damping: Damping | None = None, state: Iterable[Any] = ()) -> None:
         self._damping = damping
-        self._standing = {standing.alarm.id: standing for standing in _STATE.validate_python(list(state))}
+        self._standing = _standings(state)
+        self._expected: dict[str, Standing] = {}
+        self._expected_until = 0
 
     def state(self) -> list[Any]:
         """All that the book knows, as plain data for JSON."""
-        found: list[Any] = pydantic_core.to_jsonable_python(list(self._standing.values()))
-        return found
+        return _plain(self._standing.values())
+
+    def words(self) -> list[Any]:
+        """The part of the state that people have said something about: acknowledged and shelved alarms."""
+        return _plain(s for s in self._standing.values() if s.acknowledgement or s.shelf)
+
+    def adopt(self, state: Iterable[Any]) -> None:
+        """Put alarms in place of those with the same ids."""
+        self._standing |= _standings(state)
+
+    def expect(self, words: Iterable[Any], until: int) -> None:
+        """Let the word of people about these alarms hold again when they are raised before ``until`` ns.
+
+        A shelf holds again whenever its alarm is raised before its end.
+        """
+        self._expected, self._expected_until = _standings(words), until
 
     # what is up -----------------------------------------------------------------------------------
 
@@ -156,6 +172,7 @@ class AlarmBook:
         standing.alarm = replace(alarm, since=standing.alarm.since) if standing.raised else alarm
         if begins:
             self._change(standing, alarm.time)
+            self._recall(standing, alarm.time)
         return _published(standing, alarm.time)
 
     def clear(
@@ -192,6 +209,8 @@ class AlarmBook:
         found = []
         for standing in list(self._standing.values()):
             self._settle(standing, now)
+            if standing.shelf is not None and now >= standing.shelf.until:
+                standing.shelf = None
             before = standing.published
             if before is None or replace(standing.message, time=before.time) != before:
                 found += _published(standing, now)
@@ -211,6 +230,27 @@ class AlarmBook:
         """
         standing = self._known(alarm_id)
         standing.shelf = Shelf(name, note, time, until, standing.alarm.severity)
+
+    def unshelve(self, alarm_id: str, time: int) -> list[Alarm]:
+        """Take an alarm off the shelf; return the messages that the shelf kept back.
+
+        Raises ``CellwattError`` where it is not on the shelf.
+        """
+        standing = self._standing.get(alarm_id)
+        if standing is None or standing.shelf is None:
+            raise CellwattError(f"the alarm {alarm_id!r} is not on the shelf: its time may be over")
+        standing.shelf = None
+        return self.look(time)
+
+    def _recall(self, standing: Standing, time: int) -> None:
+        """Let what people said of an alarm before a restart hold for it again."""
+        before = self._expected.pop(standing.alarm.id, None)
+        if before is None:
+            return
+        if time < self._expected_until:
+            standing.acknowledgement = before.acknowledgement
+        if before.shelf is not None and time < before.shelf.until:
+            standing.shelf = before.shelf
 
     def _known(self, alarm_id: str) -> Standing:
         if alarm_id not in self:
@@ -248,6 +288,15 @@ class AlarmBook:
     def _span(self) -> float:
         """Span of damping, ns."""
         return 0.0 if self._damping is None else self._damping.seconds * 1e9
+
+
+def _standings(state: Iterable[Any]) -> dict[str, Standing]:
+    return {standing.alarm.id: standing for standing in _STATE.validate_python(list(state))}
+
+
+def _plain(standings: Iterable[Standing]) -> list[Any]:
+    found: list[Any] = pydantic_core.to_jsonable_python(list(standings))
+    return found
 
 
 def _published(standing: Standing, now: int) -> list[Alarm]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict
@@ -41,10 +42,12 @@ class Journal(Protocol):
 
 
 class CellView(Protocol):
-    """The running cell as a sink sees it. All methods may be called from any thread."""
+    """The running cell as a sink sees it. Methods may be called from any thread, orders on the event loop alone."""
 
     site: str
     cell: str
+    folder: Path
+    """Folder from which relative paths of the settings start."""
     session: int
     """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
     journal: Journal | None
@@ -68,6 +71,21 @@ class CellView(Protocol):
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         """Recorded samples ``first`` … ``first + count`` of a stream that are still kept, in order."""
+        ...
+
+    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
+        """Note that a person knows of an alarm. Raises ``CellwattError`` where it is not up, or nobody is named."""
+        ...
+
+    def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
+        """Publish nothing of an alarm before ``until``, UTC ns, unless it becomes graver.
+
+        Raises ``CellwattError`` where it is not up, nobody is named, or ``until`` is past or too far away.
+        """
+        ...
+
+    def unshelve(self, alarm_id: str, name: str) -> None:
+        """Take an alarm off the shelf. Raises ``CellwattError`` where it is not on it, or nobody is named."""
         ...
 
 

@@ -184,6 +184,71 @@ def test_the_shelf_ends_where_the_severity_rises() -> None:
     assert told(book.clear("hot", 5, "…")) == [(False, 5)], "it is off the shelf"
 
 
+def test_off_the_shelf_an_alarm_is_told_as_it_is() -> None:
+    book = AlarmBook()
+    book.raise_(hot(1))
+    book.shelve("hot", 10, "Ines", "", 2)
+    assert book.clear("hot", 3, "Resolved: cool.") == []
+    assert told(book.unshelve("hot", 4)) == [(False, 4)]
+    with pytest.raises(CellwattError, match="'hot' is not on the shelf"):
+        book.unshelve("hot", 5)
+
+
+def test_off_the_shelf_without_a_change_nothing_is_told() -> None:
+    book = AlarmBook()
+    book.raise_(hot(1))
+    book.shelve("hot", 10, "Ines", "", 2)
+    assert book.unshelve("hot", 4) == []
+    assert told(book.raise_(hot(5, severity="error"))) == [(True, 5)]
+
+
+def before_a_restart() -> list[Any]:
+    book = AlarmBook()
+    book.raise_(hot(1))
+    book.raise_(hot(1, name="loud"))
+    book.raise_(hot(1, name="calm"))
+    book.acknowledge("hot", "Ines", "a new gear is ordered", 2)
+    book.shelve("loud", 50 * SECOND, "Ines", "", 2)
+    return json.loads(json.dumps(book.words()))
+
+
+def test_words_of_people_are_those_of_alarms_that_somebody_spoke_about() -> None:
+    assert [word["alarm"]["id"] for word in before_a_restart()] == ["hot", "loud"]
+
+
+def test_after_a_restart_an_alarm_that_is_raised_again_is_still_acknowledged() -> None:
+    book = AlarmBook()
+    book.expect(before_a_restart(), until=20 * SECOND)
+    assert list(book) == [], "nobody observes it yet"
+    assert told(book.raise_(hot(10 * SECOND))) == [(True, 10 * SECOND)]
+    known = book["hot"].acknowledgement
+    assert known is not None and (known.name, known.note) == ("Ines", "a new gear is ordered")
+    book.clear("hot", 11 * SECOND, "…")
+    book.raise_(hot(12 * SECOND))
+    assert book["hot"].acknowledgement is None, "it was over in between"
+
+
+def test_long_after_a_restart_it_is_another_alarm() -> None:
+    book = AlarmBook()
+    book.expect(before_a_restart(), until=20 * SECOND)
+    book.raise_(hot(20 * SECOND))
+    assert book["hot"].acknowledgement is None
+
+
+def test_a_shelf_outlasts_a_restart_until_its_time() -> None:
+    book = AlarmBook()
+    book.expect(before_a_restart(), until=20 * SECOND)
+    assert book.raise_(hot(30 * SECOND, name="loud")) == []
+    assert told(book.look(50 * SECOND)) == [(True, 50 * SECOND)]
+
+
+def test_an_alarm_of_another_book_is_adopted_as_it_stands() -> None:
+    book = AlarmBook()
+    book.raise_(hot(5, name="loud"))
+    book.adopt(word for word in before_a_restart() if word["shelf"])
+    assert book["loud"].shelf is not None and book.look(9) == []
+
+
 def test_only_an_alarm_that_is_up_is_acknowledged_or_shelved() -> None:
     book = AlarmBook()
     book.raise_(hot(1), after=Patience(2))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
@@ -18,12 +18,16 @@ from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
-from cellwatt.runtime.health import colour, describe
+from cellwatt.runtime.health import colour, describe, told_of
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.runtime.watch import Watch
+from cellwatt.runtime.words import Words
 from cellwatt.sink import Journal
 
 log = logging.getLogger(__name__)
+
+WORDS: Final = 0.5
+"""Period, s, at which it is looked whether people said something about alarms."""
 
 Item = Batch | Tick | Event | Frames | Result
 
@@ -38,7 +42,7 @@ class Teller:
     def __init__(
         self, config: CellConfig, session: int, now: Callable[[], int], journal: Journal | None = None
     ) -> None:
-        self.site, self.cell, self.session = config.site, config.cell, session
+        self.site, self.cell, self.session, self.folder = config.site, config.cell, session, config.folder
         self.sinks: dict[str, Delivery] = {}
         self.recorder: Recorder | None = None
         self.evidence: Keeper | None = None
@@ -50,11 +54,13 @@ class Teller:
         self._layout = Layout((), config.frames.rate)
         self._results = 0
         self.journal = journal
-        past = [item for _, item in journal.past()] if journal is not None else ()
         self.alarms = AlarmBook(Damping())
-        for item in past:
+        self._words = Words(self.alarms, session, now, self.take, self._publish)
+        for _, item in journal.past() if journal is not None else ():
             if isinstance(item, Alarm):
                 self.alarms.take(item)
+            elif isinstance(item, Event):
+                self._words.again(item)
         self._watch = Watch(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
         self._warnings = config.warnings
@@ -68,6 +74,8 @@ class Teller:
             self.recorder = Recorder(self._config.record, self._header())
             await asyncio.to_thread(self.recorder.start)
             self._history = History(self._config.record.folder, self.recorder)
+            await asyncio.to_thread(self._words.read, self._config.record.folder)
+            tasks.spawn("words", self._keep_words(self._config.record.folder))
             tasks.spawn("recovery", self._report_recovery(self.recorder))
             known = [standing.alarm for standing in self.alarms.raised]
             self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
@@ -98,7 +106,9 @@ class Teller:
     async def close(self, tasks: Tasks) -> None:
         """Let sinks and the record finish what is queued."""
         await self.stop(tasks, self.sinks)
-        await tasks.end(["evidence"])
+        await tasks.end(["evidence", "words"])
+        if self._config.record is not None:
+            await self._words.keep(self._config.record.folder)
         if self.recorder is not None:
             await self.recorder.close()
         if self.evidence is not None:
@@ -111,6 +121,16 @@ class Teller:
     async def _report_recovery(self, recorder: Recorder) -> None:
         for recovery in await recorder.recovered():
             self.take(Event(self._now(), None, "recovered", str(recovery)))
+
+    async def _keep_words(self, folder: Path) -> None:
+        """Keep on disk what people said of alarms; a disk that refuses is told once, until it takes them again."""
+        told = None
+        while True:
+            problem = await self._words.keep(folder)
+            if problem is not None and problem != told:
+                log.warning("acknowledged and shelved alarms will not outlast a restart: %s", problem)
+            told = problem
+            await asyncio.sleep(WORDS)
 
     def _start_sink(self, tasks: Tasks, config: SinkConfig, before: Delivery | None = None) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
@@ -174,7 +194,7 @@ class Teller:
         status["results"] = self._results
         status["state"] = colour(status, self._watch.troubles)
         status["reasons"] = [trouble.statement for trouble in self._watch.troubles]
-        status["alarms"] = [asdict(standing.published) for standing in self.alarms.raised if standing.published]
+        status |= told_of(self.alarms, now)
         for sink in self.sinks.values():
             sink.health(status)
         if self.recorder is not None:
@@ -212,6 +232,18 @@ class Teller:
     def recordings(self) -> Sequence[Mapping[str, Any]]:
         """See ``CellView.recordings``."""
         return self._history.recordings() if self._history is not None else ()
+
+    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
+        """See ``CellView.acknowledge``."""
+        self._words.acknowledge(alarm_id, name, note)
+
+    def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
+        """See ``CellView.shelve``."""
+        self._words.shelve(alarm_id, until, name, note)
+
+    def unshelve(self, alarm_id: str, name: str) -> None:
+        """See ``CellView.unshelve``."""
+        self._words.unshelve(alarm_id, name)
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         """See ``CellView.history``."""

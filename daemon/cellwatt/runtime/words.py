@@ -1,0 +1,151 @@
+"""The word of people about alarms: acknowledged, shelved, taken off the shelf. It outlives the process, and the daemon.
+
+Each word is an event, so the record and the journal have it. What both lack, changes of an alarm while nothing of it is
+published, is in the file ``alarms.json`` beside the recordings, with all words that hold.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel, ValidationError
+
+from cellwatt.alarms import AlarmBook
+from cellwatt.errors import CellwattError, why
+from cellwatt.files import read_bytes
+from cellwatt.results import Alarm, Event
+
+log = logging.getLogger(__name__)
+
+FILE: Final = "alarms.json"
+AGAIN: Final = 600 * 10**9
+"""Time, ns, after the start of the daemon in which an alarm that is raised again is the one that was acknowledged."""
+LONGEST_SHELF: Final = 31 * 86_400 * 10**9
+"""ns."""
+LONGEST_NAME, LONGEST_NOTE = 100, 2000  # characters
+
+
+class _Kept(BaseModel):
+    session: int
+    alarms: list[Any]
+
+
+class Words:
+    """Takes the word of people and puts it into the alarm book.
+
+    ``say`` records and publishes an event, ``publish`` the messages of the book. ``folder`` is that of the record,
+    ``None`` where there is none: then words end with the daemon.
+    """
+
+    def __init__(
+        self,
+        book: AlarmBook,
+        session: int,
+        now: Callable[[], int],
+        say: Callable[[Event], None],
+        publish: Callable[[list[Alarm]], None],
+    ) -> None:
+        self._book, self._session, self._now, self._say, self._publish = book, session, now, say, publish
+        self._written: list[Any] = []
+
+    def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
+        """See ``CellView.acknowledge``."""
+        name, note = _person(name), _short(note)
+        self._book.acknowledge(alarm_id, name, note, self._now())
+        self._tell("acknowledged", alarm_id, name, note)
+
+    def shelve(self, alarm_id: str, until: int, name: str, note: str) -> None:
+        """See ``CellView.shelve``."""
+        name, note, now = _person(name), _short(note), self._now()
+        if not now < until <= now + LONGEST_SHELF:
+            raise CellwattError("an alarm can be shelved for up to 31 days from now")
+        self._book.shelve(alarm_id, until, name, note, now)
+        self._tell("shelved", alarm_id, name, note, until=until)
+
+    def unshelve(self, alarm_id: str, name: str) -> None:
+        """See ``CellView.unshelve``."""
+        name = _person(name)
+        back = self._book.unshelve(alarm_id, self._now())
+        self._tell("unshelved", alarm_id, name, "")
+        self._publish(back)
+
+    def again(self, event: Event) -> None:
+        """Take a word once more, as an earlier process of this session told it."""
+        data = event.data
+        with contextlib.suppress(CellwattError, KeyError):  # its alarm is over, or is not known yet
+            match event.kind:
+                case "acknowledged":
+                    self._book.acknowledge(data["alarm"], data["name"], data["note"], event.time)
+                case "shelved":
+                    self._book.shelve(data["alarm"], data["until"], data["name"], data["note"], event.time)
+                case "unshelved":
+                    self._book.unshelve(data["alarm"], event.time)
+
+    def _tell(self, kind: str, alarm_id: str, name: str, note: str, **more: int) -> None:
+        text = f"{name} {_DONE[kind]} {alarm_id}{': ' if note else ''}{note}"
+        alarm = self._book[alarm_id].alarm if alarm_id in self._book else None
+        source = alarm.source if alarm is not None else None
+        self._say(Event(self._now(), source, kind, text, {"alarm": alarm_id, "name": name, "note": note, **more}))
+
+    # the file -------------------------------------------------------------------------------------
+
+    def read(self, folder: Path) -> None:
+        """Take up the words that hold. A file that cannot be read is told in the log and left out."""
+        path = folder / FILE
+        try:
+            kept = _Kept.model_validate_json(read_bytes(path))
+            if kept.session == self._session:
+                self._book.adopt(standing for standing in kept.alarms if standing["shelf"])
+            else:
+                self._book.expect(kept.alarms, self._now() + AGAIN)
+        except FileNotFoundError:
+            return
+        except (OSError, ValidationError, TypeError, KeyError) as error:
+            reason = why(error) if isinstance(error, OSError) else "it is not what a daemon wrote"
+            log.warning("%s cannot be read, acknowledged and shelved alarms are forgotten: %s", path, reason)
+
+    async def keep(self, folder: Path) -> str | None:
+        """Write the words that hold, if they have changed; return the reason where they cannot be written."""
+        words = self._book.words()
+        if words == self._written:
+            return None
+        try:
+            await asyncio.to_thread(_write, folder / FILE, {"session": self._session, "alarms": words})
+        except OSError as error:
+            return f"{folder / FILE} cannot be written: {why(error)}"
+        self._written = words
+        return None
+
+
+_DONE: Final = {"acknowledged": "acknowledged", "shelved": "shelved", "unshelved": "took off the shelf"}
+
+
+def _person(name: str) -> str:
+    name = " ".join(name.split())
+    if not name:
+        raise CellwattError("say who you are: the name is empty")
+    if len(name) > LONGEST_NAME:
+        raise CellwattError(f"a name has at most {LONGEST_NAME} characters")
+    return name
+
+
+def _short(note: str) -> str:
+    if len(note) > LONGEST_NOTE:
+        raise CellwattError(f"a note has at most {LONGEST_NOTE} characters")
+    return note.strip()
+
+
+def _write(path: Path, content: Any) -> None:
+    part = path.with_name(f"{path.name}.part")
+    with part.open("w") as file:
+        json.dump(content, file)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
