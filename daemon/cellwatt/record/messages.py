@@ -41,7 +41,20 @@ _ADAPTERS: Mapping[type[Message], TypeAdapter[Any]] = {kind: TypeAdapter(kind) f
 
 def schema(kind: type[Message]) -> bytes:
     """JSON Schema of a kind of message."""
-    return json.dumps(_ADAPTERS[kind].json_schema()).encode()
+    return json.dumps(simple(_ADAPTERS[kind].json_schema())).encode()
+
+
+def simple(schema: Any) -> Any:
+    """A JSON Schema in which a value that may be null is of its other type: readers of such files know no ``anyOf``."""
+    if isinstance(schema, list):
+        return [simple(part) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    changed = {name: simple(part) for name, part in schema.items() if name != "default"}
+    options = [option for option in changed.get("anyOf", ()) if option != {"type": "null"}]
+    if len(options) != 1:
+        return changed
+    return {name: part for name, part in changed.items() if name != "anyOf"} | options[0]
 
 
 def time_of(message: Message) -> int:

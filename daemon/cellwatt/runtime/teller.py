@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ from cellwatt.sink import Journal
 log = logging.getLogger(__name__)
 
 WORDS: Final = 0.5
-"""Period, s, at which it is looked whether people said something about alarms."""
+"""Period, s, at which it is looked whether an alarm about which people said something has changed."""
 
 Item = Batch | Tick | Event | Frames | Result
 
@@ -130,7 +131,9 @@ class Teller:
             if problem is not None and problem != told:
                 log.warning("acknowledged and shelved alarms will not outlast a restart: %s", problem)
             told = problem
-            await asyncio.sleep(WORDS)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(WORDS):
+                    await self._words.said.wait()
 
     def _start_sink(self, tasks: Tasks, config: SinkConfig, before: Delivery | None = None) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)

@@ -53,6 +53,8 @@ class Words:
         publish: Callable[[list[Alarm]], None],
     ) -> None:
         self._book, self._session, self._now, self._say, self._publish = book, session, now, say, publish
+        self.said = asyncio.Event()
+        """Somebody said something that ``keep`` has not looked at."""
         self._written: list[Any] = []
 
     def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
@@ -93,6 +95,7 @@ class Words:
         alarm = self._book[alarm_id].alarm if alarm_id in self._book else None
         source = alarm.source if alarm is not None else None
         self._say(Event(self._now(), source, kind, text, {"alarm": alarm_id, "name": name, "note": note, **more}))
+        self.said.set()
 
     # the file -------------------------------------------------------------------------------------
 
@@ -113,6 +116,7 @@ class Words:
 
     async def keep(self, folder: Path) -> str | None:
         """Write the words that hold, if they have changed; return the reason where they cannot be written."""
+        self.said.clear()
         words = self._book.words()
         if words == self._written:
             return None

@@ -1,0 +1,101 @@
+"""A client that speaks the Foxglove WebSocket protocol, and keeps what it is told."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import struct
+from collections import defaultdict
+from contextlib import suppress
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosedError
+from websockets.typing import Subprotocol
+
+from tests.patience import eventually
+
+MESSAGE, TIME = 1, 2
+
+
+@dataclass
+class Told:
+    """A message: its time in UTC ns, its bytes."""
+
+    time: int
+    data: bytes
+
+
+@dataclass
+class Client:
+    """Subscribes to every topic that is advertised."""
+
+    port: int
+    info: dict[str, Any] = field(default_factory=dict)
+    channels: dict[str, dict[str, Any]] = field(default_factory=dict)
+    told: dict[str, list[Told]] = field(default_factory=lambda: defaultdict(list))
+    times: list[int] = field(default_factory=list)
+    ended: bool = False
+
+    async def __aenter__(self) -> Client:
+        self._socket: ClientConnection = await eventually(self._connect, "somebody who listens")
+        assert self._socket.subprotocol == "foxglove.sdk.v1"
+        self._reading = asyncio.create_task(self._read())
+        await eventually(lambda: self.info, "a greeting")
+        return self
+
+    async def __aexit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        await self._socket.close()
+        await self._reading
+
+    async def _connect(self) -> ClientConnection | None:
+        """A connection, or none while the server starts anew."""
+        protocols = [Subprotocol("foxglove.sdk.v1")]
+        try:
+            return await connect(f"ws://127.0.0.1:{self.port}", subprotocols=protocols, max_size=None)
+        except OSError:
+            return None
+
+    async def _read(self) -> None:
+        with suppress(ConnectionClosedError):  # the library's server says no farewell
+            await self._take()
+        self.ended = True
+
+    async def _take(self) -> None:
+        async for message in self._socket:
+            if isinstance(message, str):
+                await self._hear(json.loads(message))
+            elif message[0] == TIME:
+                self.times.append(struct.unpack("<Q", message[1:9])[0])
+            elif message[0] == MESSAGE:
+                number, time = struct.unpack("<IQ", message[1:13])
+                topic = next(t for t, channel in self.channels.items() if channel["id"] == number)
+                self.told[topic].append(Told(time, message[13:]))
+
+    async def _hear(self, said: dict[str, Any]) -> None:
+        if said["op"] == "serverInfo":
+            self.info = said
+        elif said["op"] == "advertise":
+            wanted = [{"id": channel["id"], "channelId": channel["id"]} for channel in said["channels"]]
+            self.channels |= {channel["topic"]: channel for channel in said["channels"]}
+            await self._socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def decoded(self, topic: str) -> list[Any]:
+        """The messages of a topic, read by nothing but its schema."""
+        channel = self.channels[topic]
+        if channel["encoding"] == "json":
+            return [json.loads(told.data) for told in self.told[topic]]
+        kind = message_class(channel["schemaName"], base64.b64decode(channel["schema"]))
+        return [kind.FromString(told.data) for told in self.told[topic]]
+
+
+def message_class(name: str, schema: bytes) -> Any:
+    """The class of a type of messages that a serialised FileDescriptorSet describes."""
+    pool = descriptor_pool.DescriptorPool()
+    for file in descriptor_pb2.FileDescriptorSet.FromString(schema).file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
