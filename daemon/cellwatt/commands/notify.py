@@ -1,0 +1,76 @@
+"""``cellwatt notify``: tries the recipients of alarms."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+
+from cellwatt.commands import EXIT_ERROR
+from cellwatt.config import load
+from cellwatt.errors import CellwattError, ConfigError
+from cellwatt.sinks.notify import channels
+from cellwatt.sinks.notify.answer import Channel, cleaned
+from cellwatt.sinks.notify.quiet import zone_of
+from cellwatt.sinks.notify.settings import NotifySettings, RecipientSettings
+from cellwatt.sinks.notify.texts import About
+from cellwatt.sinks.notify.told import Message
+
+PATIENCE = 8.0
+"""Longest time, s, for one recipient, unless the settings allow less."""
+
+
+@click.command()
+@click.option("--test", is_flag=True, required=True, help="Send a test message to each recipient.")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("recipient", required=False)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object: the reason of each, or null.")
+def command(test: bool, file: Path, recipient: str | None, as_json: bool) -> None:
+    """Send a test message to the recipients of alarms in FILE, or to RECIPIENT alone.
+
+    The daemon need not run. Prints ok or the reason for each. Exit code 3 if any is not reached.
+    """
+    config = load(file)
+    sink = config.sinks.get("notify")
+    if sink is None or not isinstance(sink.settings, NotifySettings):
+        raise ConfigError(f"{file}: notify: there is none: name the recipients with 'notify: {{to: …}}'")
+    settings = sink.settings
+    if recipient is not None and recipient not in settings.to:
+        raise ConfigError(f"{file}: notify.to: no recipient {recipient!r} (there are: {', '.join(settings.to)})")
+    about = About(config.site, config.cell, settings.page, zone_of(settings.zone))
+    chosen = {name: to for name, to in settings.to.items() if recipient in (None, name)}
+    made = {name: channels.make(to, about, min(settings.timeout, PATIENCE)) for name, to in chosen.items()}
+    answers = asyncio.run(_try_all(chosen, made, tell=not as_json))
+    if as_json:
+        click.echo(json.dumps(answers))
+    if any(reason is not None for reason in answers.values()):
+        sys.exit(EXIT_ERROR)
+
+
+async def _try_all(
+    to: Mapping[str, RecipientSettings], made: Mapping[str, Channel], *, tell: bool
+) -> dict[str, str | None]:
+    """Try all recipients at the same time; return for each why it is not reached, or ``None``."""
+
+    async def attempt(name: str) -> str | None:
+        reason = await _try(to[name], made[name])
+        if tell:
+            click.echo(f"{name} ({to[name].place}): {reason or 'ok'}")
+        return reason
+
+    return dict(zip(to, await asyncio.gather(*map(attempt, to)), strict=True))
+
+
+async def _try(to: RecipientSettings, channel: Channel) -> str | None:
+    try:
+        answer = await channel.send(Message(uuid.uuid4().hex, time.time_ns()))
+    except CellwattError as error:
+        return cleaned(str(error), to.secrets)
+    missing = {**answer.refused, **answer.later}
+    return cleaned("; ".join(f"{address}: {reason}" for address, reason in missing.items()), to.secrets) or None

@@ -1,0 +1,1 @@
+"""Sends alarms of the cell to people: by mail, webhook, ntfy and Home Assistant, each once."""
