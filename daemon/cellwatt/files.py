@@ -87,6 +87,16 @@ def read_text(path: Path, limit: int = WRITTEN) -> str:
     return read_bytes(path, limit).decode("utf-8")
 
 
+def replace_text(path: Path, text: str) -> None:
+    """Put a text in place of a file, whole or not at all, and on the disk itself. Raises ``OSError``."""
+    part = path.with_name(f"{path.name}.part")
+    with part.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
 def _check(status: os.stat_result, limit: int | None) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))

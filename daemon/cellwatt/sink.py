@@ -48,6 +48,8 @@ class CellView(Protocol):
     cell: str
     folder: Path
     """Folder from which relative paths of the settings start."""
+    record_folder: Path | None
+    """Folder of the recordings, where there are any."""
     session: int
     """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
     journal: Journal | None
@@ -108,6 +110,8 @@ class Sink(ABC, Generic[S]):
         self.settings = settings
         self.view = view
         self.account = Account()
+        self.url: str | None = None
+        """Address at which people find it, for health, while there is one."""
 
     @abstractmethod
     def offer(self, item: Item) -> None:

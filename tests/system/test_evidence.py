@@ -73,6 +73,7 @@ stages:
     assert f"Joint {JOINT}" in page and alarm.statement.split(":")[0] in page and "<svg" in page
 
 
+@pytest.mark.slow
 async def test_a_fast_rotating_folder_is_exported_again_and_again(tmp_path: Path) -> None:
     """Files of half a second, kept for some seconds: they are closed, and removed, while an export reads them."""
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:

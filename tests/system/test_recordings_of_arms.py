@@ -75,8 +75,8 @@ CASES = {
 
 LONG, WAITED = 20.0, 72.0
 """s of a recording within which clocks are compared, and that the arm may have kept us waiting before a shorter one."""
-USUAL = ("made", "ur10e-excitation", "ur3e-L0L1")
-"""One of each arm, the shorter of the UR10e; the others are among the slow tests."""
+USUAL = ("made", "ur3e-L0L1")
+"""The emulated arm and one real one; the others are among the slow tests."""
 
 
 @pytest.mark.parametrize(

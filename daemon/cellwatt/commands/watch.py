@@ -15,8 +15,8 @@ import click
 from rich.console import Console
 from rich.live import Live
 
+from cellwatt.commands.cell_link import cell_options, client, target, tls_of
 from cellwatt.commands.numbers import SECONDS
-from cellwatt.config import load
 from cellwatt.errors import SinkError
 from cellwatt.live.as_json import line_of
 from cellwatt.live.bulletin import Bulletin
@@ -24,8 +24,7 @@ from cellwatt.live.site import site as table_of
 from cellwatt.live.site import summary
 from cellwatt.live.view import Look
 from cellwatt.publish.heard import await_cell, site_health
-from cellwatt.publish.link import TlsSettings, open_session
-from cellwatt.publish.reach import client_of, link_to
+from cellwatt.publish.link import open_session
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
 if TYPE_CHECKING:
@@ -39,18 +38,10 @@ PULSE = 1.0
 """Longest time, s, without a look at the clock."""
 REDRAW = 2.0
 """s between two tables of a site."""
-PEM = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 @click.command()
-@click.argument("file", required=False, type=click.Path(path_type=Path))
-@click.option("--connect", metavar="ENDPOINT", help="Where the cell or its router listens, e.g. tcp/192.0.2.1:7447.")
-@click.option("--site", help="Site of the cell (with --connect).")
-@click.option("--cell", help="Name of the cell (with --connect).")
-@click.option("--ca", type=PEM, help="Authority that signed the cell's certificate: for tls/ endpoints.")
-@click.option("--certificate", type=PEM, help="Your own certificate, where the cell asks for one (with --ca, --key).")
-@click.option("--key", type=PEM, help="Its private key.")
-@click.option("--verify", type=PEM, help="The cell's public key: leave out what it has not signed.")
+@cell_options
 @click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
 @click.option(
     "--json", "as_json", is_flag=True, help="One JSON line a message; blocks as first, count, time and power."
@@ -88,17 +79,17 @@ def command(
     In a terminal it is a dashboard; keys stand in its last line. Elsewhere it prints a line for each alarm, interval,
     task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not heard.
     """
-    tls = _tls(ca, certificate, key)
+    tls = tls_of(ca, certificate, key)
     screen = not as_json and sys.stdin.isatty() and sys.stdout.isatty()
     if file is None and connect and site and not cell:
-        link = _client(connect, tls)
+        link = client(connect, tls)
         with contextlib.suppress(KeyboardInterrupt), open_session(link, patience=patience) as session:
             if screen:
                 _show_site(session, site, seconds)
             else:
                 _print_site(session, site, as_json=as_json)
         return
-    site, cell, link = _target(file, connect, site, cell, tls)
+    site, cell, link = target(file, connect, site, cell, tls)
     want = topics or (SHOWN if screen else QUIET)
     with contextlib.suppress(KeyboardInterrupt):
         _await(link, site, cell, patience, wait=wait)
@@ -119,31 +110,6 @@ def _unicode(stream: TextIO) -> bool:
     except UnicodeError:
         return False
     return True
-
-
-def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:
-    if ca is None and certificate is None and key is None:
-        return None
-    if ca is None or (certificate is None) != (key is None):
-        raise click.UsageError("give --ca, and --certificate and --key together where the cell asks for yours")
-    return TlsSettings(root_ca=ca, certificate=certificate, key=key)
-
-
-def _target(
-    file: Path | None, connect: str | None, site: str | None, cell: str | None, tls: TlsSettings | None
-) -> tuple[str, str, LinkSettings]:
-    if file is not None:
-        config = load(file)
-        return config.site, config.cell, link_to(config, connect, "; or use --connect", tls)
-    if not (connect and site and cell):
-        raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
-    return site, cell, _client(connect, tls)
-
-
-def _client(connect: str, tls: TlsSettings | None) -> LinkSettings:
-    if connect.startswith(("tls/", "quic/")) and tls is None:
-        raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
-    return client_of(connect, tls)
 
 
 def _print_site(session: zenoh.Session, site: str, *, as_json: bool) -> None:

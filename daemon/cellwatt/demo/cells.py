@@ -79,10 +79,19 @@ def packaged() -> Path:
     return found if found.exists() else Path(__file__).resolve().parents[3] / "examples" / "demo.yaml"
 
 
-def environment(folder: Path, endpoint: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:
-    """The environment variables that ``demo.yaml`` reads, with the settings that lead to the emulators."""
+def shape_file() -> Path:
+    """URDF of the emulated arm."""
+    return Path(__file__).with_name("arm.urdf")
+
+
+def environment(folder: Path, endpoint: str, page: str, settings: Mapping[KeyPath, Any]) -> dict[str, str]:
+    """The environment variables that ``demo.yaml`` reads, with the settings that lead to the emulators.
+
+    ``endpoint`` and ``page`` are the addresses of the bus and of the cell's page, host:port.
+    """
     told = dict(os.environ, CELLWATT_DEMO_FOLDER=str(folder), CELLWATT_DEMO_ENDPOINT=f"tcp/{endpoint}")
-    told["CELLWATT_DEMO_MODEL"] = str(model_file())
+    told |= {"CELLWATT_DEMO_MODEL": str(model_file()), "CELLWATT_DEMO_SHAPE": str(shape_file())}
+    told["CELLWATT_DEMO_PAGE"] = page
     for (_, name, key), value in settings.items():
         told[f"CELLWATT_DEMO_{str(name).upper()}_{str(key).upper()}"] = str(value)
     return told

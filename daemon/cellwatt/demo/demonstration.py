@@ -49,16 +49,16 @@ class Demonstration:
 
         Raises ``CellwattError`` when a process does not start.
         """
-        endpoint = cells.free_endpoint()
-        config = load(cells.packaged(), cells.environment(self.folder, endpoint, {}))
+        endpoint, page = cells.free_endpoint(), cells.free_endpoint()
+        config = load(cells.packaged(), cells.environment(self.folder, endpoint, page, {}))
         devices = devices_of(config, free=True, speeds=cells.SPEEDS)
         hooked: float | None = None
         async with running(devices, self.epoch) as emulators:
-            told = cells.environment(self.folder, endpoint, places(devices, emulators))
+            told = cells.environment(self.folder, endpoint, page, places(devices, emulators))
 
             async def play() -> None:
                 nonlocal hooked
-                hooked = await self._hook(emulators)
+                hooked = await self._hook(emulators, page)
 
             code = await self._follow(processes.daemon(cells.packaged(), self.folder, told), endpoint, play)
         power = power_of(self.folder, self.epoch, hooked)
@@ -118,9 +118,10 @@ class Demonstration:
                 reading.cancel()
             return daemon.returncode
 
-    async def _hook(self, emulators: Mapping[str, EmulatorProcess]) -> float | None:
+    async def _hook(self, emulators: Mapping[str, EmulatorProcess], page: str) -> float | None:
         """Hook the spring on halfway; return the UTC time of it, s, or None where the demo ended before."""
-        self.say(f"running for {self.seconds:.0f} s; the spring comes halfway")
+        look = f"in a browser: http://{page}"
+        self.say(f"running for {self.seconds:.0f} s; the spring comes halfway; {look}")
         start = time.time()
         hooked = fault.next_start(start + self.seconds / 2, self.epoch)
         await self._pause(hooked - 0.5 - time.time())
@@ -128,7 +129,7 @@ class Demonstration:
             return None
         for name in fault.FAULTY:
             await emulators[name].disturb(spring=float(fault.JOINT), at=hooked - self.epoch, **fault.SPRING)
-        self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}")
+        self.say(f"a spring is hooked on joint {fault.JOINT} of {fault.FAULTY[0]}; {look}")
         await self._pause(start + self.seconds - time.time())
         return hooked
 

@@ -48,13 +48,17 @@ def _protocol(endpoint: str) -> str | None:
     found = _NETWORK.fullmatch(endpoint)
     if found is None:
         return None  # a socket, pipe or serial line of this PC
-    host = found[2].strip("[]")
+    return None if stays_here(found[2].strip("[]")) else found[1]
+
+
+def stays_here(host: str) -> bool:
+    """True if only programs of this PC reach what listens at a host."""
     if host.lower() == "localhost":
-        return None
+        return True
     try:
-        return None if ip_address(host).is_loopback else found[1]
+        return ip_address(host).is_loopback
     except ValueError:
-        return found[1]
+        return False
 
 
 def _denies(settings: LinkSettings) -> bool:

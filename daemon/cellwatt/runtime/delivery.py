@@ -90,4 +90,5 @@ class Delivery:
         if time.monotonic() > self._serves_from:
             self._ended = None
         error = self._ended or broke or trouble
-        return {"state": "down" if error else "ok", "error": error, **self._sink.account.snapshot()}
+        where = {} if self._sink.url is None else {"url": self._sink.url}
+        return {"state": "down" if error else "ok", "error": error, **where, **self._sink.account.snapshot()}

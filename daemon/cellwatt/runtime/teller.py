@@ -13,10 +13,13 @@ from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, SinkConfig, public_config
+from cellwatt.files import replace_text
 from cellwatt.frames import Frames, Layout
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import sink as find_sink
 from cellwatt.results import Alarm, Event, Result
+from cellwatt.runtime import consumption
+from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
 from cellwatt.runtime.health import colour, describe, told_of
@@ -27,6 +30,8 @@ from cellwatt.sink import Journal
 
 log = logging.getLogger(__name__)
 
+ENERGY: Final = 10.0
+"""Period, s, at which the energy of today is written."""
 WORDS: Final = 0.5
 """Period, s, at which it is looked whether an alarm about which people said something has changed."""
 
@@ -56,6 +61,8 @@ class Teller:
         self._results = 0
         self.journal = journal
         self.alarms = AlarmBook(Damping())
+        self.record_folder = None if config.record is None else config.record.folder
+        self._consumption = Consumption()
         self._words = Words(self.alarms, session, now, self.take, self._publish)
         for _, item in journal.past() if journal is not None else ():
             if isinstance(item, Alarm):
@@ -75,8 +82,11 @@ class Teller:
             self.recorder = Recorder(self._config.record, self._header())
             await asyncio.to_thread(self.recorder.start)
             self._history = History(self._config.record.folder, self.recorder)
-            await asyncio.to_thread(self._words.read, self._config.record.folder)
-            tasks.spawn("words", self._keep_words(self._config.record.folder))
+            folder = self._config.record.folder
+            await asyncio.to_thread(self._words.read, folder)
+            await asyncio.to_thread(self._consumption.read, folder)
+            tasks.spawn("words", self._keep_words(folder))
+            tasks.spawn("energy", self._keep_energy(folder))
             tasks.spawn("recovery", self._report_recovery(self.recorder))
             known = [standing.alarm for standing in self.alarms.raised]
             self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
@@ -107,9 +117,10 @@ class Teller:
     async def close(self, tasks: Tasks) -> None:
         """Let sinks and the record finish what is queued."""
         await self.stop(tasks, self.sinks)
-        await tasks.end(["evidence", "words"])
+        await tasks.end(["evidence", "words", "energy"])
         if self._config.record is not None:
             await self._words.keep(self._config.record.folder)
+            await self._write_energy(self._config.record.folder)
         if self.recorder is not None:
             await self.recorder.close()
         if self.evidence is not None:
@@ -134,6 +145,17 @@ class Teller:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(WORDS):
                     await self._words.said.wait()
+
+    async def _keep_energy(self, folder: Path) -> None:
+        """Keep the energy of today on disk."""
+        while True:
+            await asyncio.sleep(ENERGY)
+            await self._write_energy(folder)
+
+    async def _write_energy(self, folder: Path) -> None:
+        if text := self._consumption.text():
+            with contextlib.suppress(OSError):  # the recorder tells of a disk that refuses
+                await asyncio.to_thread(replace_text, folder / consumption.FILE, text)
 
     def _start_sink(self, tasks: Tasks, config: SinkConfig, before: Delivery | None = None) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
@@ -165,6 +187,8 @@ class Teller:
             new = item.id not in self.alarms
             self._publish(self.alarms.take(item), new=new)
         else:
+            if isinstance(item, Frames):
+                self._consumption.add(item)
             self._offer(item)
 
     def withdraw(self, stages: Collection[str], why: str) -> None:
@@ -212,6 +236,7 @@ class Teller:
             "time": now,
             **parts,
             "warnings": self._warnings,
+            **self._consumption.told(),
             "results": self._results,
             "sinks": {name: sink.status() for name, sink in self.sinks.items()},
             "recorder": self.recorder.stats() if self.recorder is not None else None,

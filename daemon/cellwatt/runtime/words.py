@@ -10,7 +10,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +18,7 @@ from pydantic import BaseModel, ValidationError
 
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import CellwattError, why
-from cellwatt.files import read_bytes
+from cellwatt.files import read_bytes, replace_text
 from cellwatt.results import Alarm, Event
 
 log = logging.getLogger(__name__)
@@ -121,7 +120,9 @@ class Words:
         if words == self._written:
             return None
         try:
-            await asyncio.to_thread(_write, folder / FILE, {"session": self._session, "alarms": words})
+            await asyncio.to_thread(
+                replace_text, folder / FILE, json.dumps({"session": self._session, "alarms": words})
+            )
         except OSError as error:
             return f"{folder / FILE} cannot be written: {why(error)}"
         self._written = words
@@ -144,12 +145,3 @@ def _short(note: str) -> str:
     if len(note) > LONGEST_NOTE:
         raise CellwattError(f"a note has at most {LONGEST_NOTE} characters")
     return note.strip()
-
-
-def _write(path: Path, content: Any) -> None:
-    part = path.with_name(f"{path.name}.part")
-    with part.open("w") as file:
-        json.dump(content, file)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)

@@ -139,6 +139,7 @@ def without_times(result: str) -> dict:
     return found
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_and_comes_to_the_same_figures(bench, tmp_path, monkeypatch):
     (tmp_path / "temporary").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))  # who is killed leaves its own behind

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,8 @@ class FakeView:
     site, cell = SITE, CELL
 
     journal = None
+    folder = Path("/")
+    record_folder: Path | None = None
 
     def __init__(self, session: int = EPOCH) -> None:
         self.session = session

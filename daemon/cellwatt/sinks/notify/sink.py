@@ -7,7 +7,6 @@ import logging
 from collections import deque
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from pydantic import TypeAdapter, ValidationError
@@ -48,7 +47,7 @@ class NotifySink(Sink[NotifySettings]):
         self._status: Mapping[str, Any] | None = None
         self._fresh = asyncio.Event()
         self._couriers: dict[str, Courier] = {}
-        self._folder = settings.folder or _record_folder(view)
+        self._folder = settings.folder or view.record_folder
         self._ledger = Ledger(None if self._folder is None else self._folder / FILE)
         self._read = False
 
@@ -160,9 +159,3 @@ class NotifySink(Sink[NotifySettings]):
             courier.unattended(unattended)
             for alarm in status.get("shelved", ()):
                 courier.shelved(alarm["id"])
-
-
-def _record_folder(view: CellView) -> Path | None:
-    """Folder of the recordings, if there is one and it is known."""
-    folder = (view.config().get("record") or {}).get("folder")
-    return Path(folder) if isinstance(folder, str) and "${" not in folder else None

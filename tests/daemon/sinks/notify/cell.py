@@ -64,14 +64,11 @@ class View:
 
     def __init__(self, folder: Path, session: int = EPOCH, journal: Journal | None = None, record: bool = True) -> None:
         self.folder, self.session, self.journal = folder, session, journal
-        self._record = record
+        self.record_folder = folder if record else None
         self.told: Mapping[str, Any] = {}
 
     def status(self) -> Mapping[str, Any]:
         return self.told
-
-    def config(self) -> Mapping[str, Any]:
-        return {"record": {"folder": str(self.folder)} if self._record else None}
 
 
 def sink(view: View, to: Mapping[str, Any], **more: Any) -> NotifySink:

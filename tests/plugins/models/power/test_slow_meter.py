@@ -34,6 +34,7 @@ def slow(moves: Moves, window: float, late: float) -> Moves:
     return replace(moves, power=power)
 
 
+@pytest.mark.slow  # two trainings
 def test_the_meter_costs_little(case):
     arm, known, unseen = case
     errors = []

@@ -39,6 +39,7 @@ def test_power_alone_gives_a_model_of_power(case):
     assert score.power < 0.25 * unseen.power.std()
 
 
+@pytest.mark.slow
 def test_currents_alone_give_a_model_of_currents(case, monkeypatch):
     monkeypatch.setattr(scg_network, "ITERATIONS", 10)
     arm, known, unseen = case

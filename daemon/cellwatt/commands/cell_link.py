@@ -1,0 +1,69 @@
+"""Options of commands that look at running cells over Zenoh, and the link that they stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from cellwatt.config import CellConfig, load
+from cellwatt.publish.link import TlsSettings
+from cellwatt.publish.reach import client_of, link_to
+from cellwatt.subscriber import LinkSettings
+
+PEM: Final = click.Path(exists=True, dir_okay=False, path_type=Path)
+_OPTIONS: Final = (
+    click.argument("file", required=False, type=click.Path(path_type=Path)),
+    click.option(
+        "--connect", metavar="ENDPOINT", help="Where the cell or its router listens, e.g. tcp/192.0.2.1:7447."
+    ),
+    click.option("--site", help="Site of the cell (with --connect)."),
+    click.option("--cell", help="Name of the cell (with --connect)."),
+    click.option("--ca", type=PEM, help="Authority that signed the cell's certificate: for tls/ endpoints."),
+    click.option(
+        "--certificate", type=PEM, help="Your own certificate, where the cell asks for one (with --ca, --key)."
+    ),
+    click.option("--key", type=PEM, help="Its private key."),
+    click.option("--verify", type=PEM, help="The cell's public key: leave out what it has not signed."),
+)
+
+
+def cell_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Put the options that name a cell, and the link to it, before those of a command."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def tls_of(ca: Path | None, certificate: Path | None, key: Path | None) -> TlsSettings | None:
+    """The certificates given on the command line. Raises ``click.UsageError`` where one is missing."""
+    if ca is None and certificate is None and key is None:
+        return None
+    if ca is None or (certificate is None) != (key is None):
+        raise click.UsageError("give --ca, and --certificate and --key together where the cell asks for yours")
+    return TlsSettings(root_ca=ca, certificate=certificate, key=key)
+
+
+def target(
+    file: Path | None, connect: str | None, site: str | None, cell: str | None, tls: TlsSettings | None
+) -> tuple[str, str, LinkSettings]:
+    """Site, name and link of the cell of a settings file, or of the other options."""
+    if file is not None:
+        return target_of(load(file), connect, tls)
+    if not (connect and site and cell):
+        raise click.UsageError("give a cell's FILE, or --connect, --site and --cell")
+    return site, cell, client(connect, tls)
+
+
+def target_of(config: CellConfig, connect: str | None, tls: TlsSettings | None) -> tuple[str, str, LinkSettings]:
+    """Site, name and link of the cell of settings that are read."""
+    return config.site, config.cell, link_to(config, connect, "; or use --connect", tls)
+
+
+def client(connect: str, tls: TlsSettings | None) -> LinkSettings:
+    """The link to an endpoint. Raises ``click.UsageError`` where it needs certificates and has none."""
+    if connect.startswith(("tls/", "quic/")) and tls is None:
+        raise click.UsageError(f"{connect} needs --ca FILE, and --certificate and --key where the cell asks for yours")
+    return client_of(connect, tls)

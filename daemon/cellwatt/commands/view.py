@@ -1,0 +1,167 @@
+"""``cellwatt view``: shows a running cell, or all cells of a site, in a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from pydantic import ValidationError
+
+from cellwatt.commands.cell_link import cell_options, client, target, target_of, tls_of
+from cellwatt.commands.numbers import SECONDS
+from cellwatt.config import CellConfig, load
+from cellwatt.errors import ConfigError, why
+from cellwatt.files import read_text
+from cellwatt.sinks.page import PageSettings
+from cellwatt.sinks.page.passwords import hash_of
+from cellwatt.subscriber import LinkSettings
+from cellwatt.yaml_file import NotYamlError, parse_yaml
+
+
+@click.command()
+@cell_options
+@click.option("--listen", metavar="HOST:PORT", help="Where the page is served (default: 127.0.0.1:8480).")
+@click.option(
+    "--page",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="YAML file with the keys of page: in a cell's file: users, certificate … (default: those of FILE).",
+)
+@click.option("--arm", "arms", multiple=True, metavar="SOURCE=FILE", help="URDF or robot.yaml of a source; repeatable.")
+@click.option("--foxglove", is_flag=True, help="Serve the Foxglove app instead of browsers.")
+@click.option(
+    "--foxglove-layout",
+    "layout",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write the Foxglove app's layout for the cell of FILE, and end.",
+)
+@click.option("--hash-password", is_flag=True, help="Ask for a password and print what to write under users.")
+@click.option("--seconds", type=SECONDS, help="How long (default: until Ctrl-C).")
+def command(
+    file: Path | None,
+    connect: str | None,
+    site: str | None,
+    cell: str | None,
+    ca: Path | None,
+    certificate: Path | None,
+    key: Path | None,
+    verify: Path | None,
+    listen: str | None,
+    page: Path | None,
+    arms: tuple[str, ...],
+    foxglove: bool,
+    layout: Path | None,
+    hash_password: bool,
+    seconds: float | None,
+) -> None:
+    """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
+
+    The page only looks: alarms are acknowledged on the page that the cell itself serves (page: in its file).
+    """
+    if hash_password:
+        click.echo(str(hash_of(click.prompt("Password", hide_input=True, confirmation_prompt=True, err=True))))
+        return
+    tls = tls_of(ca, certificate, key)
+    config = None if file is None else load(file)
+    if layout is not None:
+        _write_layout(layout, config)
+        return
+    own = None if config is None or "page" not in config.sinks else config.sinks["page"].settings
+    if page is not None:
+        values = _written(page)
+    else:
+        values = own.told() if isinstance(own, PageSettings) else {}
+        values.pop("listen", None)  # there the cell's own page is
+    settings = _settings(values, listen, arms, page)
+    if config is None and connect and site and not cell:
+        if foxglove:
+            raise click.UsageError("--foxglove shows one cell: give --cell, too")
+        _run(settings, client(connect, tls), site, None, None, seconds)
+        return
+    if config is None:
+        site, cell, link = target(None, connect, site, cell, tls)
+    else:
+        site, cell, link = target_of(config, connect, tls)
+    if foxglove:
+        _foxglove(link, site, cell, settings, seconds, verify, elsewhere=listen is not None)
+    else:
+        _run(settings, link, site, cell, verify, seconds)
+
+
+def _write_layout(out: Path, config: CellConfig | None) -> None:
+    from cellwatt.foxglove.layout import layout_of, text_of
+
+    if config is None:
+        raise click.UsageError("--foxglove-layout is made from a cell's FILE")
+    try:
+        out.write_text(text_of(layout_of(config)))
+    except OSError as error:
+        raise ConfigError(f"{out} cannot be written: {why(error)}") from None
+    click.echo(f"wrote {out}: in the app, import it as a layout")
+
+
+def _written(file: Path) -> dict[str, Any]:
+    """Settings of the page in a file; relative paths in it start at its folder."""
+    from cellwatt.config.fields import anchored
+
+    try:
+        values = parse_yaml(read_text(file))
+    except (OSError, UnicodeDecodeError, NotYamlError) as error:
+        raise ConfigError(f"{file}: {error}") from None
+    if not isinstance(values, dict):
+        raise ConfigError(f"{file}: expected settings of the page (users: …, certificate: …)")
+    return {str(key): value for key, value in anchored(PageSettings, values, file.absolute().parent).items()}
+
+
+def _settings(values: dict[str, Any], listen: str | None, arms: Sequence[str], file: Path | None) -> PageSettings:
+    shapes = dict(values.get("arms") or {})
+    for arm in arms:
+        source, separator, path = arm.partition("=")
+        if not (source and separator and path):
+            raise click.BadParameter(f"found {arm!r}, expected SOURCE=FILE", param_hint="--arm")
+        shapes[source] = path
+    try:
+        return PageSettings.model_validate({**values, "arms": shapes, **({"listen": listen} if listen else {})})
+    except ValidationError as error:
+        where = f"{file}: " if file is not None else ""
+        told = (f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}" for e in error.errors())
+        raise ConfigError(where + "; ".join(text.removeprefix(": ") for text in told)) from None
+
+
+def _run(
+    settings: PageSettings, link: LinkSettings, site: str, cell: str | None, verify: Path | None, seconds: float | None
+) -> None:
+    from cellwatt.sinks.page.viewing import view
+
+    for warning in settings.warnings():
+        click.echo(f"warning: {warning}", err=True)
+
+    async def until_told() -> None:
+        here = asyncio.current_task()
+        assert here is not None
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, here.cancel)
+        await view(settings, link, site, cell, verify, seconds, click.echo)
+
+    with contextlib.suppress(KeyboardInterrupt, asyncio.CancelledError):
+        asyncio.run(until_told())
+
+
+def _foxglove(
+    link: LinkSettings,
+    site: str,
+    cell: str,
+    settings: PageSettings,
+    seconds: float | None,
+    verify: Path | None,
+    *,
+    elsewhere: bool,
+) -> None:
+    from cellwatt.foxglove import serve
+
+    where: dict[str, Any] = {"host": settings.host, "port": settings.port} if elsewhere else {}
+    with contextlib.suppress(KeyboardInterrupt):
+        serve(link, site, cell, arms=settings.arms, seconds=seconds, verify=verify, tell=click.echo, **where)

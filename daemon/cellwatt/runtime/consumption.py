@@ -1,0 +1,106 @@
+"""The power that a cell draws now, and its energy since midnight, from the frames; for health."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections import deque
+from datetime import date, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from cellwatt.errors import why
+from cellwatt.files import read_bytes
+from cellwatt.frames import Frames, Layout
+
+log = logging.getLogger(__name__)
+
+FILE: Final = "energy.json"
+MEASURED: Final = ("supply.power", "bus.power")
+"""Channels that tell what an arm draws; the first that any source has counts, of all sources that have it."""
+SPAN: Final = 10**9
+"""ns over which the power of now is a mean."""
+
+
+class _Kept(BaseModel):
+    day: date
+    joule: float
+    time: int
+
+
+class Consumption:
+    """Power and energy of a cell; a value that is missing counts as none, so the energy is the least that it took."""
+
+    def __init__(self) -> None:
+        self._layout: Layout | None = None
+        self._columns: list[int] = []
+        self._recent: deque[tuple[int, float]] = deque()
+        self._day: date | None = None
+        self._joule = 0.0
+        self._time = 0
+
+    def add(self, frames: Frames) -> None:
+        """Add frames, in order; those that were added before are left out."""
+        if frames.layout is not self._layout:
+            self._layout, self._columns = frames.layout, _columns(frames.layout)
+            self._recent.clear()
+        if not self._columns:
+            return
+        new = int(np.searchsorted(frames.time, self._time, side="right"))
+        power = np.nansum(frames.values[new:, self._columns], axis=1)
+        step = frames.layout.step * 1e-9
+        for time, watts in zip(frames.time[new:].tolist(), power.tolist(), strict=True):
+            day = datetime.fromtimestamp(time * 1e-9).astimezone().date() if self._turns(time) else self._day
+            if day != self._day:
+                self._day, self._joule = day, 0.0
+            self._joule += watts * step
+            self._recent.append((time, watts))
+            self._time = time
+        while self._recent and self._recent[0][0] <= self._time - SPAN:
+            self._recent.popleft()
+
+    def _turns(self, time: int) -> bool:
+        """True where another day may have begun: zones change by quarters of an hour."""
+        return self._day is None or time // _QUARTER != self._time // _QUARTER
+
+    def told(self) -> dict[str, Any]:
+        """``power_W`` of now and ``energy_today_J``, ``None`` where nothing measures it."""
+        watts = [watts for _, watts in self._recent]
+        return {
+            "power_W": round(sum(watts) / len(watts), 1) if watts else None,
+            "energy_today_J": round(self._joule, 1) if self._day is not None else None,
+        }
+
+    # over a restart -------------------------------------------------------------------------------
+
+    def read(self, folder: Path) -> None:
+        """Go on with the energy of today as an earlier process has written it."""
+        try:
+            kept = _Kept.model_validate_json(read_bytes(folder / FILE))
+        except FileNotFoundError:
+            return
+        except (OSError, ValidationError) as error:
+            reason = why(error) if isinstance(error, OSError) else "it is not what a daemon wrote"
+            log.warning("%s cannot be read, the energy of today begins anew: %s", folder / FILE, reason)
+            return
+        self._day, self._joule, self._time = kept.day, kept.joule, kept.time
+
+    def text(self) -> str:
+        """What ``read`` reads; empty before anything was measured."""
+        if self._day is None:
+            return ""
+        return json.dumps({"day": self._day.isoformat(), "joule": self._joule, "time": self._time})
+
+
+_QUARTER: Final = 900 * 10**9  # ns
+
+
+def _columns(layout: Layout) -> list[int]:
+    for name in MEASURED:
+        found = [i for i, channel in enumerate(layout.channels) if channel.short == name and channel.unit == "W"]
+        if found:
+            return found
+    return []

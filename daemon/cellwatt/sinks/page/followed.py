@@ -1,0 +1,72 @@
+"""Cells that browsers look at, each followed in full over the bus, and left a while after the last browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from dataclasses import dataclass
+from typing import Final
+
+from cellwatt.errors import SinkError
+from cellwatt.publish.received import Health
+from cellwatt.sinks.page.archive import Archive, Desk
+from cellwatt.sinks.page.browsers import Browsers
+from cellwatt.sinks.page.feed import Feed
+from cellwatt.sinks.page.rooms import Room
+from cellwatt.sinks.page.streams import Hub
+from cellwatt.sinks.page.watching import UNREADABLE, watch
+from cellwatt.subscriber import LinkSettings
+
+MOST_OPEN: Final = 16
+"""Cells that are followed in full at the same time."""
+KEPT: Final = 60.0
+"""s that a cell is followed after the last browser has left it."""
+
+
+@dataclass
+class _Open:
+    room: Room
+    task: asyncio.Task[None]
+    used: float
+    """Monotonic time, s, at which somebody last asked."""
+
+
+class Followed:
+    """Rooms of cells by name, opened when they are asked for."""
+
+    def __init__(self, link: LinkSettings, browsers: Browsers, desk: Desk) -> None:
+        self._link, self._browsers, self._desk = link, browsers, desk
+        self._rooms: dict[str, _Open] = {}
+
+    def room(self, site: str, cell: str, health: Health | None) -> Room:
+        """The room of a cell; a new one begins with ``health``. Raises ``SinkError`` where too many are open."""
+        found = self._rooms.get(cell)
+        if found is None:
+            if len(self._rooms) >= MOST_OPEN:
+                raise SinkError(f"{MOST_OPEN} cells are being looked at, the most that may: close one, wait a minute")
+            feed = Feed(site, cell, Hub(self._browsers))
+            if health is not None:
+                with contextlib.suppress(*UNREADABLE):
+                    feed.take_health(health.status)
+            room = Room(feed, Archive(None, cell, None, self._desk))
+            found = self._rooms[cell] = _Open(room, asyncio.create_task(watch(self._link, feed)), 0.0)
+        found.used = time.monotonic()
+        return found.room
+
+    def leave(self, now: float) -> None:
+        """Leave the cells at which nobody has looked for a while, at monotonic time ``now``, s."""
+        for cell, opened in list(self._rooms.items()):
+            if len(opened.room.feed.hub):
+                opened.used = now
+            elif now - opened.used > KEPT:
+                opened.task.cancel()
+                del self._rooms[cell]
+
+    async def close(self) -> None:
+        """Leave all cells."""
+        tasks = [opened.task for opened in self._rooms.values()]
+        self._rooms.clear()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

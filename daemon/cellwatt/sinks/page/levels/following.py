@@ -1,0 +1,159 @@
+"""Reads a recording chunk by chunk, in the order of the file, also while it is written: each time what is new."""
+
+from __future__ import annotations
+
+import os
+import struct
+from array import array
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from io import FileIO
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from cellwatt.record import decoder
+from cellwatt.record.chunks import LARGEST_RECORD, definitions, open_chunk, parse_attachment
+from cellwatt.record.container import CHUNK_HEAD, MAGIC, RECORD, Chunk, Contents
+from cellwatt.record.decoder import Track, tracks_of
+from cellwatt.record.encoder import Item
+from cellwatt.record.openfile import DEFINITIONS
+from cellwatt.record.opening import open_recording
+from cellwatt.record.scan import read_at
+
+WINDOW: Final = 1 << 20
+"""Bytes read at once."""
+_INDEX: Final = struct.Struct("<H")
+_LAST: Final = int(max(Opcode))
+_FRONT: Final = RECORD.size + CHUNK_HEAD.size
+"""Bytes of a record that are looked at."""
+
+
+class Places:
+    """Chunks of a recording: offsets, lengths and times, in order of the file."""
+
+    def __init__(self) -> None:
+        self._rows = array("q")
+
+    def add(self, offset: int, length: int, start: int, end: int) -> None:
+        """One more chunk; ``start`` and ``end`` UTC ns."""
+        self._rows.extend((offset, length, start, end))
+
+    def within(self, start: int, end: int) -> NDArray[np.int64]:
+        """Offset and length (n, 2) of those that may hold something from ``start`` to before ``end`` UTC ns."""
+        rows = np.array(self._rows, np.int64).reshape(-1, 4)
+        return rows[(rows[:, 3] >= start) & (rows[:, 2] < end), :2]
+
+
+def chunk_at(file: FileIO, offset: int, length: int) -> bytes:
+    """Records of a chunk. Raises ``ValueError`` where it is damaged."""
+    return open_chunk(read_at(file, length, offset)[RECORD.size :]).data
+
+
+def places_of(chunks: Iterable[Chunk]) -> Places:
+    """The chunks that the summary of a closed recording lists."""
+    found = Places()
+    for chunk in chunks:
+        found.add(chunk.offset, chunk.length, chunk.start, chunk.end)
+    return found
+
+
+class Follower:
+    """Follows one recording from its first byte. Only chunks that have a channel of ``topics`` are opened.
+
+    A chunk that cannot be read is passed over and counted in ``damaged``; what is not whole yet waits for the next
+    look.
+    """
+
+    def __init__(self, path: Path, topics: frozenset[str]) -> None:
+        self.path = path
+        self.places = Places()
+        self.damaged = 0
+        self.ended = False
+        """True where the recording was closed and all of it was read."""
+        self.identity: tuple[int, int] | None = None
+        self._topics = topics
+        self._at = len(MAGIC)
+        self._contents = Contents()
+        self._tracks: dict[int, Track] = {}
+        self._wanted: frozenset[int] = frozenset()
+        self._defined = b""
+        self._chunk: tuple[int, int] | None = None
+        """Offset and length of the last chunk, while it is not known whether it is wanted."""
+
+    @property
+    def tracks(self) -> dict[int, Track]:
+        """Readers of the channels that are defined so far."""
+        return self._tracks
+
+    def new(self) -> Iterator[list[Item]]:
+        """Items that came since the last look, chunk by chunk; one that is left early goes on with the next call.
+
+        Raises ``OSError`` where the file cannot be read.
+        """
+        if self.ended:
+            return
+        self.path, file = open_recording(self.path)
+        with file:
+            status = os.fstat(file.fileno())
+            if self.identity not in (None, (status.st_dev, status.st_ino)):
+                raise FileNotFoundError(f"{self.path} is another file")
+            self.identity = (status.st_dev, status.st_ino)
+            if read_at(file, len(MAGIC), 0) != MAGIC:
+                return
+            yield from self._records(file, status.st_size)
+
+    def _records(self, file: FileIO, size: int) -> Iterator[list[Item]]:
+        window, base = b"", self._at
+        while not self.ended:
+            if self._at + _FRONT > base + len(window) < size:
+                window, base = read_at(file, WINDOW, self._at), self._at
+            front = window[self._at - base :][:_FRONT]
+            if len(front) < RECORD.size:
+                return
+            opcode, length = RECORD.unpack_from(front)
+            if not 0 < opcode <= _LAST or length > LARGEST_RECORD or self._at + RECORD.size + length > size:
+                return  # not written wholly yet, or torn
+            wanted = self._chunk if self._tells_of_wanted(opcode, length, front) else None
+            if wanted is not None:
+                self._chunk = None
+            self._note(file, opcode, length, front)
+            self._at += RECORD.size + length
+            if wanted is not None:
+                yield self._opened(file, *wanted)  # at last, so that a caller may go on later
+
+    def _note(self, file: FileIO, opcode: int, length: int, front: bytes) -> None:
+        """Note a record; of a chunk the place alone, until the message indexes behind it tell what is in it."""
+        if opcode == Opcode.CHUNK and length >= CHUNK_HEAD.size:
+            start, end, _, _ = CHUNK_HEAD.unpack_from(front, RECORD.size)
+            self._chunk = (self._at, RECORD.size + length)
+            self.places.add(*self._chunk, start, end)
+        elif opcode == Opcode.ATTACHMENT:
+            self._define(read_at(file, length, self._at + RECORD.size))
+        self.ended = opcode == Opcode.DATA_END
+
+    def _tells_of_wanted(self, opcode: int, length: int, front: bytes) -> bool:
+        """True for the index of a channel that is wanted."""
+        if opcode != Opcode.MESSAGE_INDEX or length < _INDEX.size:
+            return False
+        return _INDEX.unpack_from(front, RECORD.size)[0] in self._wanted
+
+    def _opened(self, file: FileIO, offset: int, length: int) -> list[Item]:
+        try:
+            return list(decoder.items(chunk_at(file, offset, length), self._tracks, self._wanted))
+        except ValueError:
+            self.damaged += 1
+            return []
+
+    def _define(self, body: bytes) -> None:
+        """Take over the definitions of channels, which stand before the chunk that needs them."""
+        with suppress(ValueError):
+            attachment = parse_attachment(body)
+            if attachment.name == DEFINITIONS and attachment.data != self._defined:
+                self._contents.define(definitions(attachment.data))
+                self._defined = attachment.data
+                self._tracks = tracks_of(self._contents.channels)[0]
+                self._wanted = frozenset(n for n, track in self._tracks.items() if track.topic in self._topics)

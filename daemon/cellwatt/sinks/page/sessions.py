@@ -1,0 +1,141 @@
+"""Logins of browsers: who they are, kept across restarts in a file that nobody else may read."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import hmac
+import json
+import logging
+import os
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from cellwatt.files import read_bytes
+
+log = logging.getLogger(__name__)
+
+FILE: Final = "page-logins.json"
+"""Name of the file beside the recordings."""
+LASTS: Final = 30 * 86400.0
+"""s that a login lasts after it was last used."""
+MOST: Final = 1000
+"""Logins that are kept; the one that ends first goes."""
+_NOTED: Final = 3600.0
+"""s between two times at which the use of a login is noted."""
+_LARGEST: Final = 1_000_000
+
+
+@dataclass(slots=True)
+class Login:
+    """One browser's login; ``proof`` changes with the user's password."""
+
+    name: str
+    proof: str
+    ends: float
+
+
+class Sessions:
+    """Logins by the SHA-256 of the token that a browser holds; ``file`` ``None`` keeps them in memory only.
+
+    ``proof_of`` gives what stands for a user's password now, ``None`` for users that are gone: a login of another
+    password is void. ``clock`` is UTC, s. All but ``save`` and ``load`` are quick.
+    """
+
+    def __init__(
+        self,
+        file: Path | None,
+        proof_of: Callable[[str], str | None],
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self._file = file
+        self._proof_of = proof_of
+        self._clock = clock
+        self._logins: dict[str, Login] = {}
+        self._secret = secrets.token_bytes(32)
+        self.changed = False
+        """True where ``save`` would write something new."""
+
+    def begin(self, name: str) -> str:
+        """Log a user in; return the token for the browser. Raises ``KeyError`` for a user that is gone."""
+        proof = self._proof_of(name)
+        if proof is None:
+            raise KeyError(name)
+        token = new_token()
+        self._logins[_key(token)] = Login(name, proof, self._clock() + LASTS)
+        while len(self._logins) > MOST:
+            del self._logins[min(self._logins, key=lambda key: self._logins[key].ends)]
+        self.changed = True
+        return token
+
+    def name_of(self, token: str) -> str | None:
+        """The user whose browser holds a token; ``None`` if nobody's does, or no more."""
+        login = self._logins.get(_key(token))
+        if login is None:
+            return None
+        now = self._clock()
+        if login.ends < now or login.proof != self._proof_of(login.name):
+            self.end(token)
+            return None
+        if login.ends < now + LASTS - _NOTED:
+            login.ends, self.changed = now + LASTS, True
+        return login.name
+
+    def end(self, token: str) -> None:
+        """Log out."""
+        if self._logins.pop(_key(token), None) is not None:
+            self.changed = True
+
+    def csrf(self, token: str) -> str:
+        """What a page that holds a token must show to change anything."""
+        return hmac.new(self._secret, token.encode(), hashlib.sha256).hexdigest()
+
+    def load(self) -> None:
+        """Read what an earlier process kept; blocks. A file that cannot be read, or that others may read, is void."""
+        if self._file is None:
+            return
+        try:
+            kept = json.loads(read_bytes(self._file, _LARGEST))
+            if self._file.stat().st_mode & 0o077:
+                raise ValueError("others may read it: its logins are void")
+            self._secret = bytes.fromhex(kept["secret"])
+            self._logins = {str(key): _login(body) for key, body in kept["logins"].items()}
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            log.warning("%s: %s; everybody has to log in again", self._file, error)
+
+    def save(self) -> None:
+        """Write what a later process needs; blocks. A failure is logged, and tried again with the next change."""
+        if self._file is None or not self.changed:
+            return
+        self.changed = False
+        now = self._clock()
+        logins = {key: asdict(login) for key, login in list(self._logins.items()) if login.ends > now}
+        new = self._file.with_name(f"{self._file.name}.new")
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                new.unlink()
+            descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+            with os.fdopen(descriptor, "w") as file:
+                json.dump({"secret": self._secret.hex(), "logins": logins}, file)
+            new.rename(self._file)
+        except OSError as error:
+            log.warning("%s cannot be written, logins end with this process: %s", self._file, error.strerror)
+
+
+def new_token() -> str:
+    """A token that cannot be guessed."""
+    return secrets.token_urlsafe(32)
+
+
+def _key(token: str) -> str:
+    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _login(body: dict[str, Any]) -> Login:
+    return Login(str(body["name"]), str(body["proof"]), float(body["ends"]))

@@ -1,0 +1,128 @@
+"""What a cell tells, as browsers get it: times in UTC ms, the fields that a page shows. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.frames import Frames, Layout
+
+Body = Mapping[str, Any]
+
+DIGITS = 7
+"""Significant digits of a continuous value in a stream; others are exact."""
+_ALARM = (
+    "id",
+    "kind",
+    "severity",
+    "active",
+    "statement",
+    "source",
+    "joint",
+    "alternatives",
+    "interval",
+    "evidence",
+    "stage",
+)
+_ENERGY = (
+    "task",
+    "variant",
+    "repetition",
+    "total",
+    "groups",
+    "group_uncertainty",
+    "uncertainty",
+    "positive_mechanical",
+    "motion_efficiency_percent",
+    "total_per_part",
+)
+
+
+def ms(time: int | None) -> float | None:
+    """UTC ns as UTC ms."""
+    return None if time is None else time / 1e6
+
+
+def alarm(body: Body, acknowledged: Body | None, evidence_page: str | None) -> dict[str, Any]:
+    """An alarm with who acknowledged it, and the address of its evidence."""
+    return {
+        **{name: body.get(name) for name in _ALARM},
+        "since": ms(body["since"]),
+        "time": ms(body["time"]),
+        "acknowledged": None if acknowledged is None else _said(acknowledged),
+        "evidence_page": evidence_page,
+    }
+
+
+def shelved(body: Body) -> dict[str, Any]:
+    """An alarm on the shelf."""
+    shelf = body["shelf"]
+    told = {name: body.get(name) for name in ("id", "kind", "severity", "statement")}
+    until = {"until": ms(shelf["until"]), "severity": shelf.get("severity")}
+    return {**told, "since": ms(body["since"]), "shelf": {**_said(shelf), **until}}
+
+
+def _said(word: Body) -> dict[str, Any]:
+    return {"name": word["name"], "note": word["note"], "time": ms(word["time"])}
+
+
+def interval(body: Body) -> dict[str, Any]:
+    """A span in which the set of moving joints did not change."""
+    told = {name: body[name] for name in ("source", "number", "moving", "closed")}
+    return {**told, "start": ms(body["start"]), "end": ms(body["end"])}
+
+
+def task(body: Body) -> dict[str, Any]:
+    """A task that was recognised."""
+    told = {name: body[name] for name in ("source", "name", "variant", "speed", "repetition")}
+    return {**told, "start": ms(body["start"]), "end": ms(body["end"])}
+
+
+def energy(body: Body) -> dict[str, Any]:
+    """Energy of one repetition of a task by consumer, J."""
+    return {**{name: body.get(name) for name in _ENERGY}, "start": ms(body["start"]), "end": ms(body["end"])}
+
+
+def event(body: Body) -> dict[str, Any]:
+    """An event of a source or the daemon."""
+    return {"t": ms(body["time"]), **{name: body.get(name) for name in ("source", "kind", "text", "data")}}
+
+
+def prediction(model: str, bodies: Sequence[Body]) -> dict[str, Any]:
+    """Messages of one model, with the same outputs, as one."""
+    values = {name: [v for body in bodies for v in body["outputs"][name]] for name in bodies[0]["outputs"]}
+    return {"model": model, "t": [ms(time) for body in bodies for time in body["time"]], "v": values}
+
+
+def channels(layout: Layout) -> list[dict[str, str]]:
+    """The columns of frames."""
+    return [{"name": c.name, "unit": c.unit, "kind": c.kind, "source": c.source} for c in layout.channels]
+
+
+def frames(blocks: Iterable[Frames], wanted: Sequence[str]) -> dict[str, Any]:
+    """Blocks of the same layout as one: times, values of the wanted channels, and the worst quality of each."""
+    parts = list(blocks)
+    layout = parts[0].layout
+    place = {name: i for i, name in enumerate(layout.names)}
+    names = [name for name in wanted if name in place]
+    columns = [place[name] for name in names]
+    values = np.concatenate([part.values[:, columns] for part in parts])
+    worst = np.concatenate([part.quality[:, columns] for part in parts]).max(axis=0, initial=0)
+    rounded = [i for i, column in enumerate(columns) if layout.channels[column].kind == "continuous"]
+    values[:, rounded] = significant(values[:, rounded])
+    return {
+        "t": (np.concatenate([part.time for part in parts]) / 1e6).tolist(),
+        "v": dict(zip(names, values.T.tolist(), strict=True)),
+        "q": dict(zip(names, worst.tolist(), strict=True)),
+    }
+
+
+def significant(values: NDArray[np.float64], digits: int = DIGITS) -> NDArray[np.float64]:
+    """Values rounded to some significant digits: half the bytes as text."""
+    known = np.isfinite(values) & (values != 0)
+    size = np.floor(np.log10(np.abs(np.where(known, values, 1.0))))
+    scale = 10.0 ** np.clip(digits - 1 - size, -300, 300)
+    return np.where(known, np.round(values * scale) / scale, values)

@@ -1,0 +1,166 @@
+"""``cellwatt view``: the page by itself over Zenoh, its options, and the hash of a password."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from cellwatt import ConfigError
+from cellwatt.commands import view
+from cellwatt.sinks.page.passwords import parse
+from tests.daemon.publish.fake_cell import CELL, SITE
+from tests.daemon.publish.processes import Child, free_port
+from tests.daemon.sinks.page.cell import HASH
+from tests.patience import PATIENCE, wait_until
+
+WHERE = ("--connect", "tcp/127.0.0.1:7447", "--site", SITE)
+
+
+def run(*arguments: object, **more: Any) -> Result:
+    return CliRunner().invoke(view.command, [str(argument) for argument in arguments], **more)
+
+
+@pytest.fixture(scope="module")
+def live() -> Iterator[str]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with Child("cell_process", listen=[endpoint]) as cell:
+        cell.ready()
+        yield endpoint
+
+
+@contextmanager
+def viewing(*arguments: str) -> Iterator[str]:
+    """The address of the page while the command runs; it ends by SIGTERM."""
+    code = "from cellwatt.commands.view import command; command()"
+    command = [sys.executable, "-c", code, *arguments, "--listen", "127.0.0.1:0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            line = process.stdout.readline()
+            yield line.removeprefix("the page is at ").rstrip("/\n")
+        finally:
+            process.send_signal(signal.SIGTERM)
+            code = process.wait(PATIENCE)
+    assert code == 0
+
+
+def get(url: str) -> Any:
+    with urllib.request.urlopen(url, timeout=PATIENCE) as response:
+        return json.load(response)
+
+
+def test_one_cell_is_served_by_itself(live: str) -> None:
+    with viewing("--connect", live, "--site", SITE, "--cell", CELL) as url:
+        assert get(f"{url}/api/site")["cells"] == [{"site": SITE, "cell": CELL}]
+        state = lambda: get(f"{url}/api/cells/{SITE}/{CELL}/state")["status"].get("state")  # noqa: E731
+        assert wait_until(state, "the cell's health") == "green"
+
+
+def test_without_a_cell_it_is_the_plant(live: str) -> None:
+    with viewing("--connect", live, "--site", SITE) as url:
+        assert get(f"{url}/api/site")["mode"] == "plant"
+        found = wait_until(lambda: [c for c in get(f"{url}/api/plant")["cells"] if c["state"]], "the cell")
+        assert (found[0]["cell"], found[0]["state"]) == (CELL, "green")
+
+
+def test_a_password_becomes_its_hash(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cellwatt.sinks.page.passwords.P", 1)
+    ended = run("--hash-password", input="correct horse\ncorrect horse\n")
+    assert ended.exit_code == 0
+    assert "correct" not in ended.output
+    assert parse(ended.stdout.strip().splitlines()[-1]).fits("correct horse")
+    assert run("--hash-password", input="one\nother\n").exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((), "give a cell's FILE, or --connect, --site and --cell"),
+        (("--site", SITE), "give a cell's FILE"),
+        (("--connect", "tls/127.0.0.1:7447", "--site", SITE), "needs --ca FILE"),
+        ((*WHERE, "--foxglove"), "--foxglove shows one cell"),
+        ((*WHERE, "--arm", "arm"), "found 'arm', expected SOURCE=FILE"),
+        ((*WHERE, "--page", "/nonexistent"), "does not exist"),
+    ],
+)
+def test_what_is_missing_is_named(arguments: tuple[str, ...], text: str) -> None:
+    ended = run(*arguments)
+    assert ended.exit_code == 2
+    assert text in ended.output
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        ("listen: 0.0.0.0:8480", "listen: open to the network without TLS and users"),
+        ("[1]", "expected settings of the page"),
+        ("users: {ada: {password: plain}}", "users.ada.password: expected the hash of a password"),
+        ("a: [", "a: "),
+        ("lissen: 1", "lissen: Extra inputs are not permitted"),
+    ],
+)
+def test_mistakes_in_its_settings_are_one_line(tmp_path: Path, content: str, text: str) -> None:
+    page = tmp_path / "page.yaml"
+    page.write_text(content)
+    error = run(*WHERE, "--page", page).exception
+    assert isinstance(error, ConfigError)
+    assert str(error).startswith(f"{page}: {'' if text == 'a: ' else text}")
+    assert "\n" not in str(error)
+    assert "plain" not in str(error)
+
+
+def test_strangers_are_not_let_in_by_an_option() -> None:
+    error = run(*WHERE, "--listen", "0.0.0.0:8480").exception
+    assert isinstance(error, ConfigError)
+    assert "open to the network without TLS and users" in str(error)
+
+
+def kept(monkeypatch: pytest.MonkeyPatch) -> list[Mapping[str, Any]]:
+    """What would be shown, in place of showing it."""
+    shown: list[Mapping[str, Any]] = []
+
+    def note(settings: Any, link: Any, site: str, cell: str | None, verify: Any, seconds: Any) -> None:
+        shown.append({"settings": settings, "link": link, "site": site, "cell": cell})
+
+    monkeypatch.setattr(view, "_run", note)
+    return shown
+
+
+def test_paths_of_its_settings_start_at_their_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = kept(monkeypatch)
+    page = tmp_path / "page.yaml"
+    page.write_text(
+        f"users: {{ada: {{password: {HASH}, may: act}}}}\ncertificate: c.pem\nkey: c.key\narms: {{arm: a.urdf}}"
+    )
+    assert run(*WHERE, "--page", page, "--listen", "[::1]:1").exit_code == 0
+    settings = shown[0]["settings"]
+    assert (settings.certificate, settings.listen) == (tmp_path / "c.pem", "[::1]:1")
+    assert settings.arms == {"arm": tmp_path / "a.urdf"}
+    assert settings.may_act("ada")
+
+
+def test_a_file_gives_the_cell(cell_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = kept(monkeypatch)
+    assert run(cell_file, "--connect", "tcp/127.0.0.1:7", "--arm", "arm=x.urdf").exit_code == 0
+    (told,) = shown
+    assert (told["site"], told["cell"], told["link"].connect) == (SITE, CELL, ("tcp/127.0.0.1:7",))
+    assert told["settings"].arms == {"arm": Path("x.urdf")}
+
+
+def test_foxglove_gets_the_same_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    served: list[Any] = []
+    monkeypatch.setattr("cellwatt.foxglove.serve", lambda *told, **more: served.append((told, more)))
+    assert run(*WHERE, "--cell", CELL, "--foxglove", "--listen", "127.0.0.1:9", "--seconds", "2").exit_code == 0
+    ((told, more),) = served
+    assert told[1:] == (SITE, CELL)
+    assert (more["host"], more["port"], more["seconds"]) == ("127.0.0.1", 9, 2.0)

@@ -1,0 +1,97 @@
+"""Power and energy of a cell in its health: against sums made by hand, over midnight and over a restart."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cellwatt import FrameChannel, Frames, Layout
+from cellwatt.runtime.consumption import FILE, Consumption
+from tests.daemon.runtime.test_teller import Told
+
+STEP = 20_000_000
+NOON = 1_790_000_000_000_000_000 // 86_400_000_000_000 * 86_400_000_000_000 + 43_200_000_000_000
+
+
+def layout(*names: str) -> Layout:
+    return Layout(tuple(FrameChannel(name, "W", "continuous", "mean") for name in names), 50.0)
+
+
+def block(columns: Layout, values: list[list[float]], start: int = NOON, sequence: int = 0) -> Frames:
+    array = np.array(values, float)
+    zeros = np.zeros(array.shape, np.int64)
+    time_ = start + STEP * np.arange(len(array))
+    return Frames(columns, sequence, time_, array, zeros.astype(np.uint8), zeros)
+
+
+@pytest.fixture(autouse=True)
+def _utc(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "UTC")
+    time.tzset()
+
+
+def test_all_supplies_count_and_no_bus_beside_them() -> None:
+    cell = Consumption()
+    columns = layout("board.supply.power", "mains.supply.power", "board.bus.power")
+    cell.add(block(columns, [[100.0, 50.0, 70.0]] * 100))
+    assert cell.told() == {"power_W": 150.0, "energy_today_J": 150.0 * 100 * 0.02}
+
+
+def test_without_a_supply_the_bus_counts_and_without_both_nothing_is_told() -> None:
+    bus, none = Consumption(), Consumption()
+    bus.add(block(layout("board.bus.power"), [[80.0]] * 50))
+    none.add(block(layout("arm.joint_1.power"), [[80.0]] * 50))
+    assert bus.told() == {"power_W": 80.0, "energy_today_J": 80.0}
+    assert none.told() == {"power_W": None, "energy_today_J": None}
+
+
+def test_power_is_the_mean_of_the_last_second_and_what_is_missing_counts_as_none() -> None:
+    cell = Consumption()
+    columns = layout("board.supply.power")
+    cell.add(block(columns, [[10.0]] * 50 + [[np.nan]] * 25 + [[30.0]] * 25))
+    assert cell.told() == {"power_W": 15.0, "energy_today_J": 10.0 + 15.0}
+
+
+def test_the_same_frames_count_once() -> None:
+    cell = Consumption()
+    frames = block(layout("board.supply.power"), [[10.0]] * 50)
+    cell.add(frames)
+    cell.add(frames)
+    assert cell.told()["energy_today_J"] == 10.0
+
+
+def test_at_midnight_it_begins_anew() -> None:
+    cell = Consumption()
+    midnight = NOON + 43_200_000_000_000
+    cell.add(block(layout("board.supply.power"), [[10.0]] * 150, start=midnight - 50 * STEP))
+    assert cell.told()["energy_today_J"] == pytest.approx(10.0 * 100 * 0.02)
+
+
+def test_after_a_restart_it_goes_on(tmp_path: Path) -> None:
+    first, second = Consumption(), Consumption()
+    columns = layout("board.supply.power")
+    first.add(block(columns, [[10.0]] * 50))
+    (tmp_path / FILE).write_text(first.text())
+    second.read(tmp_path)
+    second.add(block(columns, [[10.0]] * 100))  # the first fifty are those that were counted
+    assert second.told()["energy_today_J"] == 20.0
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"day": "yesterday"}'])
+def test_a_damaged_file_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture, text: str) -> None:
+    (tmp_path / FILE).write_text(text)
+    cell = Consumption()
+    cell.read(tmp_path)
+    assert "energy.json cannot be read" in caplog.text
+    assert cell.text() == ""
+
+
+def test_health_has_it() -> None:
+    teller = Told()
+    teller.tell(block(layout("board.supply.power"), [[10.0]] * 50))
+    teller.looked_at()
+    assert teller.status()["power_W"] == 10.0
+    assert teller.status()["energy_today_J"] == 10.0
