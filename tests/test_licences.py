@@ -15,7 +15,9 @@ PAGE = ROOT / "docs" / "licences.md"
 START, END = "<!-- what runs -->\n", "<!-- end of what runs -->\n"
 COPYLEFT = {
     "python-can": "LGPL-3.0-only",
+    "asyncua": "GNU Lesser General Public License v3 or later (LGPLv3+)",
     "certifi": "MPL-2.0",
+    "paho-mqtt": "EPL-2.0 OR BSD-3-Clause",
     "pathspec": "MPL-2.0",
     "tqdm": "MPL-2.0 AND MIT",
     "eclipse-zenoh": "Apache Software License / Eclipse Public License 2.0 (EPL-2.0)",

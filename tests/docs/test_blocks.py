@@ -19,13 +19,14 @@ import yaml
 
 from cellwatt.commands import cli
 from cellwatt.config import load
+from cellwatt.registry import available
 from tests.docs.pages import EVERY_BLOCK, PAGES, ROOT, Block, blocks
 from tests.patience import PATIENCE
 
 SHOWN = ("text", "c", "xml")
 """Languages of what is only looked at: output, wire formats, files of other programs."""
 OURS = [block for block in EVERY_BLOCK if block.language == "sh"]
-CELL_KEYS = {"site", "cell", "robot", "sources", "frames", "stages", "record", "zenoh", "units"}
+CELL_KEYS = {"site", "cell", "robot", "sources", "frames", "stages", "record", "units"} | set(available("cellwatt.sinks"))
 NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
 
 
