@@ -16,6 +16,10 @@ slow *arguments:
 lint:
     {{ python }} -m pytest -n auto tests/test_quality.py
 
+# The front end of the page, its own tests first; needs Node.js.
+front:
+    cd daemon/cellwatt/sinks/page/front && npm ci && npm test && npm run build
+
 # The pages of docs/ as a site, every link checked.
 docs:
     {{ python }} -m mkdocs build --strict

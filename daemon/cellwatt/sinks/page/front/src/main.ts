@@ -79,9 +79,11 @@ class Page {
       const only = site.mode === 'cell' ? site.cells[0] : undefined;
       return this.router.go(only ? cellPath(only.site, only.cell) : '/plant', true);
     }
+    const moved = this.view !== null;
     this.view?.close();
     this.view = null;
     put(this.shell.main);
+    if (moved) this.shell.main.focus({ preventScroll: true });
     this.follow(place);
     this.shell.show(site, place, this.cell);
     if (this.cell) this.shell.state(this.cell);

@@ -3,6 +3,7 @@
 import type { Cell } from './cell';
 import { Clock } from './clock';
 import { button, h, mark, put, say } from './dom';
+import { condition } from './condition';
 import { stateName, stateShape, stateWord } from './icons';
 import { repaint } from './palette';
 import { keep, prefs, type Theme } from './prefs';
@@ -64,7 +65,7 @@ export class Shell {
   /** Tell the state of the cell and the number of its alarms. */
   state(cell: Cell): void {
     const shape = this.crumbs.querySelector('.state-mark');
-    const state = cell.state?.status.state;
+    const state = condition(cell.state?.status.state, cell.alarms.values());
     if (shape && shape.getAttribute('data-state') !== stateName(state)) {
       mark(shape, 'data-state', stateName(state));
       put(shape, stateShape(state), h('span', { class: 'hidden' }, stateWord(state)));

@@ -130,7 +130,7 @@ describe('the plant', () => {
     ({ cell: name, state, alarms: severities.map((severity, i) => ({ id: String(i), severity, since: i, statement: '', acknowledged: false })) }) as unknown as PlantCell;
   it('has the worst first', () => {
     const cells = [cell('c10', 'green'), cell('c2', 'green'), cell('a', null), cell('b', 'gone'), cell('d', 'amber'), cell('e', 'amber', ['error']), cell('f', 'red')];
-    expect(worstFirst(cells).map((c) => c.cell)).toEqual(['f', 'e', 'd', 'b', 'a', 'c2', 'c10']);
+    expect(worstFirst(cells).map((c) => c.cell)).toEqual(['e', 'f', 'd', 'b', 'a', 'c2', 'c10']);
   });
   it('tells the gravest alarm, one that nobody knows of before others', () => {
     const { alarms } = cell('x', 'red', ['info', 'error', 'warning']);

@@ -69,6 +69,7 @@ export class Chart {
     head.append(h('ul', { class: 'legend' }, ...legend));
     this.element = h('section', { class: 'chart' }, head, this.host);
     mark(this.host, 'role', 'img');
+    this.describe();
     this.plot = new uPlot(this.options(clock, first ? HIGH : LOW), this.data as unknown as uPlot.AlignedData, this.host);
     this.touch();
   }

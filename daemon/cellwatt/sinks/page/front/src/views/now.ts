@@ -1,6 +1,7 @@
 /** What the cell is and does now, in letters that can be read from afar. */
 
 import type { Cell } from '../cell';
+import { condition } from '../condition';
 import { measuredPower, predictedPower } from '../curves/lines';
 import { h, mark, put, say } from '../dom';
 import { stateName, stateShape, stateWord } from '../icons';
@@ -25,7 +26,7 @@ export function nowCards(cell: Cell): { element: HTMLElement; close(): void } {
   };
   const ends = new Ends();
   const timer = setInterval(() => (power.show(cell), state.show(cell)), PERIOD);
-  ends.add(cell.on('state', show), cell.on('health', show), cell.on('interval', show), cell.on('task', show), () => clearInterval(timer));
+  ends.add(cell.on('state', show), cell.on('alarm', show), cell.on('health', show), cell.on('interval', show), cell.on('task', show), () => clearInterval(timer));
   show();
   return { element: h('div', { class: 'now' }, state.element, doing.element, power.element), close: () => ends.call() };
 }
@@ -47,12 +48,13 @@ function stateCard(): Card {
       const status = cell.state?.status;
       const silent = cell.state && cell.heard ? performance.now() - cell.heard : 0;
       const gone = silent > SILENT;
-      const name = gone ? 'unknown' : stateName(status?.state);
+      const state = condition(status?.state, cell.alarms.values());
+      const name = gone ? 'unknown' : stateName(state);
       if (element.dataset['state'] !== name) {
         mark(element, 'data-state', name);
-        put(shape, stateShape(gone ? null : status?.state));
+        put(shape, stateShape(gone ? null : state));
       }
-      say(word, gone ? t('now.silent', { s: Math.round(silent / 1000) }) : stateWord(status?.state));
+      say(word, gone ? t('now.silent', { s: Math.round(silent / 1000) }) : stateWord(state));
       const all = [...(status?.reasons ?? []), ...(status?.warnings ?? [])];
       const more = all.length - REASONS;
       const said = more > 1 ? [...all.slice(0, REASONS), t('now.more', { n: more })] : all;
@@ -102,7 +104,7 @@ function powerCard(): Card {
       if (!cell.state) return;
       const names = measuredPower(cell.state.channels);
       const measured = cell.latest.get(names[0] ?? '') ?? null;
-      say(which, names.length > 1 ? (names[0] as string).split('.')[0] as string : '');
+      say(which, names.length > 1 ? `· ${(names[0] as string).split('.')[0] as string}` : '');
       const said = cell.latest.get(predictedPower(cell.state)[0] ?? '') ?? null;
       const [number, shown] = parts(measured, 'W');
       say(value, number);

@@ -2,6 +2,7 @@
 
 import { plant, Refused } from '../api';
 import { h, mark, put, reorder, say } from '../dom';
+import { condition } from '../condition';
 import { severityWord, stateName, stateShape, stateWord } from '../icons';
 import { kilowattHours, parts } from '../numbers';
 import { cellPath } from '../router';
@@ -22,9 +23,14 @@ interface Tile {
   update(cell: PlantCell): void;
 }
 
+/** State of a cell with its alarms. */
+function seen(cell: PlantCell): PlantCell['state'] {
+  return condition(cell.state, cell.alarms) ?? null;
+}
+
 /** Cells from the worst to the best, those alike by name. */
 export function worstFirst(cells: readonly PlantCell[]): PlantCell[] {
-  const rank = (c: PlantCell): number => ORDER.indexOf(stateName(c.state));
+  const rank = (c: PlantCell): number => ORDER.indexOf(stateName(seen(c)));
   const grave = (c: PlantCell): number => SEVERITIES.indexOf(gravest(c.alarms)?.severity ?? '');
   return [...cells].sort(
     (a, b) => rank(a) - rank(b) || grave(b) - grave(a) || a.cell.localeCompare(b.cell, undefined, { numeric: true }),
@@ -109,16 +115,16 @@ function tile(first: PlantCell): Tile {
     element,
     update(cell) {
       found.cell = cell;
-      const state = stateName(cell.state);
+      const state = stateName(seen(cell));
       if (element.dataset['state'] !== state) {
         element.dataset['state'] = state;
-        put(shape, stateShape(cell.state));
-        say(word, stateWord(cell.state));
+        put(shape, stateShape(seen(cell)));
+        say(word, stateWord(seen(cell)));
       }
       const [power, unit] = parts(cell.power_W, 'W', 3, 1000);
       say(figures[0]!.value, cell.power_W === null ? '–' : `${power} ${unit}`);
       say(figures[1]!.value, kilowattHours(cell.energy_today_J));
-      say(figures[2]!.value, cell.task ?? '–');
+      say(figures[2]!.value, cell.task?.replaceAll('_', ' ') ?? '–');
       const alarm = gravest(cell.alarms);
       say(alarms, alarm ? counted(cell.alarms.length, 'plant.alarm', 'plant.alarms') : '');
       say(worst, alarm ? `${severityWord(alarm.severity)}: ${alarm.statement}` : quiet(cell));
@@ -137,14 +143,14 @@ function quiet(cell: PlantCell): string {
 }
 
 function text(cell: PlantCell): string {
-  return [cell.cell, stateWord(cell.state), cell.task ?? '', ...cell.alarms.map((a) => a.statement)].join(' ').toLowerCase();
+  return [cell.cell, stateWord(seen(cell)), cell.task ?? '', ...cell.alarms.map((a) => a.statement)].join(' ').toLowerCase();
 }
 
 function summarise(element: HTMLElement, cells: readonly PlantCell[]): void {
   const counts = new Map<string, { n: number; state: PlantCell['state'] }>();
   for (const cell of cells) {
-    const name = stateName(cell.state);
-    counts.set(name, { n: (counts.get(name)?.n ?? 0) + 1, state: cell.state });
+    const name = stateName(seen(cell));
+    counts.set(name, { n: (counts.get(name)?.n ?? 0) + 1, state: seen(cell) });
   }
   const key = ORDER.map((name) => `${name} ${counts.get(name)?.n ?? 0}`).join();
   if (element.dataset['key'] === key) return;
