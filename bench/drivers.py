@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-IN_TURNS = ("abb", "franka", "kinova", "modbus_meter", "can_sensor", "scpi_analyzer")
+IN_TURNS = ("abb", "franka", "kinova", "modbus_meter", "can_sensor", "scpi_analyzer", "opc_ua")
 """Benchmarks that ``drivers/sides.py`` runs: all have one shape."""
 OWN = {"ur": "rtde", "yaskawa": "hses", "power_board": "power_board"}
 """Benchmarks with more to tell than that, by driver."""

@@ -44,9 +44,7 @@ class View:
 
     site, cell, folder, journal = SITE, CELL, Path(), None
     session = time.time_ns()
-
-    def config(self) -> dict[str, Any]:
-        return {"record": None}
+    record_folder = None
 
 
 def status(cell: str) -> dict[str, Any]:

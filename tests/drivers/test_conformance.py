@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import socket
+import struct
 from dataclasses import replace
 
 from cellwatt.testing import DriverConformance, Rig
@@ -12,6 +13,7 @@ from cellwatt_drivers.can_sensor import CanSensorDriver
 from cellwatt_drivers.franka import FrankaDriver
 from cellwatt_drivers.kinova import KinovaDriver
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
+from cellwatt_drivers.opc_ua import OpcUaDriver
 from cellwatt_drivers.power_board import PowerBoardDriver
 from cellwatt_drivers.scpi_analyzer import ScpiAnalyzerDriver
 from cellwatt_drivers.ur import UrDriver
@@ -33,6 +35,7 @@ RATED = [200.0, 200.0, 100.0, 2.0, 2.0, 2.0]
 ARM = {"pulses_per_degree": [1000.0] * 6, "rated_torque": RATED, "status_rate": "10 Hz", "silence": "500 ms"}
 PULSES = {"pulses_per_degree": ",".join(["1000"] * 6), "rated_torque": ",".join(map(str, RATED)), "answer_ms": "0"}
 LINK = {"link": "{folder}/port"}
+OPC_UA = {"model": "opc_40010", "rate": "20 Hz", "publish": "50 ms", "timeout": "1 s"}
 METER = {"meter": "eastron_sdm630", "rate": "20 Hz", "timeout": "200 ms", "silence": "1 s"}
 
 
@@ -46,6 +49,25 @@ def free_udp_port() -> int:
 
 EGM = free_udp_port()
 ABB = {"egm_port": EGM, "bind": "127.0.0.1", "tls": False, "web_rate": "5 Hz", "timeout": "500 ms"}
+
+
+OPC_UA_READS = {428, 446, 452, 461, 467, 473, 527, 533, 554, 631, 751, 787, 826}
+"""Encoding ids of the requests that may be sent: none of them is Write (673), Call (712) or HistoryUpdate (700)."""
+
+
+def opc_ua(data: bytes) -> bool:
+    """Whether all messages of a connection without encryption are hellos or requests that read."""
+    while data:
+        kind, size = data[:4], struct.unpack_from("<I", data, 4)[0]
+        if kind == b"OPNF":  # three byte strings, the first of which is the policy
+            policy = struct.unpack_from("<i", data, 12)[0]
+            at = 16 + policy + 8 + 8
+        else:
+            at = 24
+        if kind != b"HELF" and struct.unpack_from("<BBH", data, at) not in {(1, 0, n) for n in OPC_UA_READS}:
+            return False
+        data = data[size:]
+    return True
 
 
 def host_only(address: str) -> dict[str, object]:
@@ -77,6 +99,7 @@ class TestConformance(DriverConformance):
                 place=slcan,
             ),
             Rig(FrankaDriver, {"timeout": "500 ms"}, None, address="127.0.0.7:1337", place=host_only, warm_up=100),
+            Rig(OpcUaDriver, OPC_UA, may_send=opc_ua, options={"rate": "20"}),
             Rig(AbbDriver, ABB, may_send=GETS.fullmatch, options={"egm": f"127.0.0.1:{EGM}"}, warm_up=50),
         )
     )

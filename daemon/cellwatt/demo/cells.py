@@ -41,6 +41,7 @@ def every_driver() -> dict[str, dict[str, Any]]:
         "power_board": {"port": "/dev/ttyUSB0"},
         "scpi_analyzer": {"host": "127.0.0.1"},
         "modbus_meter": {"host": "127.0.0.1", "meter": "eastron_sdm630", "rate": "5 Hz"},
+        "opc_ua": {"host": "127.0.0.1", "model": "opc_40010"},
         "can_sensor": {"interface": "slcan", "channel": "/dev/ttyACM0", "sensor": "ivt_s"},
     }
     return {name: {"driver": name, **given} for name, given in settings.items()}

@@ -18,8 +18,8 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.publish.messages import parse_json
 from cellwatt.results import Event, Prediction, Result
 from cellwatt.sink import CellView, Item, Sink
+from cellwatt.sinks.apart import begin, end_of, ending
 from cellwatt.sinks.page import wire
-from cellwatt.sinks.page.child import begin, end_of, ending
 from cellwatt.sinks.page.settings import PageSettings
 from cellwatt.sinks.page.wire import Kind
 
@@ -28,6 +28,7 @@ if find_spec("aiohttp") is None:  # only the process that serves imports it, but
 
 log = logging.getLogger(__name__)
 
+MODULE: Final = "cellwatt.sinks.page.serving"
 BLOCKS: Final = 512
 """Blocks of frames that may wait for the process that serves."""
 RESULTS: Final = 4096
@@ -86,7 +87,7 @@ class PageSink(Sink[PageSettings]):
 
     async def run(self) -> None:
         """Serve until cancelled. Raises ``SinkError`` with the reason if the process that serves ends."""
-        process, reader, writer = await begin()
+        process, reader, writer = await begin(MODULE, "the process that serves the page")
         async with ending(process, writer):
             try:
                 with contextlib.suppress(ConnectionError):  # it has ended

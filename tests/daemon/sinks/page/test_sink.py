@@ -201,7 +201,7 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
 async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sink_module, "BLOCKS", 20)
     monkeypatch.setattr(sink_module, "SILENT", 0.3)
-    monkeypatch.setattr("cellwatt.sinks.page.child.END", 0.1)
+    monkeypatch.setattr("cellwatt.sinks.apart.END", 0.1)
     sink = sink_of(view)
     async with serving(sink):
         child = await asyncio.to_thread(serving_process)

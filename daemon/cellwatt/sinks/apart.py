@@ -1,4 +1,4 @@
-"""The process that serves a page: begun with a socket to it, and ended in order."""
+"""A process of a sink's own, for what must not hold up the daemon: begun with a socket to it, and ended in order."""
 
 from __future__ import annotations
 
@@ -14,34 +14,39 @@ from typing import Final
 from cellwatt.child import ends_with_parent
 from cellwatt.errors import SinkError
 
-MODULE: Final = "cellwatt.sinks.page.serving"
 END: Final = 3.0
 """Longest time, s, for its end after its socket is closed, and again after it is told to end."""
-_LIMIT: Final = 2**20
+LIMIT: Final = 2**22
+"""Bytes of a line that may be read at once."""
 
 
-async def begin() -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, asyncio.StreamWriter]:
-    """Start the process, and open what it is told through. Raises ``SinkError`` if that cannot be."""
+async def begin(
+    module: str, what: str
+) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, asyncio.StreamWriter]:
+    """Start ``python -m module FD``, and open what it is told through.
+
+    Raises ``SinkError`` if that cannot be; ``what`` names it there.
+    """
     ours, theirs = socket.socketpair()
     with theirs:
         try:
-            reader, writer = await asyncio.open_connection(sock=ours, limit=_LIMIT)
+            reader, writer = await asyncio.open_connection(sock=ours, limit=LIMIT)
         except BaseException:
             ours.close()
             raise
         try:
-            return await _start(theirs), reader, writer
+            return await _start(module, what, theirs), reader, writer
         except BaseException:
             writer.close()
             raise
 
 
-async def _start(end: socket.socket) -> asyncio.subprocess.Process:
+async def _start(module: str, what: str, end: socket.socket) -> asyncio.subprocess.Process:
     try:
         return await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
-            MODULE,
+            module,
             str(end.fileno()),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
@@ -49,7 +54,7 @@ async def _start(end: socket.socket) -> asyncio.subprocess.Process:
             preexec_fn=ends_with_parent(signal.SIGTERM),
         )
     except OSError as error:
-        raise SinkError(f"the process that serves the page cannot be started: {error.strerror}") from error
+        raise SinkError(f"{what} cannot be started: {error.strerror}") from error
 
 
 @asynccontextmanager

@@ -1,0 +1,136 @@
+"""Alarms as conditions of OPC UA, which clients see come and go, and acknowledge."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from asyncua import Node, Server, ua
+from asyncua.server.event_generator import EventGenerator
+
+USER: ContextVar[str | None] = ContextVar("user", default=None)
+"""Name of the user whose client calls a method now."""
+_SEVERITY: Final = {"info": 200, "warning": 500, "error": 800}
+_LONGEST_NOTE: Final = 1000
+
+Order = Callable[[str, str, str], Awaitable[str | None]]
+"""Acknowledges an alarm by its id for a user with a note; returns why not."""
+
+
+@dataclass
+class _Condition:
+    """One alarm: its generator of events, the ids of the events told of it, and its state."""
+
+    generator: EventGenerator
+    told: list[bytes]
+    active: bool = True
+    acknowledged: bool = False
+
+
+class Conditions:
+    """Conditions of a cell by alarm; ``own`` is the number of the namespace of their nodes."""
+
+    def __init__(self, server: Server, own: int, parent: Node, order: Order) -> None:
+        self._server = server
+        self._own = own
+        self._parent = parent
+        self._order = order
+        self._known: dict[str, _Condition] = {}
+
+    def listen(self) -> None:
+        """Let clients acknowledge."""
+        method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
+        self._server.iserver.isession.add_method_callback(method, self._acknowledge)
+
+    async def tell(self, alarm: Mapping[str, Any]) -> None:
+        """Tell clients that an alarm is up, is another than before, or is over."""
+        name = str(alarm["id"])
+        known = self._known.get(name)
+        if known is None:
+            if not alarm["active"]:
+                return
+            known = self._known[name] = _Condition(await self._generator(alarm), [])
+        elif alarm["active"] and not known.active:
+            known.acknowledged = False
+        known.active = bool(alarm["active"])
+        event = known.generator.event
+        event.Severity = _SEVERITY.get(alarm["severity"], 500)
+        event.Message = ua.LocalizedText(alarm["statement"])
+        event.Comment = None
+        await self._trigger(known, alarm["time"])
+
+    async def acknowledged(self, alarm: str, name: str, note: str) -> None:
+        """Tell clients that a person, by whatever way, acknowledged an alarm."""
+        known = self._known.get(alarm)
+        if known is None or known.acknowledged:
+            return
+        known.acknowledged = True
+        known.generator.event.Comment = ua.LocalizedText(note)
+        known.generator.event.ClientUserId = name
+        await self._trigger(known, None)
+
+    async def _generator(self, alarm: Mapping[str, Any]) -> EventGenerator:
+        """Make the condition's node, and what tells its events."""
+        server, name = self._server, str(alarm["id"])
+        kind = ua.NodeId(ua.ObjectIds.AlarmConditionType)
+        node_id = ua.NodeId(f"alarm:{name}", self._own)
+        if node_id not in server.iserver.aspace:
+            made = ua.AddNodesItem()
+            made.RequestedNewNodeId = node_id
+            made.BrowseName = ua.QualifiedName(str(alarm["kind"]), self._own)
+            made.ParentNodeId = self._parent.nodeid
+            made.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasComponent)
+            made.NodeClass = ua.NodeClass.Object
+            made.TypeDefinition = kind
+            made.NodeAttributes = ua.ObjectAttributes()
+            made.NodeAttributes.DisplayName = ua.LocalizedText(str(alarm["kind"]))
+            (result,) = await server.iserver.isession.add_nodes([made])
+            result.StatusCode.check()
+        generator = await server.get_event_generator(kind, ua.ObjectIds.Server)
+        event = generator.event
+        event.NodeId = node_id
+        event.SourceNode = self._parent.nodeid
+        event.SourceName = str(alarm["source"] or "cell")
+        event.ConditionName = str(alarm["kind"])
+        event.ConditionClassId = ua.NodeId(ua.ObjectIds.ProcessConditionClassType)
+        event.ConditionClassName = ua.LocalizedText("ProcessConditionClass")
+        event.BranchId = ua.NodeId()
+        event.Quality = ua.StatusCode()
+        event.InputNode = ua.NodeId()
+        event.SuppressedOrShelved = False
+        event.EnabledState = ua.LocalizedText("Enabled")
+        setattr(event, "EnabledState/Id", True)
+        return generator
+
+    async def _trigger(self, known: _Condition, time: int | None) -> None:
+        event = known.generator.event
+        event.ActiveState = ua.LocalizedText("Active" if known.active else "Inactive")
+        setattr(event, "ActiveState/Id", known.active)
+        event.AckedState = ua.LocalizedText("Acknowledged" if known.acknowledged else "Unacknowledged")
+        setattr(event, "AckedState/Id", known.acknowledged)
+        event.Retain = known.active
+        moment = datetime.fromtimestamp(time / 1e9, UTC) if time else None
+        await known.generator.trigger(moment)
+        told = event.EventId
+        known.told = [*known.told[-9:], bytes(told.Value if isinstance(told, ua.Variant) else told)]
+
+    async def _acknowledge(self, condition: ua.NodeId, event: ua.Variant, comment: ua.Variant) -> ua.StatusCode:
+        """Acknowledge the alarm of a condition for the user of the session."""
+        codes = ua.StatusCodes
+        name = str(condition.Identifier).removeprefix("alarm:") if condition.NamespaceIndex == self._own else ""
+        known = self._known.get(name)
+        if known is None:
+            return ua.StatusCode(codes.BadNodeIdUnknown)
+        if bytes(event.Value or b"") not in known.told:
+            return ua.StatusCode(codes.BadEventIdUnknown)
+        if known.acknowledged:
+            return ua.StatusCode(codes.BadConditionBranchAlreadyAcked)
+        user = USER.get()
+        if not user:
+            return ua.StatusCode(codes.BadUserAccessDenied)
+        note = getattr(comment.Value, "Text", None) or ""
+        why_not = await self._order(name, user, note[:_LONGEST_NOTE])
+        return ua.StatusCode(codes.BadInvalidState if why_not else codes.Good)

@@ -1,0 +1,186 @@
+"""The types of OPC UA for Devices and for Robotics that a cell uses, and the arms of a cell as instances of them.
+
+Names are those of OPC 10000-100 and OPC 40010-1 release 1.02, node ids of the types those of their published lists. Of
+the types only the nodes themselves are there, without the declarations of their members.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from asyncua import Node, Server, ua
+
+DI: Final = "http://opcfoundation.org/UA/DI/"
+ROBOTICS: Final = "http://opcfoundation.org/UA/Robotics/"
+_DEVICE_SET: Final = 5001
+_DI_TYPES: Final = (("TopologyElementType", 1001, ""), ("ComponentType", 15063, "TopologyElementType"))
+_ROBOTICS_TYPES: Final = {
+    "MotionDeviceSystemType": 1002,
+    "ControllerType": 1003,
+    "MotionDeviceType": 1004,
+    "SafetyStateType": 1013,
+    "MotorType": 1019,
+    "AxisType": 16601,
+    "PowerTrainType": 16794,
+}
+_ANALOG_UNIT: Final = 17497
+"""AnalogUnitType of the standard."""
+_JOINT: Final = re.compile(r"joint_(\d+)\.(\w+)")
+_OF_AXIS: Final = {"position": "ActualPosition", "velocity": "ActualSpeed"}
+_OF_MOTOR: Final = {"temperature": "MotorTemperature", "current": "ActualCurrent", "torque": "ActualTorque"}
+_STANDARD: Final = ("ActualPosition", "ActualSpeed", "MotorTemperature")
+_CEFACT: Final = "http://www.opcfoundation.org/UA/units/un/cefact"
+_CODES: Final = {
+    "rad": "C81", "mrad": "C25", "deg": "DD", "rad/s": "2A", "deg/s": "E96", "rpm": "RPM", "m": "MTR", "mm": "MMT",
+    "m/s": "MTS", "mm/s": "C16", "N": "NEW", "kN": "B47", "Nm": "NU", "kg": "KGM", "g": "GRM", "degC": "CEL",
+    "K": "KEL", "degF": "FAH", "Pa": "PAL", "kPa": "KPA", "bar": "BAR", "A": "AMP", "mA": "4K", "V": "VLT", "W": "WTT",
+    "kW": "KWT", "VA": "D46", "var": "D44", "J": "JOU", "kJ": "KJO", "MJ": "3B", "Wh": "WHR", "kWh": "KWH",
+    "Hz": "HTZ", "s": "SEC", "1": "C62",
+}  # fmt: skip
+"""Common codes of UN/CEFACT recommendation 20."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spaces:
+    """Numbers of the namespaces: devices, robotics, and the cell's own."""
+
+    di: int
+    robotics: int
+    own: int
+
+
+def unit_of(name: str) -> ua.EUInformation:
+    """Return a unit as OPC UA writes it; one without a code has the number -1."""
+    code = _CODES.get(name)
+    made = ua.EUInformation()
+    made.NamespaceUri = _CEFACT
+    made.UnitId = int.from_bytes(code.encode(), "big") if code else -1
+    made.DisplayName = ua.LocalizedText(name)
+    made.Description = ua.LocalizedText(name)
+    return made
+
+
+async def add_types(server: Server, spaces: Spaces) -> Node:
+    """Add the types; return the device set."""
+    base = server.get_node(ua.NodeId(ua.ObjectIds.BaseObjectType))
+    known = {"": base}
+    for name, number, above in _DI_TYPES:
+        known[name] = await known[above].add_object_type(ua.NodeId(number, spaces.di), f"{spaces.di}:{name}")
+    for name, number in _ROBOTICS_TYPES.items():
+        await known["ComponentType"].add_object_type(ua.NodeId(number, spaces.robotics), f"{spaces.robotics}:{name}")
+    return await server.nodes.objects.add_object(ua.NodeId(_DEVICE_SET, spaces.di), f"{spaces.di}:DeviceSet")
+
+
+def joints(names: Sequence[str]) -> dict[str, dict[int, dict[str, str]]]:
+    """Return the channels of joints by source, joint and quantity."""
+    found: dict[str, dict[int, dict[str, str]]] = {}
+    for name in names:
+        source, _, short = name.partition(".")
+        if (match := _JOINT.fullmatch(short)) and match[2] in {**_OF_AXIS, **_OF_MOTOR}:
+            found.setdefault(source, {}).setdefault(int(match[1]), {})[match[2]] = name
+    return found
+
+
+class Arms:
+    """A motion device system with a motion device for each source that has joints."""
+
+    def __init__(self, server: Server, spaces: Spaces, devices: Node, cell: str) -> None:
+        self._server = server
+        self._spaces = spaces
+        self._devices = devices
+        self._cell = cell
+
+    async def build(self, units: Mapping[str, str]) -> dict[str, Node]:
+        """Build it for channels with these units; return the variables by channel."""
+        found: dict[str, Node] = {}
+        arms = joints(list(units))
+        if not arms:
+            return found
+        system = await self._object(self._devices, "System", self._spaces.own, self._cell, "MotionDeviceSystemType")
+        folders = {name: await self._folder(system, name) for name in ("MotionDevices", "Controllers", "SafetyStates")}
+        for source, by_joint in arms.items():
+            device = await self._object(folders["MotionDevices"], source, self._spaces.own, source, "MotionDeviceType")
+            await self._identity(device, source)
+            await self._property(device, self._spaces.robotics, "MotionDeviceCategory", 0)
+            await self._parameters(device)
+            axes, trains = await self._folder(device, "Axes"), await self._folder(device, "PowerTrains")
+            for joint, channels in sorted(by_joint.items()):
+                await self._joint(axes, trains, source, joint, channels, units, found)
+        return found
+
+    async def _joint(
+        self,
+        axes: Node,
+        trains: Node,
+        source: str,
+        joint: int,
+        channels: Mapping[str, str],
+        units: Mapping[str, str],
+        found: dict[str, Node],
+    ) -> None:
+        s = self._spaces
+        axis = await self._object(axes, f"{source}.Axis_{joint}", s.own, f"Axis_{joint}", "AxisType")
+        await self._property(axis, s.robotics, "MotionProfile", 1)  # ROTARY
+        train = await self._object(
+            trains, f"{source}.PowerTrain_{joint}", s.own, f"PowerTrain_{joint}", "PowerTrainType"
+        )
+        motor = await self._object(train, f"{source}.Motor_{joint}", s.own, f"Motor_{joint}", "MotorType")
+        await self._identity(motor, source)
+        parameters = {True: await self._parameters(axis), False: await self._parameters(motor)}
+        for quantity, name in {**_OF_AXIS, **_OF_MOTOR}.items():
+            if quantity in channels:
+                channel = channels[quantity]
+                number = s.robotics if name in _STANDARD else s.own
+                parent = parameters[quantity in _OF_AXIS]
+                found[channel] = await self.variable(parent, f"robotics:{channel}", number, name, units[channel])
+
+    async def variable(self, parent: Node, identifier: str, namespace: int, name: str, unit: str) -> Node:
+        """Add a number with its unit below a node; it has no value yet."""
+        made = ua.AddNodesItem()
+        made.RequestedNewNodeId = ua.NodeId(identifier, self._spaces.own)
+        made.BrowseName = ua.QualifiedName(name, namespace)
+        made.ParentNodeId = parent.nodeid
+        made.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasComponent)
+        made.NodeClass = ua.NodeClass.Variable
+        made.TypeDefinition = ua.NodeId(_ANALOG_UNIT)
+        attributes = ua.VariableAttributes()
+        attributes.DisplayName = ua.LocalizedText(name)
+        attributes.DataType = ua.NodeId(ua.ObjectIds.Double)
+        attributes.ValueRank = ua.ValueRank.Scalar
+        attributes.AccessLevel = attributes.UserAccessLevel = ua.AccessLevel.CurrentRead.mask
+        attributes.Value = ua.Variant(0.0, ua.VariantType.Double)
+        made.NodeAttributes = attributes
+        (result,) = await self._server.iserver.isession.add_nodes([made])
+        result.StatusCode.check()
+        node = self._server.get_node(result.AddedNodeId)
+        await node.add_property(0, "EngineeringUnits", unit_of(unit))
+        return node
+
+    async def _object(self, parent: Node, identifier: str, namespace: int, name: str, type_name: str) -> Node:
+        kind = ua.NodeId(_ROBOTICS_TYPES[type_name], self._spaces.robotics)
+        node_id = ua.NodeId(f"robotics:{identifier}", self._spaces.own)
+        return await parent.add_object(node_id, ua.QualifiedName(name, namespace), kind, False)
+
+    async def _folder(self, parent: Node, name: str) -> Node:
+        return await self._child(parent, name, self._spaces.robotics, ua.ObjectIds.FolderType)
+
+    async def _parameters(self, parent: Node) -> Node:
+        return await self._child(parent, "ParameterSet", self._spaces.di, ua.ObjectIds.BaseObjectType)
+
+    async def _child(self, parent: Node, name: str, namespace: int, kind: int) -> Node:
+        node_id = ua.NodeId(f"{parent.nodeid.Identifier}/{name}", self._spaces.own)
+        return await parent.add_object(node_id, ua.QualifiedName(name, namespace), ua.NodeId(kind), False)
+
+    async def _identity(self, node: Node, source: str) -> None:
+        """Add what the standard wants of each device; the cell knows only the source's name."""
+        for name, value in (("Manufacturer", ua.LocalizedText("")), ("Model", ua.LocalizedText(source))):
+            await self._property(node, self._spaces.di, name, value)
+        for name in ("ProductCode", "SerialNumber"):
+            await self._property(node, self._spaces.di, name, "")
+
+    async def _property(self, node: Node, namespace: int, name: str, value: Any) -> None:
+        node_id = ua.NodeId(f"{node.nodeid.Identifier}/{name}", self._spaces.own)
+        await node.add_property(node_id, ua.QualifiedName(name, namespace), value)

@@ -1,0 +1,170 @@
+"""The part of a cell's frames that an outlet sends: its channels, rows a second, units and dead bands. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import pairwise
+from typing import Annotated, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from cellwatt.channel import Quality
+from cellwatt.frames import Frames, Layout
+from cellwatt.quantity import Hertz
+from cellwatt.units import Units
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class Selection(BaseModel):
+    """Channels that an outlet sends, rows a second and units."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+    channels: Annotated[tuple[str, ...], Field(min_length=1)] = ("*",)
+    """Channels of the frames, by name or pattern: ``arm.*.current``."""
+    rate: Hertz = 1.0
+    """Rows a second, at most the frames' rate: a row has the means of its span, and the last of what is no measure."""
+    units: Units = Units()
+    """Units of what is sent; SI where nothing is said."""
+    dead_band: Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]] = {}
+    """Smallest change that is sent, in the unit that is sent, by channel or pattern; the first that fits counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """Values of one span of the frames, in the units that are sent.
+
+    ``time`` ns UTC is the end of the span, a multiple of its length; ``sequence`` is that of the last frame in it.
+    ``quality`` has the worst ``Quality`` of each channel: ``MISSING`` where ``values`` has none for it, and at least
+    ``INTERPOLATED`` where it was missing for a part of the span.
+    """
+
+    sequence: int
+    time: int
+    values: Mapping[str, float]
+    quality: Mapping[str, int]
+
+
+class Picker:
+    """Makes rows of frames of one layout; the same frames give the same rows, in whatever blocks they come.
+
+    ``units`` are those of the rows by channel, ``unmatched`` the patterns of channels that fit none, ``span`` the time
+    between two rows, ns. A row is given out with the last frame of its span, or with the first after it.
+    """
+
+    def __init__(self, selection: Selection, layout: Layout) -> None:
+        self.layout = layout
+        self.span = max(layout.step, round(1e9 / selection.rate))
+        chosen = [i for i, name in enumerate(layout.names) if _fits(name, selection.channels)]
+        self.unmatched = tuple(p for p in selection.channels if not any(fnmatchcase(n, p) for n in layout.names))
+        shown = [selection.units.of(layout.channels[i].unit) for i in chosen]
+        self._names = tuple(layout.names[i] for i in chosen)
+        self.units: Mapping[str, str] = {n: unit.name for n, unit in zip(self._names, shown, strict=True)}
+        self._columns = np.array(chosen, np.intp)
+        self._mean = np.array([layout.channels[i].kind == "continuous" for i in chosen], bool)
+        self._factor = np.array([unit.factor for unit in shown])
+        self._zero = np.array([unit.zero for unit in shown])
+        self._band = np.array([_band(name, selection.dead_band) for name in self._names])
+        self._told = np.full(len(chosen), np.nan)
+        self._known = np.zeros(len(chosen), bool)
+        """Channels of which anything was told."""
+        self._begun: _Span | None = None
+
+    def rows(self, frames: Frames) -> Iterator[Row]:
+        """Rows that are whole with these frames; spans with nothing to tell have none. The iterator must be used up."""
+        if not len(frames) or not len(self._columns):
+            return
+        number = -(-frames.time // self.span)
+        edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(frames)]
+        for first, end in pairwise(edges):
+            span = self._begun
+            if span is None or span.number != number[first]:
+                yield from self.rest()
+                span = self._begun = _Span(int(number[first]), len(self._columns))
+            span.add(frames.values[first:end, self._columns], frames.quality[first:end, self._columns])
+            span.sequence = frames.sequence + end - 1
+            if frames.time[end - 1] + self.layout.step > span.number * self.span:
+                yield from self.rest()
+
+    def rest(self) -> Iterator[Row]:
+        """The row that was begun, if there is one: for the end of a recording."""
+        span, self._begun = self._begun, None
+        if span is None:
+            return
+        values = np.where(self._mean, span.mean, span.last) / self._factor
+        values = np.where(self._zero != 0.0, values + self._zero, values)
+        quality = span.quality
+        told = self._news(values)
+        if told.any():
+            there = told & np.isfinite(values)
+            self._told[told], self._known[told] = values[told], True
+            numbers: Mapping[str, float] = self._named(values, there)
+            qualities: Mapping[str, int] = self._named(quality, told)
+            yield Row(span.sequence, span.number * self.span, numbers, qualities)
+
+    def _news(self, values: Floats) -> Flags:
+        """The channels that are to be told: without dead band, new, moved by it, or gone missing or come back."""
+        turned = np.isfinite(values) != np.isfinite(self._told)
+        with np.errstate(invalid="ignore"):
+            moved = np.abs(values - self._told) >= self._band
+        found: Flags = (self._band == 0.0) | ~self._known | turned | moved
+        return found
+
+    def _named(self, row: NDArray[np.generic], wanted: Flags) -> dict[str, Any]:
+        values = row.tolist()
+        if wanted.all():
+            return dict(zip(self._names, values, strict=True))
+        return {self._names[i]: values[i] for i in np.flatnonzero(wanted).tolist()}
+
+
+class _Span:
+    """Sums of the frames of one span, each added in turn, so that blocks make no difference."""
+
+    def __init__(self, number: int, channels: int) -> None:
+        self.number = number
+        self.sequence = 0
+        self.last: Floats = np.full(channels, np.nan)
+        self._total = np.zeros((1, channels))
+        self._count = np.zeros(channels, np.int64)
+        self._frames = 0
+        self._worst = np.zeros(channels, np.uint8)
+
+    def add(self, values: Floats, quality: NDArray[np.uint8]) -> Self:
+        """Add frames (n, channels)."""
+        there = np.isfinite(values)
+        known = np.where(there, values, 0.0)
+        self._total = np.add.accumulate(np.concatenate([self._total, known]))[-1:]
+        self._count += there.sum(axis=0)
+        self._frames += len(values)
+        self._worst = np.maximum(self._worst, np.where(there, quality, 0).max(axis=0))
+        newest = np.where(there, np.arange(len(values))[:, None], -1).max(axis=0)
+        self.last = np.where(newest >= 0, values[newest, np.arange(values.shape[1])], self.last)
+        return self
+
+    @property
+    def mean(self) -> Floats:
+        """Means (channels,), NaN where there is no value."""
+        with np.errstate(invalid="ignore"):
+            found: Floats = self._total[0] / np.where(self._count, self._count, np.nan)
+        return found
+
+    @property
+    def quality(self) -> NDArray[np.uint8]:
+        """Worst quality (channels,)."""
+        partly = np.where(self._count < self._frames, np.uint8(Quality.INTERPOLATED), np.uint8(Quality.GOOD))
+        found = np.maximum(self._worst, partly)
+        return np.where(self._count, found, np.uint8(Quality.MISSING))
+
+
+def _fits(name: str, patterns: tuple[str, ...]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _band(name: str, bands: Mapping[str, float]) -> float:
+    return next((band for pattern, band in bands.items() if fnmatchcase(name, pattern)), 0.0)

@@ -1,0 +1,5 @@
+"""Controllers and robots with an OPC UA server: PLC tags and joints as channels."""
+
+from cellwatt_drivers.opc_ua.driver import OpcUaDriver, OpcUaSettings
+
+__all__ = ["OpcUaDriver", "OpcUaSettings"]

@@ -1,0 +1,89 @@
+"""What a server or the library complains of, as errors for the person at the cell."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceError, why
+
+if TYPE_CHECKING:
+    from asyncua import ua
+
+_CERTIFICATE: Final = (
+    "BadCertificateUntrusted", "BadSecurityChecksFailed", "BadCertificateInvalid", "BadCertificateUriInvalid",
+    "BadCertificateTimeInvalid", "BadCertificateUseNotAllowed", "BadCertificateHostNameInvalid",
+    "BadCertificateRevoked", "BadCertificateIssuerTimeInvalid", "BadCertificateChainIncomplete",
+)  # fmt: skip
+_USER: Final = ("BadUserAccessDenied", "BadIdentityTokenRejected", "BadIdentityTokenInvalid")
+_TOO_MANY: Final = ("BadTooManySessions", "BadMaxConnectionsReached", "BadTooManySubscriptions")
+_ENDED: Final = ("BadSessionClosed", "BadSessionIdInvalid", "BadSecureChannelClosed", "BadConnectionClosed")
+
+
+class Complaints:
+    """Translates errors of one connection; ``certificate`` is the thumbprint of this PC's, empty without one."""
+
+    def __init__(self, url: str, user: str) -> None:
+        self.certificate = ""
+        self._url = url
+        self._user = user
+
+    def gone(self) -> ConnectError:
+        """Return the error of a connection that the server, or the network, ended."""
+        return ConnectError(f"{self._url}: the server closed the connection")
+
+    def strange(self, what: str) -> ProtocolError:
+        """Return the error of an answer that is none."""
+        return ProtocolError(f"{self._url}: {what}")
+
+    @contextmanager
+    def about(self, doing: str) -> Iterator[None]:
+        """Raise whatever comes out as a ``SourceError`` that says what was being done."""
+        from asyncua import ua
+
+        doubt = " (does it trust this PC's certificate, is the pinned one its own?)"
+        hint = doubt if self.certificate and "channel" in doing else ""
+        try:
+            yield
+        except SourceError:
+            raise
+        except ua.UaStatusCodeError as error:
+            raise self.refusal(doing, ua.StatusCode(error.code)) from error
+        except TimeoutError as error:
+            raise ConnectError(f"{self._url}: no answer in time while {doing}{hint}") from error
+        except ConnectionError as error:
+            reason = why(error) if error.errno else "the server closed the connection"
+            raise ConnectError(f"{self._url}: {reason} while {doing}{hint}") from error
+        except OSError as error:
+            raise ConnectError(f"{self._url}: {why(error)} while {doing}") from error
+        except AssertionError as error:  # the library got a fault where it expects an answer
+            raise DeviceError(f"{self._url}: the server refuses {doing}{hint}") from error
+        except Exception as error:  # the library passes on what its parsers and cryptography raise
+            text = " ".join(str(error).split()) or type(error).__name__
+            raise ProtocolError(f"{self._url}: {text} while {doing}") from error
+
+    def refusal(self, doing: str, status: ua.StatusCode) -> SourceError:
+        """Return the error of a request that the server refused."""
+        name, doc = status.name, status.doc
+        if name in _CERTIFICATE:
+            mine = f" (SHA-1 {self.certificate})" if self.certificate else ""
+            return DeviceError(f"{self._url} refuses this PC's certificate{mine}: {name}; trust it at the server")
+        if name in _USER:
+            whom = f"user {self._user!r}" if self._user else "a client without a user: write 'user' and 'password'"
+            return DeviceError(f"{self._url} refuses {whom} ({name})")
+        if name in _TOO_MANY:
+            return DeviceError(
+                f"{self._url} has no place for another client ({name}): end one, or wait for its time-out"
+            )
+        if name in _ENDED:
+            return ConnectError(f"{self._url}: the server ended the session ({name}) while {doing}")
+        return DeviceError(f"{self._url}: {name} while {doing}: {doc}")
+
+
+def obey_cancellation() -> None:
+    """Raise ``asyncio.CancelledError`` if the task is cancelled: the library's waits can forget it."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError

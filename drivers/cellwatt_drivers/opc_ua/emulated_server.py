@@ -1,0 +1,252 @@
+"""An OPC UA server with the nodes of a tag map, whose values are set from outside."""
+
+from __future__ import annotations
+
+import asyncio
+import copy
+import logging
+from collections.abc import Iterator, Mapping, MutableMapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from asyncua import Node, Server, ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.crypto.uacrypto import der_from_x509, load_certificate
+from asyncua.server.address_space import AddressSpace, NodeData, NodeManagementService
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.user_managers import UserManager
+from cryptography import x509
+
+from cellwatt_drivers.opc_ua import tag_units
+from cellwatt_drivers.opc_ua.tag_map import Tag, TagMap, prefix_of
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_POLICIES = {
+    "none": ua.SecurityPolicyType.NoSecurity,
+    "sign": ua.SecurityPolicyType.Basic256Sha256_Sign,
+    "encrypt": ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+}
+_TURNS = 3
+OVERFLOW = 0x0480
+"""Info bits of a value whose queue overflowed."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Who may come in: security modes, the server's files, the one client's certificate it trusts, and a user."""
+
+    modes: tuple[str, ...] = ("none",)
+    certificate: Path | None = None
+    key: Path | None = None
+    trusted: Path | None = None
+    user: str = ""
+    password: str = ""
+
+
+@dataclass
+class Variable:
+    """A variable and the channels that it holds, with factor and zero of each from SI units to the node's value."""
+
+    node: Node
+    parts: list[tuple[str, float, float, int | None]] = field(default_factory=list)
+
+    def value(self, world: Mapping[str, float]) -> float | list[float]:
+        """Return its value; 0 for what the world lacks."""
+        found = {index: (world.get(name, 0.0) + zero) / factor for name, factor, zero, index in self.parts}
+        if None in found:
+            return found[None]
+        return [found.get(i, 0.0) for i in range(max(i for i in found if i is not None) + 1)]
+
+
+class EmulatedServer:
+    """The server; ``open`` makes it. ``wrong`` is a channel whose variable is a text."""
+
+    def __init__(self, made: TagMap, entry: Entry, wrong: str) -> None:
+        self.port = 0
+        self.variables: dict[str, Variable] = {}
+        """By the text of their node ids."""
+        self._map = made
+        self._entry = entry
+        self._wrong = wrong
+        self._server = Server(_Internal(user_manager=_Users(entry)))
+
+    async def open(self) -> None:
+        """Make the nodes and listen at a free port of this host."""
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)
+        server, entry = self._server, self._entry
+        await server.init()
+        server.disable_clock()
+        server.set_endpoint("opc.tcp://127.0.0.1:0")
+        server.set_server_name("emulated controller")
+        await server.set_build_info("urn:emulated", "cellwatt", "emulated controller", "1.0", "1", datetime.now(UTC))
+        server.set_security_policy([_POLICIES[mode] for mode in entry.modes])
+        if entry.certificate is not None and entry.key is not None:
+            await server.load_certificate(entry.certificate, "pem")
+            await server.load_private_key(entry.key, format="pem")
+        if entry.user:
+            server.set_identity_tokens([ua.UserNameIdentityToken])
+        if entry.trusted is not None:
+            await self._trust(entry.trusted)
+        for uri in self._map.namespaces.values():
+            await server.register_namespace(uri)
+        for name, tag in self._map.values.items():
+            await self._add(name, tag)
+            await asyncio.sleep(0)
+        await server.start()
+        assert server.bserver is not None
+        self.port = int(server.bserver.port)
+
+    async def close(self) -> None:
+        """Hang up on all clients and free the port."""
+        await self.forget()
+        await self._server.stop()
+        await asyncio.sleep(0)
+
+    async def forget(self) -> None:
+        """Hang up on all clients and end their sessions, which the library would keep for them otherwise."""
+        for transport in list(self._server.iserver.asyncio_transports):
+            transport.abort()
+        for _ in range(_TURNS):
+            await asyncio.sleep(0)
+        for session in list(self._server.iserver._external_sessions.values()):
+            await session.close_session(True)
+
+    async def set(self, world: Mapping[str, float], stamp: int, status: int) -> None:
+        """Give all variables their values in a world in SI units, with a time stamp, ns UTC, and a status."""
+        moment = _EPOCH + timedelta(microseconds=stamp // 1000)
+        for variable in self.variables.values():
+            value = ua.DataValue(
+                ua.Variant(variable.value(world), ua.VariantType.Double),
+                StatusCode=ua.StatusCode(status),
+                SourceTimestamp=moment,
+                ServerTimestamp=moment,
+            )
+            await self._server.write_attribute_value(variable.node.nodeid, value)
+
+    async def _trust(self, file: Path) -> None:
+        wanted = der_from_x509(await load_certificate(file, "pem"))
+
+        async def check(certificate: x509.Certificate, _: ua.ApplicationDescription) -> None:
+            if der_from_x509(certificate) != wanted:
+                raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+
+        self._server.iserver.certificate_validator = check
+
+    async def _add(self, name: str, tag: Tag) -> None:
+        _, unit = tag_units.si(tag.unit)
+        first = "not a number" if name == self._wrong else 0.0
+        node = await (self._at_path(tag, first) if tag.path else self._with_id(tag, first))
+        if name == self._wrong:
+            return
+        text = node.nodeid.to_string()
+        if text not in self.variables:
+            self.variables[text] = Variable(node)
+            if tag.server_unit:
+                told = ua.EUInformation(DisplayName=ua.LocalizedText(tag.unit), UnitId=-1)
+                await node.add_property(0, "EngineeringUnits", told)
+        variable = self.variables[text]
+        variable.parts.append((name, tag.scale * unit.factor, unit.zero * unit.factor, tag.index))
+        await node.write_value(ua.Variant(variable.value({}), ua.VariantType.Double))
+
+    async def _with_id(self, tag: Tag, first: float | str) -> Node:
+        """Return the variable with a tag's node id, made below Objects."""
+        server, text = self._server, tag.node or ""
+        rest = text.partition(";")[2] or text
+        if (prefix := prefix_of(text)) is not None:
+            text = f"ns={await server.get_namespace_index(self._map.namespaces[prefix])};{rest}"
+        elif text.startswith("nsu="):
+            text = f"ns={await server.register_namespace(text.removeprefix('nsu=').partition(';')[0])};{rest}"
+        wanted = ua.NodeId.from_string(text)
+        while len(await server.get_namespace_array()) <= wanted.NamespaceIndex:
+            await server.register_namespace(f"urn:emulated:{len(await server.get_namespace_array())}")
+        if wanted.to_string() in self.variables:
+            return self.variables[wanted.to_string()].node
+        name = ua.QualifiedName(str(wanted.Identifier), wanted.NamespaceIndex)
+        return await server.nodes.objects.add_variable(wanted, name, first)
+
+    async def _at_path(self, tag: Tag, first: float | str) -> Node:
+        """Return the variable at a tag's path, made with the objects on the way; any child is one of its own."""
+        node = self._server.nodes.objects
+        steps = tag.steps
+        for depth, step in enumerate(steps):
+            number = await self._number(step.prefix)
+            names = f"any_{step.nth or 1}" if step.any else step.name
+            below = {(await c.read_browse_name()).Name: c for c in await node.get_children()}
+            if names in below:
+                node = below[names]
+            elif depth == len(steps) - 1:
+                node = await node.add_variable(number, names, first)
+            else:
+                node = await node.add_object(number, names)
+        return node
+
+    async def _number(self, prefix: str) -> int:
+        if not prefix or prefix.isdecimal():
+            return int(prefix or 1)
+        return int(await self._server.get_namespace_index(self._map.namespaces[prefix]))
+
+
+class _Users(UserManager):  # type: ignore[misc]
+    """Lets in whom ``entry`` names."""
+
+    def __init__(self, entry: Entry) -> None:
+        self._entry = entry
+
+    def get_user(
+        self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
+    ) -> User | None:
+        """Return the user, or ``None`` for one who may not come in."""
+        e = self._entry
+        return User(role=UserRole.User) if not e.user or (username, password) == (e.user, e.password) else None
+
+
+class _Internal(InternalServer):  # type: ignore[misc]
+    """Takes the standard's nodes from one copy for all servers of this process, as making them takes 2 s."""
+
+    async def load_standard_address_space(self, shelf_file: Path | None = None) -> None:
+        """See ``InternalServer``."""
+        self.aspace._nodes = _Copies(await asyncio.to_thread(_standard))
+
+
+@cache
+def _standard() -> dict[ua.NodeId, NodeData]:
+    from asyncua.server.standard_address_space import standard_address_space
+
+    made = AddressSpace()
+    standard_address_space.fill_address_space(NodeManagementService(made))
+    return dict(made._nodes)
+
+
+class _Copies(MutableMapping[ua.NodeId, NodeData]):
+    """Nodes of one's own, and of others a copy once it is asked for."""
+
+    def __init__(self, others: Mapping[ua.NodeId, NodeData]) -> None:
+        self._others = dict(others)
+        self._own: dict[ua.NodeId, NodeData] = {}
+
+    def __getitem__(self, key: ua.NodeId) -> NodeData:
+        found = self._own.get(key)
+        if found is None:
+            found = self._own[key] = copy.deepcopy(self._others.pop(key))
+        return found
+
+    def __setitem__(self, key: ua.NodeId, value: NodeData) -> None:
+        self._others.pop(key, None)
+        self._own[key] = value
+
+    def __delitem__(self, key: ua.NodeId) -> None:
+        if self._others.pop(key, None) is None:
+            del self._own[key]
+
+    def __iter__(self) -> Iterator[ua.NodeId]:
+        return iter([*self._own, *self._others])
+
+    def __len__(self) -> int:
+        return len(self._own) + len(self._others)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._own or key in self._others

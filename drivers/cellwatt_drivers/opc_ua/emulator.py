@@ -1,0 +1,151 @@
+"""A controller with an OPC UA server that plays an arm."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from cellwatt.emulation import Emulator, Options, TcpPort
+from cellwatt.emulation.faults import FaultKind
+from cellwatt.ticker import Ticker
+from cellwatt_drivers.opc_ua.emulated_server import OVERFLOW, EmulatedServer, Entry
+from cellwatt_drivers.opc_ua.tag_map import TagMap, load_map, packaged_map
+
+_BAD = 0x808C_0000  # BadSensorFailure
+_CHUNK = 1 << 16
+
+
+class OpcUaEmulator(Emulator):
+    """A server with the nodes of OPC 40010-1, or of other tags, which it samples and stamps by its own clock.
+
+    Options: ``rate`` (samples a second; 10), ``map`` (file of a map whose nodes it has), ``tags`` and ``namespaces``
+    (the same as JSON), ``security`` (``none``, ``sign``, ``encrypt``, several with commas), ``certificate`` and ``key``
+    (PEM files of the server's), ``trusted`` (PEM file of the only client's certificate that is not refused), ``user``
+    and ``password``, ``wrong`` (a channel whose node is a text).
+
+    Faults strike samples of all tags. ``loss``: its values are overwritten in the queue, the next carry the overflow
+    bit; ``duplicate``: its values carry the time stamps of the sample before; ``garbage``: its status is
+    BadSensorFailure; ``stall``: nothing is published for ``seconds``, then all that was due; ``disconnect``: the
+    server restarts and is gone for ``seconds``; its sessions and subscriptions are forgotten; ``clock_jump``: its
+    clock jumps by ``seconds``. ``made`` counts samples, ``sent`` those that were not lost.
+    """
+
+    title: ClassVar[str] = "Controller with an OPC UA server"
+    usual_address: ClassVar[str] = "127.0.0.1:4840"
+    usual_port = 4840
+    faults: ClassVar[tuple[FaultKind, ...]] = ("loss", "duplicate", "garbage", "stall", "disconnect", "clock_jump")
+
+    @classmethod
+    def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
+        """See ``Emulator.options_for``: the tags that are read, and who reads them."""
+        tags: dict[str, Any] = {}
+        namespaces: dict[str, str] = {}
+        for s in sources:
+            if s.security != "none":
+                raise ValueError("an emulated server has no certificate: start one with its options")
+            made = load_map(s.map) if s.map else packaged_map(s.model) if s.model else None
+            for values, prefixes in ((made and made.values, made and made.namespaces), (s.tags, s.namespaces)):
+                tags |= {name: tag.model_dump(mode="json") for name, tag in (values or {}).items()}
+                namespaces |= prefixes or {}
+        options = {"rate": f"{max(s.rate for s in sources):g}"}
+        options |= {"tags": json.dumps(tags), "namespaces": json.dumps(namespaces)}
+        if sources[0].user:
+            options |= {"user": sources[0].user, "password": sources[0].password.get_secret_value()}
+        return options
+
+    def set_up(self, options: Options) -> None:
+        """See ``Emulator.set_up``."""
+        self._rate = options.number("rate", 10.0)
+        self._map = _map(options.text("map"), options.text("tags"), options.text("namespaces"))
+        modes = tuple(options.text("security", "none").split(","))
+        if not set(modes) <= {"none", "sign", "encrypt"}:
+            raise ValueError(f"security is none, sign or encrypt, not {', '.join(modes)}")
+        files = {key: Path(text) if (text := options.text(key)) else None for key in ("certificate", "key", "trusted")}
+        self._entry = Entry(modes=modes, user=options.text("user"), password=options.text("password"), **files)
+        self._wrong = options.text("wrong")
+        self._port = TcpPort(self, self._talk)
+        self._flows = asyncio.Event()
+        self._flows.set()
+        self._offset = 0
+        self._stamp = 0
+        self._overflow = False
+        self._stalled = 0.0
+
+    async def serve(self, ready: Callable[[str], None]) -> None:
+        """See ``Emulator.serve``."""
+        self._server = EmulatedServer(self._map, self._entry, self._wrong)
+        await self._server.open()
+        try:
+            await self._sample(time.monotonic())
+            async with self._port as address, Ticker(self._rate) as ticker:
+                ready(address)
+                async for _ in ticker:
+                    await self._sample(time.monotonic())
+        finally:
+            await self._server.close()
+
+    async def _sample(self, now: float) -> None:
+        """One cycle of the controller."""
+        once, strikes = self.injector.once, self.injector.strikes
+        if outage := once("disconnect"):
+            self._port.interrupt(outage.seconds)
+            await self._server.forget()
+        if stall := once("stall"):
+            self._stalled = now + stall.seconds
+            self._flows.clear()
+        elif now >= self._stalled:
+            self._flows.set()
+        if jump := once("clock_jump"):
+            self._offset += round(jump.seconds * 1e9)
+        self.tally["made"] += 1
+        if strikes("loss", now):
+            self._overflow = True
+            return
+        stamp = self._stamp if strikes("duplicate", now) else time.time_ns() + self._offset
+        status = _BAD if strikes("garbage", now) else OVERFLOW if self._overflow else 0
+        self._overflow, self._stamp = False, stamp
+        t = time.time() - self.epoch
+        world = {name: float(values[0]) for name, values in self.signals.at(np.array([t])).items()}
+        await self._server.set(world, stamp, status)
+        self.tally["sent"] += 1
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Pass on what a client and the server say, but in a stall."""
+        up, down = await asyncio.open_connection("127.0.0.1", self._server.port)
+        both = (_pass_on(reader, down, None), _pass_on(up, writer, self._flows))
+        tasks = [asyncio.create_task(one) for one in both]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            down.close()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, flows: asyncio.Event | None) -> None:
+    with suppress(OSError):
+        while data := await reader.read(_CHUNK):
+            if flows is not None:
+                await flows.wait()
+            writer.write(data)
+            await writer.drain()
+
+
+def _map(file: str, tags: str, namespaces: str) -> TagMap:
+    if file:
+        return load_map(Path(file))
+    if not tags:
+        return packaged_map("opc_40010")
+    try:
+        return TagMap.model_validate({"values": json.loads(tags), "namespaces": json.loads(namespaces or "{}")})
+    except (ValueError, ValidationError) as error:
+        raise ValueError(f"tags and namespaces are JSON as in a map: {error}") from error

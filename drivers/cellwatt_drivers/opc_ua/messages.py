@@ -1,0 +1,96 @@
+"""Published messages as plain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final
+
+from cellwatt_drivers.opc_ua.nodes import Source
+
+if TYPE_CHECKING:
+    from asyncua import ua
+
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_SEVERITY: Final = 0xC000_0000
+_UNCERTAIN: Final = 0x4000_0000
+_OVERFLOW: Final = 0x0480
+"""Info bits of a data value whose queue overflowed: type DataValue and the overflow bit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A value of one column in SI units; NaN with a bad ``status``. ``stamp`` ns UTC of the source, 0 without one."""
+
+    column: int
+    stamp: int
+    value: float
+    status: int = 0
+    malformed: bool = False
+
+    @property
+    def bad(self) -> bool:
+        """True where the server says that the value is of no use."""
+        return bool(self.status & 0x8000_0000)
+
+    @property
+    def uncertain(self) -> bool:
+        """True where the server doubts the value."""
+        return self.status & _SEVERITY == _UNCERTAIN
+
+    @property
+    def overflow(self) -> bool:
+        """True where values before or after this one were lost in the server's queue."""
+        return self.status & _OVERFLOW == _OVERFLOW
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One published message: its number, and the server's time when it left, ns UTC; a sign of life without items."""
+
+    sequence: int
+    published: int
+    items: tuple[Item, ...]
+    ended: str = ""
+    """Status with which the server ended the subscription."""
+
+
+def read(result: ua.PublishResult, sources: Mapping[int, Sequence[Source]], server_time: bool) -> Message:
+    """Return what a message says; ``sources`` by client handle, ``server_time``: by the server's time stamps."""
+    message = result.NotificationMessage
+    items: list[Item] = []
+    ended = ""
+    for part in message.NotificationData or []:
+        if hasattr(part, "MonitoredItems"):
+            for told in part.MonitoredItems:
+                items += _items(told, sources, server_time)
+        elif hasattr(part, "Status"):
+            ended = part.Status.name
+    return Message(int(message.SequenceNumber), nanoseconds(message.PublishTime), tuple(items), ended)
+
+
+def _items(
+    told: ua.MonitoredItemNotification, sources: Mapping[int, Sequence[Source]], server_time: bool
+) -> Iterator[Item]:
+    data = told.Value
+    status = int(data.StatusCode.value) if data.StatusCode is not None else 0
+    stamp = nanoseconds(data.ServerTimestamp if server_time else data.SourceTimestamp)
+    content = data.Value.Value if data.Value is not None else None
+    for source in sources.get(int(told.ClientHandle), ()):
+        if status & 0x8000_0000:
+            yield Item(source.column, stamp, float("nan"), status)
+            continue
+        try:
+            yield Item(source.column, stamp, source.si(content), status)
+        except (TypeError, ValueError, IndexError, OverflowError):
+            yield Item(source.column, stamp, float("nan"), status, malformed=True)
+
+
+def nanoseconds(moment: datetime | None) -> int:
+    """Return UTC ns of a time; 0 for none, and for OPC UA's zero in 1601."""
+    if moment is None:
+        return 0
+    aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+    since = aware - _EPOCH
+    return max(0, ((since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds) * 1000)

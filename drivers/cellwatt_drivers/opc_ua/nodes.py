@@ -1,0 +1,218 @@
+"""Finds the nodes of a map at a server and checks what they give."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from cellwatt.config.wording import did_you_mean
+from cellwatt.errors import SourceError, WrongDeviceError
+from cellwatt_drivers.opc_ua import tag_units
+from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen
+from cellwatt_drivers.opc_ua.session import Session
+from cellwatt_drivers.opc_ua.tag_map import Tag, prefix_of
+
+if TYPE_CHECKING:
+    from asyncua import ua
+
+OBJECTS: Final = "i=85"
+NUMBERS: Final = range(1, 12)
+"""Built-in types that are numbers: Boolean to Double."""
+_MOST_BROWSED, _LONGEST_BROWSED = 400, 3.0
+"""Nodes, and s, that a search for a node with a similar name may take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Place of one channel's values: its column, its node, the element, and from the value to SI units."""
+
+    column: int
+    node: ua.NodeId
+    index: int | None
+    factor: float
+    zero: float
+
+    def si(self, value: Any) -> float:
+        """Return a value of the node in SI units. Raises ``ValueError`` or ``TypeError`` where it is no number."""
+        picked = value if self.index is None else value[self.index]
+        return float(picked) * self.factor - self.zero
+
+
+class Search:
+    """Finds tags at one server; what was browsed is kept for the others."""
+
+    def __init__(self, session: Session, where: str, namespaces: Mapping[str, str]) -> None:
+        self._session = session
+        self._where = where
+        self._prefixes = namespaces
+        self._uris: list[str] = []
+        self._children: dict[str, list[Child]] = {}
+
+    async def find(self, tags: Mapping[str, Tag]) -> tuple[list[Source], list[str]]:
+        """Return the sources of all channels, in columns of their order, and the optional channels that are not there.
+
+        Raises ``WrongDeviceError`` for the first tag that is not there or gives no number.
+        """
+        from asyncua import ua
+
+        uris = (await self._session.read([ua.NodeId(ua.ObjectIds.Server_NamespaceArray)], ua.AttributeIds.Value))[0]
+        self._uris = list(uris.Value.Value or []) if uris.Value is not None else []
+        placed, lacking = [], []
+        for column, (name, tag) in enumerate(tags.items()):
+            node = await self._placed(name, tag)
+            if node is None:
+                lacking.append(name)
+            else:
+                placed.append((column, name, tag, node))
+        nodes = [node for *_, node in placed]
+        values = await self._session.read(nodes, ua.AttributeIds.Value)
+        types = await self._session.read(nodes, ua.AttributeIds.DataType)
+        units = await self._session.properties(nodes, "EngineeringUnits")
+        found = []
+        for (column, name, tag, node), value, kind, unit in zip(placed, values, types, units, strict=True):
+            if value.StatusCode is not None and value.StatusCode.name in ("BadNodeIdUnknown", "BadNodeIdInvalid"):
+                if not tag.optional:
+                    raise await self._unknown(name, tag, node)
+                lacking.append(name)
+                continue
+            self._check(name, tag, value, kind)
+            factor, zero = self._scale(name, tag, unit)
+            found.append(Source(column, node, tag.index, factor, zero))
+        return found, lacking
+
+    async def _placed(self, name: str, tag: Tag) -> ua.NodeId | None:
+        """Return the node of a tag; ``None`` for an optional one that has none."""
+        from asyncua import ua
+
+        try:
+            text = self._numbered(name, tag.node) if tag.node else await self._walked(name, tag.steps)
+        except WrongDeviceError:
+            if tag.optional:
+                return None
+            raise
+        try:
+            return ua.NodeId.from_string(text)
+        except (ua.UaError, ValueError, TypeError) as error:
+            raise WrongDeviceError(f"{name}: {tag.place!r} is no node id") from error
+
+    def _numbered(self, name: str, node: str) -> str:
+        """Return a node id with its namespace's number."""
+        prefix = prefix_of(node)
+        rest = node.partition(";")[2]
+        if prefix is not None:
+            return f"ns={self._number(name, self._prefixes[prefix])};{rest}"
+        if node.startswith("nsu="):
+            uri, _, rest = node.removeprefix("nsu=").partition(";")
+            return f"ns={self._number(name, uri)};{rest}"
+        return node
+
+    def _number(self, name: str, uri: str) -> int:
+        if uri not in self._uris:
+            raise WrongDeviceError(
+                f"{self._where} has no namespace {uri!r}{did_you_mean(uri, self._uris)} ({name}; it has: "
+                f"{', '.join(self._uris)})"
+            )
+        return self._uris.index(uri)
+
+    async def _walked(self, name: str, steps: Sequence[Step]) -> str:
+        """Return the node at the end of a browse path; the error names where the longest attempt ended."""
+        numbers = [self._namespace(name, step) for step in steps]
+        furthest: tuple[int, list[Child]] = (-1, [])
+
+        async def walk(node: str, depth: int) -> str | None:
+            nonlocal furthest
+            if depth == len(steps):
+                return node
+            children = await self._below(node)
+            if depth > furthest[0]:
+                furthest = depth, children
+            for child in chosen(steps[depth], children, numbers[depth]):
+                if (end := await walk(child.node, depth + 1)) is not None:
+                    return end
+            return None
+
+        if (end := await walk(OBJECTS, 0)) is not None:
+            return end
+        depth, children = furthest
+        above = "/".join(("Objects", *map(str, steps[:depth])))
+        near = did_you_mean(steps[depth].name, [c.name for c in children])
+        raise WrongDeviceError(f"{self._where} has no {str(steps[depth])!r} below {above}{near} ({name})")
+
+    def _namespace(self, name: str, step: Step) -> int | None:
+        if not step.prefix:
+            return None
+        return int(step.prefix) if step.prefix.isdecimal() else self._number(name, self._prefixes[step.prefix])
+
+    async def _below(self, node: str) -> list[Child]:
+        if node not in self._children:
+            self._children[node] = await self._session.children(node)
+        return self._children[node]
+
+    async def _unknown(self, name: str, tag: Tag, node: ua.NodeId) -> WrongDeviceError:
+        near = did_you_mean(node.to_string(), await self._names(node.NamespaceIndex))
+        return WrongDeviceError(f"{self._where} has no node {tag.place!r}{near} ({name})")
+
+    async def _names(self, namespace: int) -> list[str]:
+        """Node ids of a namespace, as far as they are found in a short time."""
+        end = time.monotonic() + _LONGEST_BROWSED
+        waiting, seen = [OBJECTS], {OBJECTS, "i=2253"}  # what is below Server has no tags
+        while waiting and len(self._children) < _MOST_BROWSED and time.monotonic() < end:
+            try:
+                children = await self._below(waiting.pop(0))
+            except SourceError:  # this is only to help with a name
+                break
+            fresh = [c.node for c in children if c.node not in seen]
+            seen.update(fresh)
+            waiting += fresh
+        return [node for node in seen if node.startswith(f"ns={namespace};")]
+
+    def _check(self, name: str, tag: Tag, value: ua.DataValue, kind: ua.DataValue) -> None:
+        """Raise ``WrongDeviceError`` unless the node gives a number, or an array of them with such an element."""
+        told = f"{self._where}: {tag.place!r} ({name})"
+        status = value.StatusCode.name if value.StatusCode is not None else "Good"
+        if status in ("BadUserAccessDenied", "BadNotReadable", "BadAttributeIdInvalid"):
+            raise WrongDeviceError(f"{told} cannot be read: {status}")
+        variant = value.Value
+        if variant is None or variant.Value is None:
+            declared: Any = kind.Value.Value if kind.Value is not None else None
+            if getattr(declared, "NamespaceIndex", 1) == 0 and declared.Identifier in range(12, 23):  # String and on
+                raise WrongDeviceError(f"{told} is a {_type(int(declared.Identifier))}, expected a number")
+            return
+        number = int(getattr(variant.VariantType, "value", variant.VariantType))
+        array = isinstance(variant.Value, list)
+        if number not in NUMBERS:
+            raise WrongDeviceError(f"{told} is a {_type(number)}, expected a number")
+        if array and tag.index is None:
+            raise WrongDeviceError(f"{told} is an array of {len(variant.Value)}: write 'index', from 0")
+        if not array and tag.index is not None:
+            raise WrongDeviceError(f"{told} is no array: leave out 'index'")
+        if array and tag.index is not None and tag.index >= len(variant.Value):
+            raise WrongDeviceError(f"{told} has {len(variant.Value)} elements, none with index {tag.index}")
+
+    def _scale(self, name: str, tag: Tag, told: Any) -> tuple[float, float]:
+        """Return factor and zero to SI units; the server's own unit decides where the tag says so."""
+        si, unit = tag_units.si(tag.unit)
+        given = None
+        if told is not None:
+            number, text = getattr(told, "UnitId", None), getattr(getattr(told, "DisplayName", None), "Text", None)
+            given = tag_units.named(int(number or 0), str(text or ""))
+        if given is not None and given != tag.unit:
+            its, other = tag_units.si(given)
+            if tag.server_unit and its == si:
+                unit = other
+            elif its != si or other != unit:
+                raise WrongDeviceError(
+                    f"{self._where}: {tag.place!r} ({name}) is in {given}, the settings say {tag.unit}"
+                )
+        return tag.scale * unit.factor, unit.zero * unit.factor
+
+
+def _type(number: int) -> str:
+    from asyncua import ua
+
+    try:
+        return str(ua.VariantType(number).name)
+    except ValueError:
+        return f"type {number}"

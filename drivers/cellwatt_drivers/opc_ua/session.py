@@ -1,0 +1,274 @@
+"""A session with an OPC UA server, by which only is read: opened, kept alive and closed."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+from cellwatt.errors import ConnectError, DeviceError
+from cellwatt_drivers.opc_ua.browse_path import Child
+from cellwatt_drivers.opc_ua.certificates import Credentials, contents
+from cellwatt_drivers.opc_ua.complaints import Complaints, obey_cancellation
+from cellwatt_drivers.opc_ua.feed import Feed
+
+if TYPE_CHECKING:
+    from asyncua import Client, ua
+
+SecurityMode = Literal["none", "sign", "encrypt"]
+
+_AT_ONCE: Final = 100
+"""Nodes asked for in one request, which every server grants."""
+_FAREWELL: Final = 0.5
+"""s that the end of a session may take."""
+_RENEWED_AFTER: Final = 0.75
+"""Share of a channel's life after which its keys are renewed."""
+_LIFE_OF_SESSION: Final = 60_000
+"""ms after which a server may forget a client that says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Address of a server and the way in; ``timeout`` s for each answer."""
+
+    url: str
+    security: SecurityMode
+    credentials: Credentials | None
+    user: str | None
+    password: str
+    plain_password: bool
+    timeout: float
+
+
+class Session:
+    """An open session; ``open_session`` makes it. All methods raise ``SourceError``."""
+
+    def __init__(self, client: Client, complaints: Complaints) -> None:
+        self.complaints = complaints
+        self.feed = Feed()
+        self._client = client
+
+    @property
+    def thumbprint(self) -> str:
+        """SHA-256 of the server's certificate; empty where it has none."""
+        import hashlib
+
+        certificate = self._client.security_policy.peer_certificate
+        return hashlib.sha256(certificate).hexdigest() if certificate else ""
+
+    async def read(self, nodes: Sequence[ua.NodeId], attribute: ua.AttributeIds) -> list[ua.DataValue]:
+        """Read one attribute of each node."""
+        found: list[ua.DataValue] = []
+        for start in range(0, len(nodes), _AT_ONCE):
+            part = list(nodes[start : start + _AT_ONCE])
+            with self.complaints.about("reading"):
+                answer = await self._client.uaclient.read_attributes(part, attribute)
+            obey_cancellation()
+            if len(answer) != len(part):
+                raise self.complaints.strange(f"{len(answer)} values for {len(part)} nodes")
+            found += answer
+        return found
+
+    async def children(self, node: str) -> list[Child]:
+        """Return what is below a node."""
+        from asyncua import ua
+
+        with self.complaints.about(f"browsing {node}"):
+            references = await self._client.get_node(node).get_references(
+                ua.ObjectIds.HierarchicalReferences, ua.BrowseDirection.Forward
+            )
+        obey_cancellation()
+        return [
+            Child(
+                str(r.BrowseName.Name),
+                int(r.BrowseName.NamespaceIndex),
+                r.NodeId.to_string(),
+                r.NodeClass == ua.NodeClass.Object,
+            )
+            for r in references
+        ]
+
+    async def properties(self, nodes: Sequence[ua.NodeId], name: str) -> list[Any]:
+        """Read the property with this name of each node; ``None`` where there is none."""
+        from asyncua import ua
+
+        paths = [_property_path(node, name) for node in nodes]
+        targets: list[ua.NodeId | None] = []
+        for start in range(0, len(paths), _AT_ONCE):
+            with self.complaints.about("reading properties"):
+                answer = await self._client.uaclient.translate_browsepaths_to_nodeids(paths[start : start + _AT_ONCE])
+            obey_cancellation()
+            targets += [r.Targets[0].TargetId if r.StatusCode.is_good() and r.Targets else None for r in answer]
+        there = [t for t in targets if t is not None]
+        values = iter(await self.read(there, ua.AttributeIds.Value))
+        found = [next(values) if t is not None else None for t in targets]
+        return [v.Value.Value if v is not None and v.Value is not None else None for v in found]
+
+    async def subscribe(self, wanted: ua.CreateSubscriptionParameters) -> ua.CreateSubscriptionResult:
+        """Create a subscription, whose messages come to ``feed``."""
+        with self.complaints.about("subscribing"):
+            made = await self._client.uaclient.create_subscription(wanted, self.feed.take)
+        obey_cancellation()
+        return made
+
+    async def monitor(
+        self, subscription: int, items: Sequence[ua.MonitoredItemCreateRequest]
+    ) -> list[ua.MonitoredItemCreateResult]:
+        """Create monitored items of a subscription."""
+        from asyncua import ua
+
+        found: list[ua.MonitoredItemCreateResult] = []
+        for start in range(0, len(items), _AT_ONCE):
+            wanted = ua.CreateMonitoredItemsParameters()
+            wanted.SubscriptionId = subscription
+            wanted.TimestampsToReturn = ua.TimestampsToReturn.Both
+            wanted.ItemsToCreate = list(items[start : start + _AT_ONCE])
+            with self.complaints.about("subscribing"):
+                found += await self._client.uaclient.create_monitored_items(wanted)
+            obey_cancellation()
+        return found
+
+    async def renew(self) -> None:
+        """Renew the channel's keys for as long as it is open; what fails is told by ``feed``."""
+        while True:
+            await asyncio.sleep(self._client.secure_channel_timeout * 1e-3 * _RENEWED_AFTER)
+            try:
+                with self.complaints.about("renewing the secure channel"):
+                    await self._client.open_secure_channel(renew=True)
+                    self._client.uaclient.revolve_security_token()
+            except (ConnectError, DeviceError) as error:
+                self.feed.fail(error)
+                return
+
+
+@asynccontextmanager
+async def open_session(access: Access) -> AsyncIterator[Session]:
+    """Open a session and close it at the end. Raises ``SourceError``."""
+    from asyncua import Client
+
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs what is raised here
+    client = Client(access.url, timeout=access.timeout)
+    client.name = client.description = "cellwatt"
+    client.session_timeout = _LIFE_OF_SESSION
+    complaints = Complaints(access.url, access.user or "")
+    try:
+        await _connect(client, access, complaints)
+        session = Session(client, complaints)
+        _watch(client, session)
+        renewing = asyncio.create_task(session.renew())
+        try:
+            yield session
+        finally:
+            renewing.cancel()
+            await asyncio.wait([renewing])
+    finally:
+        await _farewell(client)
+
+
+async def _connect(client: Client, access: Access, complaints: Complaints) -> None:
+    if access.security != "none":
+        await _secure(client, access, complaints)
+    with complaints.about("connecting"):
+        await client.connect_socket()
+    obey_cancellation()
+    with complaints.about("opening the secure channel"):
+        await client.send_hello()
+        await client.open_secure_channel()
+    obey_cancellation()
+    with complaints.about("opening a session"):
+        await client.create_session()
+    obey_cancellation()
+    if access.user is not None:
+        _refuse_plain_password(client, access)
+        client.set_user(access.user)
+        client.set_password(access.password)
+    with complaints.about("logging in"):
+        await client.activate_session(username=access.user, password=access.password)
+    obey_cancellation()
+
+
+async def _secure(client: Client, access: Access, complaints: Complaints) -> None:
+    """Set policy and certificates; the server's is asked for where it is not pinned."""
+    from asyncua import ua
+    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256 as Policy
+
+    assert access.credentials is not None
+    files = await asyncio.to_thread(contents, access.credentials)
+    mode = {"sign": ua.MessageSecurityMode.Sign, "encrypt": ua.MessageSecurityMode.SignAndEncrypt}[access.security]
+    known = files.server
+    if known is None:
+        with complaints.about("asking for its endpoints"):
+            endpoints = await client.connect_and_get_server_endpoints()
+        obey_cancellation()
+        offered = {(e.SecurityPolicyUri.rpartition("#")[2], e.SecurityMode.name.rstrip("_")): e for e in endpoints}
+        chosen = offered.get(("Basic256Sha256", mode.name))
+        if chosen is None:
+            there = ", ".join(sorted({f"{policy} {name}" for policy, name in offered})) or "nothing"
+            raise DeviceError(f"{access.url} offers no Basic256Sha256 {mode.name}; it offers: {there}")
+        known = chosen.ServerCertificate
+    client.application_uri = files.uri
+    complaints.certificate = files.thumbprint
+    with complaints.about("using the certificates"):
+        await client.set_security(Policy, files.certificate, files.key, None, known, mode)
+    obey_cancellation()
+
+
+def _refuse_plain_password(client: Client, access: Access) -> None:
+    """Raise ``DeviceError`` where the server would get the password readable for everybody on the way."""
+    from asyncua import ua
+
+    policy = client.server_policy(ua.UserTokenType.UserName).SecurityPolicyUri or ""
+    plain = not policy or policy.endswith("#None")
+    if plain and access.security != "encrypt" and not access.plain_password:
+        raise DeviceError(
+            f"{access.url} takes the password in plain text only: write 'security: encrypt', or 'plain_password: true' "
+            "where nobody else is on this network"
+        )
+
+
+def _watch(client: Client, session: Session) -> None:
+    """Tell the session's feed when the connection is gone."""
+    protocol = client.uaclient.protocol
+    if protocol is None:
+        raise session.complaints.gone()
+    known = protocol.on_connection_lost
+
+    def lost(error: Exception | None) -> None:
+        session.feed.fail(session.complaints.gone())
+        if known is not None:
+            known(error)
+
+    protocol.on_connection_lost = lost
+    if protocol.is_closed:
+        session.feed.fail(session.complaints.gone())
+
+
+async def _farewell(client: Client) -> None:
+    """Close session, channel and socket, however far they were opened."""
+    protocol = client.uaclient.protocol
+    with suppress(Exception):  # whatever is wrong with the connection, it is given up
+        async with asyncio.timeout(_FAREWELL):
+            await client.close_session()
+            await client.close_secure_channel()
+    client.disconnect_socket()
+    if protocol is not None and protocol.transport is not None:
+        protocol.transport.abort()
+    for _ in range(2):  # closed transports and cancelled tasks end at the loop's next turns
+        await asyncio.sleep(0)
+
+
+def _property_path(node: ua.NodeId, name: str) -> ua.BrowsePath:
+    from asyncua import ua
+
+    element = ua.RelativePathElement()
+    element.ReferenceTypeId = ua.NodeId(ua.ObjectIds.HasProperty)
+    element.IsInverse = False
+    element.IncludeSubtypes = True
+    element.TargetName = ua.QualifiedName(name, 0)
+    path = ua.BrowsePath()
+    path.StartingNode = node
+    path.RelativePath = ua.RelativePath([element])
+    return path

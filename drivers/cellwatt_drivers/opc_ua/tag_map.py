@@ -1,0 +1,134 @@
+"""A controller's tags as a YAML file: which node feeds which channel."""
+
+from __future__ import annotations
+
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+
+from cellwatt.channel import Channel, Kind
+from cellwatt.config import read_settings
+from cellwatt.config.wording import did_you_mean
+from cellwatt.quantity import Seconds
+from cellwatt_drivers.opc_ua import tag_units
+from cellwatt_drivers.opc_ua.browse_path import Step, parsed
+
+ModelName = Literal["opc_40010"]
+ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
+Prefix = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+
+
+def _written(unit: object) -> object:
+    """A bare 1 is a number in YAML, and the unit of a ratio here."""
+    return "1" if type(unit) is int and unit == 1 else unit
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+
+
+class Tag(_Part):
+    """One variable of the server, or one element of an array."""
+
+    node: str | None = None
+    """Node id: ``ns=4;s=Robot.Power``, ``nsu=URI;i=12``, or ``ns=PREFIX;…`` with a prefix of ``namespaces``."""
+    path: str | None = None
+    """Browse path below Objects instead of ``node``: ``di:DeviceSet/*/rob:Axes/*2/…``; ``*`` is the first child that
+    leads on, ``*2`` the second object by name."""
+    index: int | None = Field(None, ge=0)
+    """Element of an array, from 0."""
+    unit: Annotated[str, BeforeValidator(_written)]
+    """Unit of the value, after ``scale``."""
+    server_unit: bool = False
+    """Take the unit that the server gives (EngineeringUnits), where it is one of the same quantity, instead."""
+    scale: float = Field(1.0, allow_inf_nan=False)
+    """The value times this is in ``unit``."""
+    kind: Kind = "continuous"
+    """``discrete`` for states, ``counter`` for what only counts up."""
+    window: Seconds = Field(0.0, ge=0)
+    """Time that the controller averages each value over."""
+    optional: bool = False
+    """A server without it is read all the same."""
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, unit: str) -> str:
+        if unit not in tag_units.NAMES:
+            raise ValueError(
+                f"{unit!r} is not a unit{did_you_mean(unit, tag_units.NAMES)} (there are: {', '.join(tag_units.NAMES)})"
+            )
+        return unit
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Tag:
+        if (self.node is None) == (self.path is None):
+            raise ValueError("write either 'node' (its id) or 'path' (its browse path)")
+        if self.path is not None:
+            parsed(self.path)
+        if self.node is not None and not any(part[:2] in ("i=", "s=", "g=", "b=") for part in self.node.split(";")):
+            raise ValueError("a node id ends in i=NUMBER, s=TEXT, g=GUID or b=BASE64, like 'ns=4;s=Robot.Power'")
+        return self
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Steps of its browse path."""
+        return parsed(self.path or "")
+
+    @property
+    def place(self) -> str:
+        """Place as written, for messages."""
+        return self.node or self.path or ""
+
+    def channel(self, name: str) -> Channel:
+        """Return the channel it feeds; energies are held, not interpolated."""
+        unit = tag_units.si(self.unit)[0]
+        return Channel(name, unit, self.kind, "hold" if unit == "J" else None, self.window)
+
+
+class TagMap(_Part):
+    """Tags of a controller."""
+
+    maker: str = ""
+    """Maker of the controller; left out: as the server says."""
+    model: str = ""
+    """Model of the controller; left out: as the server says."""
+    source: str = ""
+    """Source of the nodes."""
+    namespaces: dict[Prefix, str] = Field(default_factory=dict)
+    """Namespace URIs by the prefix that node ids and paths use; their numbers may change when a server restarts."""
+    values: dict[ChannelName, Tag] = Field(min_length=1)
+    """Tags by channel."""
+
+    @model_validator(mode="after")
+    def _prefixes(self) -> TagMap:
+        check_prefixes(self.values, self.namespaces)
+        return self
+
+
+def prefix_of(node: str) -> str | None:
+    """Return the prefix of ``ns=PREFIX;…``; ``None`` for a number, a URI, or none."""
+    first = node.partition(";")[0].strip()
+    name = first.removeprefix("ns=")
+    return name if name != first and not name.isdecimal() else None
+
+
+def check_prefixes(tags: dict[str, Tag], namespaces: dict[str, str]) -> None:
+    """Raise ``ValueError`` for a tag with a prefix that ``namespaces`` lacks."""
+    for name, tag in tags.items():
+        used = [prefix_of(tag.node)] if tag.node else [step.prefix for step in tag.steps]
+        for prefix in used:
+            if prefix and not prefix.isdecimal() and prefix not in namespaces:
+                raise ValueError(f"{name}: no prefix {prefix!r} in 'namespaces'{did_you_mean(prefix, namespaces)}")
+
+
+def load_map(path: Path) -> TagMap:
+    """Read a map. Raises ``ConfigError`` with every mistake and its line and column."""
+    return read_settings(path, TagMap)
+
+
+def packaged_map(name: ModelName) -> TagMap:
+    """Read a packaged map."""
+    with as_file(files(__package__) / "maps" / f"{name}.yaml") as path:
+        return load_map(path)

@@ -1,0 +1,230 @@
+"""A driver at an emulated server: values, certificates, users, wrong nodes, faults."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from cellwatt.channel import Quality
+from cellwatt.emulation import Fault
+from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+
+from .rig import PLC, TAGS, certificate, driver, emulated, running
+
+BAD_NODES = [
+    (
+        {"a.x": {"node": "ns=plc;s=Arm.Positoin", "index": 0, "unit": "deg"}},
+        "has no node 'ns=plc;s=Arm.Positoin'; did you mean 'ns=2;s=Arm.Position'? (a.x)",
+    ),
+    ({"a.x": {"node": "ns=plc;s=Arm.Position", "unit": "deg"}}, "is an array of 2: write 'index', from 0"),
+    ({"a.x": {"node": "ns=plc;s=Arm.Position", "index": 2, "unit": "deg"}}, "has 2 elements, none with index 2"),
+    ({"a.x": {"node": 'ns=plc;s="DB_Arm"."current"', "index": 0, "unit": "A"}}, "is no array: leave out 'index'"),
+    (
+        {"a.x": {"path": "plc:Cell/plc:Suply/plc:Power", "unit": "kW"}},
+        "has no 'plc:Suply' below Objects/plc:Cell; did you mean 'Supply'? (a.x)",
+    ),
+    (
+        {"a.x": {"node": "nsu=urn:plant:plcs;s=Arm.Position", "unit": "kW"}},
+        "has no namespace 'urn:plant:plcs'; did you mean 'urn:plant:plc'?",
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Certificates and keys by name."""
+    folder = tmp_path_factory.mktemp("certificates")
+    made = {name: certificate(folder, name) for name in ("server", "client", "stranger")}
+    return made | {"nameless": certificate(folder, "nameless", uri="")}
+
+
+async def test_values_come_in_si_units_with_the_sources_time():
+    async with emulated() as (_, place), running(place) as run:
+        await run.outlet.until(lambda o: len(o.readings) > 5)
+    found = dict(zip(TAGS, run.outlet.values[-1], strict=True))
+    assert found == pytest.approx(
+        {"joint_1.position": 0.5, "joint_2.position": 0.0, "joint_1.current": 2.5, "supply.power": 500.0}
+    )
+    assert not run.failures
+    late = np.array([r.arrival - r.device_time[-1] for r in run.outlet.readings])
+    assert (np.abs(late) < 2e9).all()
+    assert (np.diff(run.outlet.device_time) > 0).all()
+
+
+async def test_the_server_says_who_it_is():
+    async with emulated() as (_, place):
+        made, _ = driver(place)
+        identity = await made.identify()
+    assert (identity.maker, identity.model, identity.firmware) == ("cellwatt", "emulated controller", "1.0")
+    assert identity.notes["nodes"] == "3" and "started" in identity.notes
+
+
+@pytest.mark.parametrize(("tags", "text"), BAD_NODES)
+async def test_a_wrong_node_is_told_with_what_was_near(tags, text):
+    async with emulated() as (_, place):
+        made, _ = driver(place, tags=tags)
+        with pytest.raises(WrongDeviceError) as told:
+            await made.identify()
+    assert text in str(told.value) and place in str(told.value) and "\n" not in str(told.value)
+
+
+async def test_a_text_is_no_number():
+    async with emulated(wrong="joint_1.current") as (_, place):
+        made, _ = driver(place)
+        with pytest.raises(WrongDeviceError, match="is a String, expected a number"):
+            await made.identify()
+
+
+async def test_what_is_optional_may_be_missing():
+    tags = TAGS | {"tool.force": {"node": "ns=plc;s=Tool.Force", "unit": "N", "optional": True}}
+    async with emulated() as (_, place), running(place, tags=tags) as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+    assert np.isnan(run.outlet.values[:, -1]).all() and np.isfinite(run.outlet.values[:, :-1]).all()
+    assert run.outlet.kinds() == ["tags_missing"]
+
+
+@pytest.mark.parametrize("security", ["sign", "encrypt"])
+async def test_messages_are_signed_and_encrypted(files, security):
+    server, client = files["server"], files["client"]
+    its = {"certificate": str(server[0]), "key": str(server[1]), "trusted": str(client[0])}
+    mine = {"security": security, "certificate": client[0], "key": client[1]}
+    users = {"user": "eve", "password": "secret"}
+    async with emulated(security="sign,encrypt", **its, **users) as (_, place):
+        for pinned in ({}, {"server_certificate": server[0]}):
+            made, _ = driver(place, **mine, **users, **pinned)
+            assert len((await made.identify()).notes["certificate (SHA-256)"]) == 64
+        async with running(place, **mine, **users) as run:
+            await run.outlet.until(lambda o: len(o.readings) > 2)
+            assert not run.failures
+
+
+async def test_a_certificate_that_the_server_does_not_trust_is_refused(files):
+    server, client, stranger = files["server"], files["client"], files["stranger"]
+    its = {"certificate": str(server[0]), "key": str(server[1]), "trusted": str(client[0])}
+    async with emulated(security="sign,encrypt", **its) as (_, place):
+        made, _ = driver(place, security="encrypt", certificate=stranger[0], key=stranger[1])
+        with pytest.raises(DeviceError, match=r"refuses this PC's certificate .*BadCertificateUntrusted; trust it"):
+            await made.identify()
+        made, _ = driver(
+            place,
+            security="encrypt",
+            certificate=client[0],
+            key=client[1],
+            server_certificate=stranger[0],
+            timeout="300 ms",
+        )
+        with pytest.raises(ConnectError, match="does it trust this PC's certificate, is the pinned one its own"):
+            await made.identify()
+
+
+async def test_a_server_without_security_is_not_read_with_it(files):
+    client = files["client"]
+    async with emulated() as (_, place):
+        made, _ = driver(place, security="sign", certificate=client[0], key=client[1])
+        with pytest.raises(DeviceError, match=r"offers no Basic256Sha256 Sign; it offers: None None"):
+            await made.identify()
+
+
+async def test_files_that_are_no_certificates_are_told(files, tmp_path):
+    client, nameless = files["client"], files["nameless"]
+    junk = tmp_path / "junk.pem"
+    junk.write_text("-----BEGIN nothing")
+    for mine, text in (
+        ({"certificate": junk, "key": client[1]}, f"{junk} cannot be used"),
+        ({"certificate": client[0], "key": junk}, f"{junk} cannot be used"),
+        ({"certificate": nameless[0], "key": nameless[1]}, "names no application URI"),
+    ):
+        made, _ = driver("127.0.0.1:9", security="sign", **mine)
+        with pytest.raises(DeviceError, match=text):
+            await made.identify()
+
+
+async def test_a_user_is_refused_and_a_password_is_not_sent_in_plain_text():
+    async with emulated(user="eve", password="secret") as (_, place):
+        made, _ = driver(place)
+        with pytest.raises(DeviceError, match="refuses a client without a user: write 'user' and 'password'"):
+            await made.identify()
+        made, _ = driver(place, user="eve", password="secret")
+        with pytest.raises(DeviceError, match="takes the password in plain text only"):
+            await made.identify()
+        made, _ = driver(place, user="eve", password="wrong", plain_password=True)
+        with pytest.raises(DeviceError, match="refuses user 'eve'") as told:
+            await made.identify()
+        assert "wrong" not in str(told.value)
+        made, _ = driver(place, user="eve", password="secret", plain_password=True)
+        assert await made.identify()
+
+
+async def test_bad_values_are_missing_and_counted():
+    async with emulated() as (emulator, place), running(place) as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+        emulator.inject(Fault("garbage", duration=0.3))
+        await run.outlet.until(lambda o: o.account.counters["bad status"] > 0)
+        await run.outlet.until(lambda o: o.readings[-1].quality[-1] == Quality.GOOD)
+    assert run.outlet.account.counters["status BadSensorFailure"] == run.outlet.account.counters["bad status"]
+    quality = np.concatenate([r.quality for r in run.outlet.readings])
+    missing = quality == Quality.MISSING
+    assert missing.any() and np.isnan(run.outlet.values[missing]).all()
+    assert np.isfinite(run.outlet.values[~missing]).all()
+
+
+async def test_what_the_servers_queue_lost_is_counted():
+    async with emulated() as (emulator, place), running(place) as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+        emulator.inject(Fault("loss", duration=0.3))
+        await run.outlet.until(lambda o: o.account.counters["overflows"] > 0)
+    assert run.outlet.account.residue == 0
+    assert "overflows" in run.outlet.account.anomalies
+
+
+async def test_a_restart_of_the_server_is_an_outage_and_no_more():
+    async with emulated() as (emulator, place), running(place) as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+        emulator.inject(Fault("disconnect", seconds=0.5))
+        await run.outlet.until(lambda o: len(o.identities) > 1 and o.account.missed["outage"] > 0)
+    assert "the server closed the connection" in str(run.failures[0])
+    assert not run.outlet.resets
+
+
+async def test_a_server_that_says_nothing_is_given_up():
+    async with emulated() as (emulator, place), running(place, silence="300 ms", timeout="300 ms") as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+        emulator.inject(Fault("stall", seconds=1.0))
+        await run.outlet.until(lambda _: run.failures)
+        assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
+        before = len(run.outlet.readings)
+        await run.outlet.until(lambda o: len(o.readings) > before)
+
+
+async def test_every_sample_is_asked_for():
+    async with emulated() as (_, place), running(place, every_sample=True) as run:
+        await run.outlet.until(lambda o: sum(len(r.values) for r in o.readings) > 10)
+    assert run.outlet.account.counters["unchanged"] < 5  # the world stands still: without it all but one
+
+
+async def test_channels_of_any_robot_by_its_standard_nodes():
+    many = {"model": "opc_40010", "tags": {}, "namespaces": {}, "read": ["joint_2.position", "joint_6.temperature"]}
+    async with emulated(tags="", namespaces="") as (_, place):
+        made, _ = driver(place, **many)
+        assert (await made.identify()).notes["nodes"] == "2"
+        assert [c.unit for c in made.streams[0].channels] == ["rad", "degC"]
+
+
+async def test_units_of_the_server_decide_or_are_held_against_ours():
+    tag = {"node": "ns=plc;s=Angle", "unit": "deg", "server_unit": True}
+    async with emulated(tags=json.dumps({"joint_1.position": tag}), namespaces=json.dumps(PLC["namespaces"])) as (
+        _,
+        place,
+    ):
+        for unit, its in (("deg", None), ("rad", None), ("mm", "is in deg, the settings say mm")):
+            wanted = tag | {"unit": unit, "server_unit": unit == "rad"}
+            made, _ = driver(place, tags={"joint_1.position": wanted})
+            if its:
+                with pytest.raises(WrongDeviceError, match=its):
+                    await made.identify()
+                continue
+            async with running(place, tags={"joint_1.position": wanted}) as run:
+                await run.outlet.until(lambda o: len(o.readings) > 1)
+            assert run.outlet.values[-1, 0] == pytest.approx(0.5, rel=1e-6)

@@ -1,0 +1,133 @@
+"""Maps, browse paths, units and settings."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pydantic import ValidationError
+
+from cellwatt.errors import ConfigError
+from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings, tag_units
+from cellwatt_drivers.opc_ua.browse_path import Child, Step, chosen, parsed
+from cellwatt_drivers.opc_ua.tag_map import load_map, packaged_map
+
+from ..outlet import CollectingOutlet
+
+GOOD = {"host": "192.0.2.1", "tags": {"supply.power": {"node": "ns=3;s=P", "unit": "kW"}}}
+
+
+def make(**changes):
+    return OpcUaDriver("plc", OpcUaSettings.model_validate(GOOD | changes), CollectingOutlet())
+
+
+def test_a_path_is_split_where_no_ampersand_stands():
+    assert parsed("/Objects/di:DeviceSet/*/2:a&/b/*3/x y") == (
+        Step("DeviceSet", "di"),
+        Step("", any=True),
+        Step("a/b", "2"),
+        Step("", any=True, nth=3),
+        Step("x y"),
+    )
+
+
+@pytest.mark.parametrize("path", ["", "/", "a//b", "a/"])
+def test_an_empty_step_is_refused(path):
+    with pytest.raises(ValueError, match="empty"):
+        parsed(path)
+
+
+def test_axes_are_taken_in_the_order_of_their_numbers():
+    children = [Child(f"Axis_{n}", 3, f"i={n}", True) for n in (10, 2, 1)] + [Child("A", 3, "i=0", False)]
+    assert [c.name for c in chosen(Step("", any=True), children, None)] == ["Axis_1", "Axis_2", "Axis_10"]
+    assert [c.name for c in chosen(Step("", any=True, nth=3), children, None)] == ["Axis_10"]
+    assert not chosen(Step("", any=True, nth=4), children, None)
+    assert not chosen(Step("Axis_1"), children, 2)
+
+
+@pytest.mark.parametrize(
+    ("number", "text", "unit"),
+    [
+        (17476, "?", "deg"),
+        (4408652, "", "degC"),
+        (-1, "°C", "degC"),
+        (-1, "kW", "kW"),
+        (-1, "furlong", None),
+        (0, "", None),
+    ],
+)
+def test_the_servers_units_are_known_by_number_or_text(number, text, unit):
+    """17476 and 4408652 are degree (DD) and degree Celsius (CEL) in the table of OPC 10000-8."""
+    assert tag_units.named(number, text) == unit
+
+
+def test_units_are_those_of_the_si():
+    assert tag_units.si("deg")[1].factor == pytest.approx(math.pi / 180)
+    assert tag_units.si("degF")[0] == "degC"
+    assert tag_units.si("kWh") == ("J", tag_units.si("kWh")[1])
+
+
+def test_the_packaged_map_is_that_of_the_standard():
+    made = packaged_map("opc_40010")
+    assert made.namespaces == {
+        "di": "http://opcfoundation.org/UA/DI/",
+        "rob": "http://opcfoundation.org/UA/Robotics/",
+    }
+    names = [str(s) for s in made.values["joint_3.position"].steps]
+    assert names[-5:] == ["*", "rob:Axes", "*3", "di:ParameterSet", "rob:ActualPosition"]
+    assert not made.values["joint_1.position"].optional and made.values["joint_1.velocity"].optional
+
+
+def test_the_stream_follows_the_tags():
+    (stream,) = make(rate="25 Hz").streams
+    assert (stream.name, stream.rate, stream.clock) == ("tags", 25.0, "device")
+    assert [(c.name, c.unit, c.method) for c in stream.channels] == [("supply.power", "W", "average")]
+
+
+def test_tags_are_read_beside_a_map_and_in_the_order_of_read():
+    made = make(model="opc_40010", read=["supply.power", "joint_2.position"])
+    assert made.streams[0].names == ("supply.power", "joint_2.position")
+    with pytest.raises(ConfigError, match=r"no tag gives 'joint_7.position'; did you mean"):
+        make(model="opc_40010", read=["joint_7.position"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"tags": {}}, "write 'model'"),
+        ({"model": "opc_40010", "map": __file__}, "not both"),
+        ({"path": "UA"}, "begins with a slash"),
+        ({"security": "sign"}, "needs 'certificate' and 'key'"),
+        ({"certificate": __file__}, "are used with 'security: sign'"),
+        ({"publish": "3 s"}, "'silence' is at least twice 'publish'"),
+        ({"tags": {"a.x": {"node": "ns=plc;s=P", "unit": "W"}}}, "no prefix 'plc' in 'namespaces'"),
+        ({"tags": {"a.x": {"node": "P", "unit": "W"}}}, "a node id ends in"),
+        ({"tags": {"a.x": {"node": "i=1", "path": "P", "unit": "W"}}}, "write either 'node'"),
+        ({"tags": {"a.x": {"node": "i=1", "unit": "kWatt"}}}, "'kWatt' is not a unit"),
+        ({"read": []}, "names at least one channel"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changes, text):
+    with pytest.raises(ValidationError, match=text):
+        OpcUaSettings.model_validate(GOOD | changes)
+
+
+def test_a_password_is_shown_to_nobody():
+    settings = OpcUaSettings.model_validate(GOOD | {"user": "eve", "password": "s3cret", "key_password": "s3cret"})
+    assert "s3cret" not in repr(settings) and "s3cret" not in settings.model_dump_json()
+
+
+def test_a_map_of_ones_own_is_told_with_line_and_column(tmp_path):
+    file = tmp_path / "plc.yaml"
+    file.write_text("values:\n  a.x: {node: 'ns=3;s=P', unit: kWatt}\n")
+    with pytest.raises(ConfigError, match=r"plc\.yaml:2:\d+: .*kWatt"):
+        load_map(file)
+
+
+def test_the_url_has_brackets_about_an_ipv6_address():
+    assert make(host="::1", path="/UA").url == "opc.tcp://[::1]:4840/UA"
+
+
+def test_the_clock_allows_for_the_time_that_a_sample_waits_in_the_server():
+    assert make(rate="10 Hz", publish="200 ms").least_delay == pytest.approx((0.0, 0.105))
+    assert make(rate="1 Hz", publish="50 ms").least_delay == pytest.approx((0.0, 0.055))
