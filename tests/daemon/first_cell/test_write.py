@@ -18,6 +18,7 @@ from cellwatt.runtime.assemble import prepare
 GIVEN = {
     "abb": {},
     "can_sensor": {"sensor": "ivt_s"},
+    "opc_ua": {"model": "opc_40010"},
     "modbus_meter": {"meter": "eastron_sdm630"},
     "power_board": {},
     "yaskawa": {"pulses_per_degree": "[1341.4, 1341.4, 1341.4, 1000, 1000, 622]"},

@@ -1,0 +1,1 @@
+"""The cell over MQTT: plain JSON topics, or Sparkplug B."""
