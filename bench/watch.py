@@ -18,6 +18,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from cellwatt.demo.cells import free_endpoint, shape_file
 from cellwatt.live.app import LiveApp
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look
@@ -47,14 +48,15 @@ def process(arguments: list[str], environment: Mapping[str, str], log: Path) -> 
 
 
 @contextmanager
-def demo_cell(folder: Path, fault: str) -> Iterator[LinkSettings]:
-    """The demo's cell, with a fault."""
+def demo_cell(folder: Path, fault: str, page: str = "") -> Iterator[LinkSettings]:
+    """The demo's cell, with a fault; ``page`` is the address of its page, any where it is empty."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
     for name in ("demo.yaml", "demo-reference.yaml"):
         shutil.copy(ROOT / "examples" / name, folder)
     told = {"ENDPOINT": endpoint, "FOLDER": folder / "rec", "MODEL": ROOT / "daemon/cellwatt/demo/power.onnx"}
+    told |= {"PAGE": page or free_endpoint(), "SHAPE": shape_file()}
     environment = {**os.environ, **{f"CELLWATT_DEMO_{name}": str(value) for name, value in told.items()}}
     live = folder / "live.yaml"
     emulate = ["emulate", "--cell", str(folder / "demo.yaml"), "--write", str(live), "--fault", fault]

@@ -87,7 +87,7 @@ class OpcUaSettings(SourceSettings):
     """User to log in; left out: none."""
     password: SecretStr = SecretStr("")
     """Its password, best as ``${OPC_UA_PASSWORD}``."""
-    plain_password: bool = False
+    unencrypted: bool = False
     """Send the password even where nothing encrypts it."""
     timeout: Seconds = Field(4.0, gt=0)
     """Wait this long for an answer."""
@@ -205,7 +205,7 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             password = s.key_password.get_secret_value() if s.key_password else None
             credentials = Credentials(s.certificate, s.key, password, s.server_certificate)
         password = s.password.get_secret_value()
-        return Access(self.url, s.security, credentials, s.user, password, s.plain_password, s.timeout)
+        return Access(self.url, s.security, credentials, s.user, password, s.unencrypted, s.timeout)
 
     async def _find(self, session: Session) -> tuple[list[Source], list[str]]:
         sources, lacking = await Search(session, self.url, self._map.namespaces).find(self._tags)

@@ -39,7 +39,7 @@ class Access:
     credentials: Credentials | None
     user: str | None
     password: str
-    plain_password: bool
+    unencrypted: bool
     timeout: float
 
 
@@ -182,7 +182,7 @@ async def _connect(client: Client, access: Access, complaints: Complaints) -> No
         await client.create_session()
     obey_cancellation()
     if access.user is not None:
-        _refuse_plain_password(client, access)
+        _refuse_unencrypted(client, access)
         client.set_user(access.user)
         client.set_password(access.password)
     with complaints.about("logging in"):
@@ -216,15 +216,15 @@ async def _secure(client: Client, access: Access, complaints: Complaints) -> Non
     obey_cancellation()
 
 
-def _refuse_plain_password(client: Client, access: Access) -> None:
+def _refuse_unencrypted(client: Client, access: Access) -> None:
     """Raise ``DeviceError`` where the server would get the password readable for everybody on the way."""
     from asyncua import ua
 
     policy = client.server_policy(ua.UserTokenType.UserName).SecurityPolicyUri or ""
     plain = not policy or policy.endswith("#None")
-    if plain and access.security != "encrypt" and not access.plain_password:
+    if plain and access.security != "encrypt" and not access.unencrypted:
         raise DeviceError(
-            f"{access.url} takes the password in plain text only: write 'security: encrypt', or 'plain_password: true' "
+            f"{access.url} takes the password in plain text only: write 'security: encrypt', or 'unencrypted: true' "
             "where nobody else is on this network"
         )
 

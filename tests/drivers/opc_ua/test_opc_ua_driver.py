@@ -149,11 +149,11 @@ async def test_a_user_is_refused_and_a_password_is_not_sent_in_plain_text():
         made, _ = driver(place, user="eve", password="secret")
         with pytest.raises(DeviceError, match="takes the password in plain text only"):
             await made.identify()
-        made, _ = driver(place, user="eve", password="wrong", plain_password=True)
+        made, _ = driver(place, user="eve", password="wrong", unencrypted=True)
         with pytest.raises(DeviceError, match="refuses user 'eve'") as told:
             await made.identify()
         assert "wrong" not in str(told.value)
-        made, _ = driver(place, user="eve", password="secret", plain_password=True)
+        made, _ = driver(place, user="eve", password="secret", unencrypted=True)
         assert await made.identify()
 
 

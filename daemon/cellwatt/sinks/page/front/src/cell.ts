@@ -23,6 +23,8 @@ export interface Topics {
   refused: Refused;
 }
 
+/** ms for which the last value of a channel stands while newer ones are missing. */
+const STANDS = 2000;
 const INTERVALS = 64;
 const REPETITIONS = 100;
 const SEVERITIES = ['info', 'warning', 'error'];
@@ -36,7 +38,9 @@ export class Cell extends Bus<Topics> {
   newest = 0;
   /** Browser time, ms, at which the cell's health came last. */
   heard = 0;
+  /** The newest value of a channel; null once it has been missing for a while. */
   readonly latest = new Map<string, number | null>();
+  private readonly known = new Map<string, number>();
   readonly quality = new Map<string, number>();
   private readonly stream: Stream;
   private reading: AbortController | null = null;
@@ -107,15 +111,22 @@ export class Cell extends Bus<Topics> {
   }
 
   private takeFrames(told: Frames): void {
-    for (const [name, values] of Object.entries(told.v)) this.latest.set(name, values.at(-1) ?? null);
+    for (const [name, values] of Object.entries(told.v)) this.note(name, values);
     for (const [name, worst] of Object.entries(told.q)) this.quality.set(name, worst);
     this.newest = Math.max(this.newest, told.t.at(-1) ?? 0);
     this.tell('frames', told);
   }
 
+  private note(name: string, values: readonly (number | null)[]): void {
+    const found = values.findLast((value) => value !== null);
+    const now = performance.now();
+    if (found !== undefined) this.known.set(name, now);
+    if (found !== undefined || now - (this.known.get(name) ?? 0) > STANDS) this.latest.set(name, found ?? null);
+  }
+
   private takePrediction(told: Prediction): void {
     for (const [output, values] of Object.entries(told.v)) {
-      this.latest.set(`prediction/${told.model}/${output}`, values.at(-1) ?? null);
+      this.note(`prediction/${told.model}/${output}`, values);
     }
     const known = this.state?.predictions.some((p) => p.model === told.model);
     if (this.state && !known) void this.read();

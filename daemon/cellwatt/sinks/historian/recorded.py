@@ -1,0 +1,102 @@
+"""Frames and results that the record of a cell has after a position, in order. Blocks: never on the event loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, TypeVar
+
+from cellwatt.blocks import cut
+from cellwatt.errors import RecordingError
+from cellwatt.frames import Frames
+from cellwatt.record import Recording
+from cellwatt.record.opening import survey
+from cellwatt.record.reader import EVER
+from cellwatt.record.retention import Kept, listing
+from cellwatt.results import Alarm, Energy, Task
+
+ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}
+"""Results that a historian keeps, by table."""
+Archived = Alarm | Task | Energy
+T = TypeVar("T", Alarm, Task, Energy)
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """The last frame that was dealt with: ``session``, its ``sequence`` and its ``time`` UTC ns."""
+
+    session: int
+    sequence: int
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The last result of a kind that was dealt with: how many of its file, which is ``number`` in ``session``."""
+
+    session: int
+    number: int
+    count: int
+
+
+def frames_after(folder: Path, cell: str, position: Position | None) -> Iterator[tuple[int, Frames]]:
+    """Blocks of frames after ``position``, each with its session; all there are without one."""
+    for kept in files_of(folder, cell):
+        session = kept.name.session
+        after = position if position is not None and session == position.session else None
+        if position is not None and session < position.session:
+            continue
+        recording = opened(kept.path)
+        if recording is None or (after is not None and recording.end <= after.time):
+            continue
+        for block in (recording if after is None else recording.between(after.time + 1, EVER)).frames():
+            known = 0 if after is None else after.sequence + 1 - block.sequence
+            if known < len(block):
+                yield session, cut(block, known, len(block))
+
+
+def frames_between(folder: Path, cell: str, start: int, end: int) -> Iterator[Frames]:
+    """Blocks of frames after ``start`` up to ``end``, UTC ns."""
+    for recording in _within(folder, cell, start, end):
+        yield from recording.between(start + 1, end).frames()
+
+
+def results_between(folder: Path, cell: str, start: int, end: int) -> Iterator[Archived]:
+    """Alarms, tasks and energies after ``start`` up to ``end``, UTC ns, kind by kind in each file."""
+    for recording in _within(folder, cell, start, end):
+        for kind in ARCHIVED.values():
+            yield from recording.between(start + 1, end).results(kind)
+
+
+def results_after(folder: Path, cell: str, kind: type[T], place: Place | None) -> Iterator[tuple[Place, T]]:
+    """Results of a kind after ``place``, each with its own place."""
+    for kept in files_of(folder, cell):
+        at = kept.name.session, kept.name.number
+        if place is not None and at < (place.session, place.number):
+            continue
+        recording = opened(kept.path)
+        known = place.count if place is not None and at == (place.session, place.number) else 0
+        for number, result in enumerate(recording.results(kind) if recording is not None else (), 1):
+            if number > known:
+                yield Place(*at, number), result
+
+
+def files_of(folder: Path, cell: str) -> list[Kept]:
+    """Recordings of a cell in the order in which they were recorded."""
+    return [kept for kept in listing(folder, cell) if kept.path.name.endswith((".mcap", ".mcap.part"))]
+
+
+def opened(path: Path) -> Recording | None:
+    """A recording as far as it is on disk; ``None`` where nothing can be read of it, or it is gone by now."""
+    try:
+        return Recording([survey(path, chunks=False)])
+    except RecordingError:
+        return None
+
+
+def _within(folder: Path, cell: str, start: int, end: int) -> Iterator[Recording]:
+    for kept in files_of(folder, cell):
+        recording = opened(kept.path)
+        if recording is not None and recording.start <= end and recording.end > start:
+            yield recording
