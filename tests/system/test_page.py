@@ -1,4 +1,4 @@
-"""A cell in a browser: the arm moves, its spring turns a joint red, a person acknowledges, the daemon dies and is back."""
+"""A cell in a browser: the arm moves, a spring turns a joint red, a person acknowledges, the daemon comes back."""
 
 from __future__ import annotations
 

@@ -129,6 +129,7 @@ def test_a_hash_is_what_every_scrypt_gives() -> None:
         HASH[:-4],
         HASH.replace("16384", "ten"),
     ],
+    ids=[f"wrong {n}" for n in range(12)],  # a hash has other salt in each process, and so would the names of the tests
 )
 def test_what_is_no_hash_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="hash"):
