@@ -44,7 +44,8 @@ def main() -> None:
         subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True, env=environment)
         python = folder / "venv/bin/python"
         pip = [python, "-m", "pip", "install", "--quiet"]
-        subprocess.run([*pip, "--require-hashes", "--no-deps", "-r", ROOT / "constraints.txt"], check=True, env=environment)
+        pins = ["--require-hashes", "--no-deps", "-r", ROOT / "constraints.txt"]
+        subprocess.run([*pip, *pins], check=True, env=environment)
         subprocess.run([*pip, "--no-deps", made], check=True, env=environment)
         (folder / "cell.yaml").write_text(readme_cell())
         for arguments in (
