@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import AsyncIterator
+from importlib.resources import files
 
 import pytest
-from playwright.async_api import Browser, async_playwright
+from playwright.async_api import Browser, Page, async_playwright
 
 from tests.patience import PATIENCE
 
@@ -24,6 +25,14 @@ WAIT = 1000 * PATIENCE
 """Longest wait, ms, for what must happen on a page."""
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed (Debian's package chromium)")
+
+
+async def barriers(page: Page) -> list[str]:
+    """Serious and critical faults that axe finds on a page for people who use a keyboard or a screen reader."""
+    await page.evaluate(files("axe_playwright_python").joinpath("axe.min.js").read_text())
+    found = await page.evaluate("axe.run()")
+    grave = [fault for fault in found["violations"] if fault["impact"] in ("serious", "critical")]
+    return [f"{fault['id']}: {fault['nodes'][0]['html'][:200]}" for fault in grave]
 
 
 @contextlib.asynccontextmanager

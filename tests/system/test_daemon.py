@@ -16,6 +16,7 @@ import pytest
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
 from cellwatt.record.claim import LOCK
+from cellwatt.runtime.consumption import FILE as ENERGY
 from tests.patience import PATIENCE, eventually
 from tests.system.running import Audience, Daemon, balanced, free_port, running
 
@@ -174,6 +175,6 @@ async def test_killed_daemon_loses_at_most_a_tenth_of_a_second(tmp_path: Path) -
                 await audience.until(lambda a: a.status.get("recorder", {}).get("recovered"))
                 assert await daemon.stop() == 0
             names = sorted(p.name for p in (folder / "record").iterdir())
-            assert all(n.endswith(".mcap") for n in names if n != LOCK), names
+            assert all(n.endswith(".mcap") for n in names if n not in (LOCK, ENERGY)), names
     # Once the recorder's thread may wait for a core while the daemon's own does not.
     assert np.median(lost) <= 0.1

@@ -13,12 +13,17 @@ from cellwatt.demo.cells import free_endpoint, shape_file
 from cellwatt.demo.fault import JOINT, SPRING, next_start
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.runtime.words import FILE
-from tests.browser import WAIT, chromium, needs_chromium
+from tests.browser import WAIT, barriers, chromium, needs_chromium
 from tests.patience import eventually
 from tests.system.running import Audience, Daemon
 from tests.system.test_daemon import ur
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300), needs_chromium]
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.timeout(300),
+    pytest.mark.blocks_loop,  # Playwright packs the half megabyte of axe in one step
+    needs_chromium,
+]
 
 REFERENCE = Path(__file__).resolve().parents[2] / "examples" / "demo-reference.yaml"
 HEALTHY = 4500
@@ -83,6 +88,8 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
         await expect(suspect).to_be_visible(timeout=WAIT)
         assert "Suspected: joint 3" in (await suspect.get_attribute("aria-label") or "")
 
+        assert await barriers(page) == []
+
         await acknowledge(page, "Ines", "gear is ordered")
         await audience.until(lambda a: any(e.kind == "acknowledged" for e in a.events))
         said = next(e for e in audience.events if e.kind == "acknowledged")
@@ -92,6 +99,7 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
         await page.reload()
         card = page.locator("li[data-alarm*=_fault]").first
         await expect(card).to_contain_text("Acknowledged by Ines", timeout=WAIT)
+        assert await barriers(page) == []
         history = page.get_by_role("group", name="History").get_by_role("table")
         await expect(history).to_contain_text("acknowledged by Ines", timeout=WAIT)
 

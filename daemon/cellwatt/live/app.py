@@ -125,6 +125,8 @@ class LiveApp(App[None]):
 
     def draw(self) -> None:
         """Draw the state as it is now."""
+        if not self.query("#head"):
+            return  # the app is ending
         self.look = replace(self.look, width=max(20, self.size.width - 2))
         with self._lock:
             self.query_one("#head", Static).update(self._head())

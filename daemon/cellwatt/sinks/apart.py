@@ -65,11 +65,11 @@ async def ending(process: asyncio.subprocess.Process, writer: asyncio.StreamWrit
     finally:
         writer.close()
         ended = asyncio.ensure_future(process.wait())
-        for end in (None, process.terminate, process.kill):
+        for end, patience in ((None, END), (process.terminate, END), (process.kill, None)):
             if end is not None:
                 with contextlib.suppress(ProcessLookupError):
                     end()
-            await asyncio.wait([ended], timeout=END if end is not process.kill else None)
+            await asyncio.wait([ended], timeout=patience)
             if ended.done():
                 break
 

@@ -113,16 +113,24 @@ def test_samples_nobody_accounts_for_are_an_alarm(at_once):
 
 async def test_an_alarm_of_a_stage_reaches_sinks_record_and_health(tmp_path):
     raised, cleared = alarm("heat", stage="judge"), alarm("heat", active=False, stage="judge")
-    JUDGES["judge"].give = lambda frames, _: {2: [raised], 4: [raised], 6: [cleared]}.get(frames.sequence, ())
+    told = {2: raised, 4: raised, 6: cleared}
+    JUDGES["judge"].give = lambda frames, _: [  # in whatever blocks they come
+        told[number] for number in range(frames.sequence, frames.sequence + len(frames)) if number in told
+    ]
     async with running(config_of(stages=stages("judge"), record=tmp_path)) as cell:
         DEVICES["arm"].tell(answer, give(4))
         await until(lambda: RECEIVERS["bus"].of(Alarm))
-        assert [a["id"] for a in (await look(cell))["alarms"]] == ["heat"]
+        assert len(heat((await look(cell))["alarms"])) == 1
         DEVICES["arm"].tell(give(5))
-        await until(lambda: len(RECEIVERS["bus"].of(Alarm)) == 3)
-        assert (await look(cell))["alarms"] == []
-        assert cell.view.status()["results"] == 3
-    assert list(Recording.open(tmp_path).results()) == [raised, raised, cleared]
+        await until(lambda: len(heat(RECEIVERS["bus"].of(Alarm))) == 3)
+        assert heat((await look(cell))["alarms"]) == []
+        assert cell.view.status()["results"] >= 3
+    assert heat(Recording.open(tmp_path).results()) == [raised, raised, cleared]
+
+
+def heat(alarms):
+    """Those of the stage: on a busy machine others tell that frames come late."""
+    return [a for a in alarms if (a["id"] if isinstance(a, dict) else a.id) == "heat"]
 
 
 async def test_a_stage_that_breaks_is_an_alarm_and_the_data_go_on():

@@ -134,17 +134,3 @@ async def _prepare(_: web.Request, response: web.StreamResponse) -> None:
 
 def _line(text: str, status: int, headers: dict[str, str] | None = None) -> web.Response:
     return web.Response(text=f"{' '.join(text.split())[:_LONGEST]}\n", status=status, headers=headers)
-
-
-def tls_context(settings: MetricsSettings) -> ssl.SSLContext | None:
-    """Context that serves metrics as https, if there is a certificate; reads files. Raises ``SinkError``."""
-    if settings.certificate is None:
-        return None
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    try:
-        context.load_cert_chain(settings.certificate, settings.key, password=lambda: b"")
-    except (OSError, ValueError) as error:
-        text = f"certificate: {settings.certificate} with key {settings.key} cannot be used: {error}"
-        raise SinkError(text) from None
-    return context

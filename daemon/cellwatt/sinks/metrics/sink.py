@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 from cellwatt.frames import Frames
 from cellwatt.results import Energy
 from cellwatt.sink import CellView, Item, Sink
+from cellwatt.sinks.listening import tls_context
 from cellwatt.sinks.metrics.meter import Meter
-from cellwatt.sinks.metrics.serving import Endpoint, tls_context
+from cellwatt.sinks.metrics.serving import Endpoint
 from cellwatt.sinks.metrics.settings import MetricsSettings
 
 
@@ -22,8 +23,6 @@ class MetricsSink(Sink[MetricsSettings]):
 
     def __init__(self, name: str, settings: MetricsSettings, view: CellView) -> None:
         super().__init__(name, settings, view)
-        self.url: str | None = None
-        """Address while it is served, without a path."""
         self._meter = Meter(settings.channels, settings.series, view.session)
 
     def offer(self, item: Item) -> None:

@@ -136,21 +136,6 @@ class Page:
             self._runner = None
 
 
-def tls_context(settings: PageSettings) -> ssl.SSLContext | None:
-    """What serves the page as https, if it has a certificate; reads files. Raises ``SinkError``."""
-    if settings.certificate is None:
-        return None
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    try:
-        context.load_cert_chain(settings.certificate, settings.key, password=lambda: b"")
-    except (OSError, ValueError) as error:
-        raise SinkError(
-            f"certificate: {settings.certificate} with key {settings.key} cannot be used: {error}"
-        ) from None
-    return context
-
-
 def names_in(certificate: Path | None) -> tuple[str, ...]:
     """Host names that a certificate is for; none where the package cryptography, which reads it, is missing."""
     if certificate is None:

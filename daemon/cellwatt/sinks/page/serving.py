@@ -17,9 +17,10 @@ from typing import Any, Final
 from cellwatt.errors import CellwattError, ProtocolError, SinkError
 from cellwatt.frames import Layout
 from cellwatt.publish.messages import parse_json
+from cellwatt.sinks.listening import tls_context
 from cellwatt.sinks.page import wire
 from cellwatt.sinks.page.access import Gate, proof_of
-from cellwatt.sinks.page.app import Page, names_in, tls_context
+from cellwatt.sinks.page.app import Page, names_in
 from cellwatt.sinks.page.archive import Archive, Desk
 from cellwatt.sinks.page.arms import follow
 from cellwatt.sinks.page.assets import Assets

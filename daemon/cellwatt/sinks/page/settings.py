@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, ValidationError, field_validator
-from pydantic import model_validator as model_check
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 
-from cellwatt.files import WRITTEN, open_file
 from cellwatt.host import check_host
-from cellwatt.publish.exposure import stays_here
-from cellwatt.sink import SinkSettings
+from cellwatt.sinks.listening import Listening
 from cellwatt.sinks.page.passwords import parse
 
 LOCAL: Final = "127.0.0.1:8480"
@@ -40,10 +36,8 @@ class UserSettings(BaseModel):
         return password
 
 
-class PageSettings(SinkSettings):
+class PageSettings(Listening):
     """The cell in a browser."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
 
     listen: str = LOCAL
     """Address and port at which the page is served; beyond this PC only with a certificate and users."""
@@ -51,8 +45,6 @@ class PageSettings(SinkSettings):
     """Host names by which browsers reach the page, beside those of the certificate, of this PC, and addresses."""
     certificate: Path | None = None
     """Certificate (PEM) with which the page is served as https, with the authorities between, if there are any."""
-    key: Path | None = None
-    """Private key of ``certificate``."""
     users: Mapping[str, UserSettings] = Field(default_factory=dict)
     """Who may log in, by name; where there are none, nobody is asked."""
     arms: Mapping[str, Path] = Field(default_factory=dict)
@@ -63,15 +55,6 @@ class PageSettings(SinkSettings):
     """Browsers that may follow the cell at the same time."""
     open: bool = False
     """Let the network in without certificate or users: anybody there can then see the cell."""
-
-    @field_validator("listen")
-    @classmethod
-    def _address(cls, listen: str) -> str:
-        found = _LISTEN.fullmatch(listen)
-        if found is None or int(found[2]) > _LAST_PORT:
-            raise ValueError(f"{listen!r} is not an address; expected host:port, like {LOCAL}")
-        check_host(found[1].strip("[]"))
-        return listen
 
     @field_validator("names")
     @classmethod
@@ -86,40 +69,19 @@ class PageSettings(SinkSettings):
                 raise ValueError(f"a user's name has 1 to {_LONGEST_NAME} printable characters, found {name!r:.120}")
         return users
 
-    @model_check(mode="after")
-    def _closed(self) -> PageSettings:
-        if (self.certificate is None) != (self.key is None):
-            raise ValueError("certificate and key are needed together")
-        if not self.open and (text := self.opening):
-            advice = "use 127.0.0.1, or give certificate, key and users, or set open: true"
-            kind = PydanticCustomError("value_error", "{error}", {"error": f"{text}; {advice}"})
-            problem = InitErrorDetails(type=kind, loc=("listen",), input=self.listen)
-            raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
-        return self
-
-    @property
-    def host(self) -> str:
-        """Host name or address to listen at."""
-        return self.listen.rpartition(":")[0].strip("[]")
-
-    @property
-    def port(self) -> int:
-        """Port to listen at; 0 for any that is free."""
-        return int(self.listen.rpartition(":")[2])
-
-    @property
-    def local(self) -> bool:
-        """True if only this PC reaches the page."""
-        return stays_here(self.host)
-
     @property
     def opening(self) -> str:
-        """How strangers get in, in words; empty if they do not."""
+        """See ``Listening.opening``."""
         lacks = (["TLS"] if self.certificate is None else []) + ([] if self.users else ["users"])
         if self.local or not lacks:
             return ""
         harm = "whoever reaches it sees the cell" if not self.users else "passwords and data pass in the clear"
         return f"open to the network without {' and '.join(lacks)}: {harm}"
+
+    @property
+    def advice(self) -> str:
+        """See ``Listening.advice``."""
+        return "use 127.0.0.1, or give certificate, key and users, or set open: true"
 
     def may_act(self, name: str | None) -> bool:
         """True if a user, or ``None`` for whoever comes where there are no users, may change anything."""
@@ -131,27 +93,3 @@ class PageSettings(SinkSettings):
         """All settings with their secrets, JSON-ready, for the process that serves the page and nobody else."""
         users = {name: {"password": u.password.get_secret_value(), "may": u.may} for name, u in self.users.items()}
         return {**self.model_dump(mode="json", exclude={"users"}), "users": users}
-
-    def warnings(self) -> tuple[str, ...]:
-        """Access left open on purpose, and keys and certificates that are missing or expire soon."""
-        ways = (f"listen: {self.listen}: {self.opening} (open: true)",) if self.opening else ()
-        return (*ways, *self._unreadable(), *self._expiring())
-
-    def _unreadable(self) -> Iterator[str]:
-        for option, path in {"certificate": self.certificate, "key": self.key}.items():
-            if path is not None:
-                try:
-                    open_file(path, WRITTEN).close()
-                except OSError as error:
-                    yield f"{option}: {path} cannot be read: {error.strerror}"
-
-    def _expiring(self) -> Iterator[str]:
-        if self.certificate is None:
-            return
-        from cellwatt.publish.link import LinkSettings, TlsSettings
-        from cellwatt.secure import validity
-
-        tls = TlsSettings(root_ca=self.certificate, certificate=self.certificate, key=self.key)
-        for text in validity.warnings(LinkSettings.model_construct(tls=tls)):
-            if not text.startswith("tls.root_ca"):
-                yield text.removeprefix("tls.")

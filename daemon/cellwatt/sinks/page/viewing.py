@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from cellwatt.runtime.tasks import plain_errors
+from cellwatt.sinks.listening import tls_context
 from cellwatt.sinks.page.access import Gate, proof_of
-from cellwatt.sinks.page.app import Page, names_in, tls_context
+from cellwatt.sinks.page.app import Page, names_in
 from cellwatt.sinks.page.archive import Archive, Desk
 from cellwatt.sinks.page.arms import follow
 from cellwatt.sinks.page.assets import Assets

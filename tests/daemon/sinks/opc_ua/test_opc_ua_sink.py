@@ -273,7 +273,7 @@ async def test_a_stranger_with_a_certificate_or_a_password_stays_out(files):
         ({"listen": "0.0.0.0:4840", "users": {"eve": "x"}}, "without a certificate"),
         ({"certificate": __file__}, "are needed together"),
         ({"trusted": [__file__]}, "of use only with a certificate"),
-        ({"listen": "here"}, "expected an address and a port"),
+        ({"listen": "here"}, "is not an address; expected host:port"),
     ],
 )
 def test_what_is_open_to_the_network_is_refused(settings, text):

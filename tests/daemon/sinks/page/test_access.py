@@ -13,8 +13,9 @@ from typing import Any
 import aiohttp
 import pytest
 
+from cellwatt.sinks.listening import tls_context
 from cellwatt.sinks.page.access import HEADERS, POLICY
-from cellwatt.sinks.page.app import names_in, tls_context
+from cellwatt.sinks.page.app import names_in
 from cellwatt.sinks.page.settings import PageSettings
 from tests.daemon.publish.test_link import certificates
 from tests.daemon.sinks.page.cell import (
