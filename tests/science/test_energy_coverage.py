@@ -21,6 +21,7 @@ def all_of(found):
     return np.concatenate([those for one in found for group, those in one.items() if group != "unexplained"])
 
 
+@pytest.mark.slow
 def test_of_a_small_set_nine_in_ten_are_within_two_standard_deviations(tmp_path):
     from energy.coverage import drawn, pulls
 

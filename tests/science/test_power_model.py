@@ -85,6 +85,7 @@ def test_windows_that_only_look_back(tmp_path, monkeypatch):
     assert max(score.current) <= 0.12
 
 
+@pytest.mark.slow
 def test_what_an_arm_has_is_found(tmp_path):
     arm, known = read(*write_case(tmp_path, "six axes", 31, moves=8, unseen=1)[:2])
     fitted = model_of(known, arm)

@@ -64,6 +64,7 @@ def job(small_case, tmp_path: Path, findings: list, knows: bool, methods=("expla
     return one
 
 
+@pytest.mark.slow
 def test_every_method_is_scored_on_one_case(small_case, tmp_path):
     key = small_case[1]
     answer = [{**key["required"][0], "kind": "missing", "parameters": {}}]
@@ -92,6 +93,7 @@ def test_prediction_is_given_the_simulation_of_the_sealed_motion(small_case, tmp
             assert gap["gap_closed"] == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_not_done_again_unless_code_or_seed_is_another(small_case, tmp_path):
     one = job(small_case, tmp_path, [], True)
     first, calls = judge(one), tmp_path / "calls"

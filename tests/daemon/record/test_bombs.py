@@ -128,6 +128,7 @@ def test_messages_shorter_than_their_head() -> None:
         walk(struct.pack("<BQ", Opcode.MESSAGE, 0) * 100)
 
 
+@pytest.mark.slow
 def test_an_attachment_of_two_gigabytes(tmp_path: Path) -> None:
     write_chunks(tmp_path, [[batch_of(0, 20)]], close=False)
     path = tmp_path / name_of()

@@ -51,7 +51,7 @@ def test_a_cell_with_both_is_checked_like_any_other(site, tmp_path):
     assert "phase_1.voltage" in told
 
 
-@pytest.mark.parametrize("name", ["mqtt_meter", "demand_stage"])
+@pytest.mark.parametrize("name", [pytest.param("mqtt_meter", marks=pytest.mark.slow), "demand_stage"])
 def test_their_own_tests_pass(site, name, tmp_path):
     options = ("-q", "-p", "no:cacheprovider", f"--basetemp={tmp_path / 'base'}")
     assert "passed" in call(site, "-m", "pytest", *options, cwd=site.parent / name)

@@ -38,6 +38,7 @@ def told(known, cycles, clear=3):
     return out
 
 
+@pytest.mark.slow
 def test_a_fault_that_grows_is_told_once_and_stays(known, wear):
     alarms = told(known, wear)
     assert {(a.joint, a.id, a.active) for _, a in alarms} == {(2, "faults.arm.joint_2.joint_fault", True)}

@@ -27,6 +27,7 @@ def case(tmp_path_factory):
     return arm, read_moves([table], 6), read_moves([unseen], 6)
 
 
+@pytest.mark.slow
 def test_power_alone_gives_a_model_of_power(case):
     """Without currents there is nothing to tell effects by, and priors have to do."""
     arm, known, unseen = case
@@ -50,6 +51,7 @@ def test_currents_alone_give_a_model_of_currents(case, monkeypatch):
     assert max(Score.of(unseen, power, current).current) < 0.2
 
 
+@pytest.mark.slow
 def test_a_payload_that_was_recorded_is_an_input(tmp_path):
     draw = np.random.default_rng(9)
     arm = six_axes(draw)
@@ -88,6 +90,7 @@ def test_without_torque_constants_nothing_can_be_said(case):
         train(known, Arm(robot.model_copy(update={"joints": joints}), arm.body))
 
 
+@pytest.mark.slow
 def test_a_joint_that_never_moved_does_not_blow_up(case):
     arm, known, unseen = case
     known = known.only(range(6))
