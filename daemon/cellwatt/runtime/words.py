@@ -39,8 +39,8 @@ class _Kept(BaseModel):
 class Words:
     """Takes the word of people and puts it into the alarm book.
 
-    ``say`` records and publishes an event, ``publish`` the messages of the book. ``folder`` is that of the record,
-    ``None`` where there is none: then words end with the daemon.
+    ``say`` records and publishes an event, ``publish`` the messages of the book. Words that nobody lets ``keep`` write
+    end with the daemon.
     """
 
     def __init__(
