@@ -66,7 +66,7 @@ async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> No
         Audience(daemon) as audience,
         chromium() as browser,
     ):
-        await audience.until(lambda a: a.all_up() and a.status["sinks"]["page"]["state"] == "ok")
+        await audience.until(lambda a: a.all_up() and a.status["sinks"]["page"].get("url"))
         page = await browser.new_page()
         wrong: list[str] = []
         page.on("pageerror", lambda error: wrong.append(str(error)))

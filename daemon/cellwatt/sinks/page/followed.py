@@ -38,6 +38,8 @@ class Followed:
     def __init__(self, link: LinkSettings, browsers: Browsers, desk: Desk) -> None:
         self._link, self._browsers, self._desk = link, browsers, desk
         self._rooms: dict[str, _Open] = {}
+        self._left: set[asyncio.Task[None]] = set()
+        """Cells that are being left: their links are still to be closed."""
 
     def room(self, site: str, cell: str, health: Health | None) -> Room:
         """The room of a cell; a new one begins with ``health``. Raises ``SinkError`` where too many are open."""
@@ -60,13 +62,16 @@ class Followed:
             if len(opened.room.feed.hub):
                 opened.used = now
             elif now - opened.used > KEPT:
-                opened.task.cancel()
-                del self._rooms[cell]
+                self._leave(cell)
 
     async def close(self) -> None:
-        """Leave all cells."""
-        tasks = [opened.task for opened in self._rooms.values()]
-        self._rooms.clear()
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        """Leave all cells; return when the links to them are closed."""
+        for cell in list(self._rooms):
+            self._leave(cell)
+        await asyncio.gather(*self._left, return_exceptions=True)
+
+    def _leave(self, cell: str) -> None:
+        task = self._rooms.pop(cell).task
+        self._left.add(task)
+        task.add_done_callback(self._left.discard)
+        task.cancel()

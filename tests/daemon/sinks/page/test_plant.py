@@ -177,8 +177,13 @@ async def test_a_cell_that_is_looked_at_is_followed_and_then_left(router: str, m
             first = got["v"]["arm.joint_1.position"][0]
             assert first % 1 == 0.25
             assert got["t"][0] == MS + 20 * (first - 0.25)
-            async with browser.get(f"{api}/state") as state:
-                told = await state.json()
+
+            async def alarmed() -> Any:
+                async with browser.get(f"{api}/state") as state:
+                    told = await state.json()
+                return told["alarms"] and told
+
+            told = await eventually(alarmed, "its alarm")
             assert [a["id"] for a in told["alarms"]] == ["alarm-1"]
             assert (told["may_act"], told["record"]) == (False, False)
             async with browser.get(f"{api}/curves?channels=arm.joint_1.position&from={MS}&to={MS + 60000}") as curves:
