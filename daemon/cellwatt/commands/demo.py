@@ -11,10 +11,10 @@ import time
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -22,11 +22,15 @@ from rich.text import Text
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
-from cellwatt.errors import CellwattError, why
+from cellwatt.errors import CellwattError, ConfigError, Problem, why
 from cellwatt.live.as_json import take_line
 from cellwatt.live.sparkline import bars
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
+from cellwatt.registry import sink
+
+if TYPE_CHECKING:
+    from cellwatt.demo.outlets.outlets import Outlets
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
     "small": Demonstration.small,
@@ -41,15 +45,21 @@ HEALTHY = 20.0
 @click.command()
 @click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
 @click.option("--seconds", default=30.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
+@click.option("--outlets", is_flag=True, help="Show the small cell in Prometheus, MQTT and OPC UA as well.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as one JSON object.")
 @click.option("--keep", type=click.Path(file_okay=False, path_type=Path), help="Keep recording and log in this folder.")
-def command(cell: str, seconds: float, as_json: bool, keep: Path | None) -> None:
+def command(cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path | None) -> None:
     """Run emulated devices, the daemon and a subscriber.
 
     The small cell has four devices; halfway a spring is hooked on an elbow. Exit code 0 only if nothing was lost and
     the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate; exit code
     0 only if nothing was lost.
+
+    With --outlets the small cell is also served to Prometheus, MQTT and OPC UA, and read back with a client of each;
+    exit code 0 only if they said the same and showed the alarm. Mosquitto and Prometheus run where they are installed.
     """
+    if outlets and cell != "small":
+        raise click.BadParameter("the outlets are shown with the small cell alone")
     if cell == "small" and seconds < HEALTHY:
         raise click.BadParameter(f"at least {HEALTHY:.0f} s are needed to see healthy cycles before the fault")
     if seconds < 1:
@@ -60,7 +70,8 @@ def command(cell: str, seconds: float, as_json: bool, keep: Path | None) -> None
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
-        summary = _quiet(cell, folder, seconds) if as_json else _live(cell, folder, seconds)
+        beside = _outlets(folder) if outlets else None
+        summary = (_quiet if as_json else _live)(cell, folder, seconds, beside)
     if as_json:
         click.echo(json.dumps(summary))
     else:
@@ -71,19 +82,34 @@ def command(cell: str, seconds: float, as_json: bool, keep: Path | None) -> None
         sys.exit(EXIT_FAILED)
 
 
-def _quiet(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
-    demonstration = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True))
-    return asyncio.run(_run(cell, demonstration))
+def _outlets(folder: Path) -> Outlets:
+    """The outlets of a demo in this folder. Raises ``ConfigError`` with every extra that they need and is missing."""
+    lacking: list[Problem] = []
+    for name in ("metrics", "mqtt", "opc_ua"):
+        try:
+            sink(name)
+        except ConfigError as error:
+            lacking += error.problems
+    if lacking:
+        raise ConfigError(lacking)
+    from cellwatt.demo.outlets.outlets import Outlets  # the packages of the extras take a while to load
+
+    return Outlets(folder)
 
 
-def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
+def _quiet(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
+    run = Demonstration(folder, seconds, lambda _: None, lambda step: click.echo(step, err=True), outlets)
+    return asyncio.run(_run(cell, run))
+
+
+def _live(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
     view, title, drawn = LiveCell(), "starting emulated devices, the daemon and a subscriber", 0.0
     with Live(auto_refresh=False) as live:
 
         def draw() -> None:
             nonlocal drawn
             drawn = time.monotonic()
-            live.update(whole(view, Look(live.console.width, power=MEASURED), f"[{title}]  "), refresh=True)
+            live.update(_picture(view, outlets, title, live.console.width), refresh=True)
 
         def show(line: Mapping[str, Any]) -> None:
             take_line(view, line)
@@ -96,9 +122,17 @@ def _live(cell: str, folder: Path, seconds: float) -> dict[str, Any]:
             draw()
 
         draw()
-        summary = asyncio.run(_run(cell, Demonstration(folder, seconds, show, say)))
+        summary = asyncio.run(_run(cell, Demonstration(folder, seconds, show, say, outlets)))
         draw()
     return summary
+
+
+def _picture(view: LiveCell, outlets: Outlets | None, title: str, width: int) -> RenderableType:
+    if outlets is None:
+        return whole(view, Look(width, power=MEASURED), f"[{title}]  ")
+    from cellwatt.demo.outlets.table import whole as table
+
+    return table(outlets, title)
 
 
 async def _run(cell: str, demonstration: Demonstration) -> dict[str, Any]:
@@ -119,7 +153,9 @@ def _show(summary: Mapping[str, Any]) -> None:
             console.print(_power(summary["power"]))
         if summary["meter"]:
             console.print(summary["meter"]["statement"])
-    for name, reason in summary.get("left_out", {}).items():
+    if "outlets" in summary:
+        console.print(_told(summary["outlets"]))
+    for name, reason in (summary.get("left_out", {}) | summary.get("outlets", {}).get("left_out", {})).items():
         console.print(f"{name} is left out: {reason}", style="bold yellow")
     for name, source in summary["sources"].items():
         if source["host_stalled"]:
@@ -130,6 +166,16 @@ def _show(summary: Mapping[str, Any]) -> None:
     if summary["ok"]:
         named = ", and the alarm named the right joint in time" if "fault" in summary else ""
         console.print(f"nothing was lost{named}", style="bold green")
+
+
+def _told(outlets: Mapping[str, Any]) -> str:
+    """When each outlet showed the alarm, and how much was the same in all."""
+    late = {name: told["alarm_after_s"] for name, told in outlets["told"].items()}
+    seen = ", ".join(f"{name} {'never' if s is None else f'after {s} s'}" for name, s in late.items())
+    if len(late) == 1:
+        return f"the alarm was seen in {seen}"
+    alike = f"{outlets['alike']['frames']} frames and {outlets['alike']['health']} health messages"
+    return f"the alarm was seen in {seen}\n{alike} were the same in {', '.join(late)}"
 
 
 def _power(power: Mapping[str, Any]) -> Text:

@@ -27,7 +27,7 @@ async def daemon(
         process = await asyncio.create_subprocess_exec(
             *command, env=environment, stderr=log, preexec_fn=ends_with_parent()
         )
-    async with _ended(process):
+    async with ended(process):
         yield process
 
 
@@ -41,7 +41,7 @@ async def subscriber(endpoint: str) -> AsyncIterator[asyncio.subprocess.Process]
         *command, stdout=asyncio.subprocess.PIPE, preexec_fn=ends_with_parent()
     )
     keep_up(process.pid)  # it shares the cores with all that it is to count
-    async with _ended(process):
+    async with ended(process):
         yield process
 
 
@@ -51,10 +51,15 @@ def log_of(folder: Path) -> Path:
 
 
 @contextlib.asynccontextmanager
-async def _ended(process: asyncio.subprocess.Process) -> AsyncIterator[None]:
-    """Terminate the process at the end of the block; kill it if it does not terminate."""
+async def ended(process: asyncio.subprocess.Process, *, tell: bool = False) -> AsyncIterator[None]:
+    """See to it that a process has ended after the block; kill it if it does not end.
+
+    It is told to end where the block fails, and with ``tell`` always.
+    """
     try:
         yield
+        if tell:
+            _terminate(process)
     except BaseException:
         _terminate(process)
         raise
