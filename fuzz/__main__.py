@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import logging
 import subprocess
 import sys
 import warnings
@@ -64,6 +65,7 @@ def _search(name: str, corpus: Path, minutes: float) -> None:
     except ModuleNotFoundError:
         sys.exit("the search needs atheris: pip install -e '.[fuzz]'")
     warnings.simplefilter("ignore")
+    logging.disable(logging.CRITICAL)
     with atheris.instrument_imports(include=["cellwatt", "cellwatt_drivers", "cellwatt_plugins", *TABLE[name].foreign]):
         target = load(name)
     seeds = corpus.with_name(f"{corpus.name}.seeds")

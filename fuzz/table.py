@@ -43,6 +43,11 @@ TABLE: Mapping[str, Entry] = {
     "message": Entry("a cell's Zenoh message: key, mark, JSON"),
     "arrow": Entry("a cell's Zenoh message: mark, Arrow stream"),
     "subscriber": Entry("a sequence of messages and answers at a subscriber"),
+    "page": Entry("requests to the page: host, cookie, token against forgery, query, body"),
+    "wire": Entry("messages between the daemon and the processes that serve for sinks, both ways"),
+    "mqtt": Entry("what a broker hands over: Sparkplug's commands and host state, kept alarms"),
+    "opc_ua": Entry("what an OPC UA server tells the driver; what a client hands to the method that acknowledges"),
+    "influx": Entry("InfluxDB's answers: status, Retry-After, body"),
 }
 
 

@@ -72,7 +72,10 @@ class CellView(Protocol):
         ...
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
-        """Recorded samples ``first`` … ``first + count`` of a stream that are still kept, in order."""
+        """Recorded samples ``first`` … ``first + count`` of a stream that are still kept, in order.
+
+        If none of them is, as many of the first that are kept after them.
+        """
         ...
 
     def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
@@ -123,6 +126,10 @@ class Sink(ABC, Generic[S]):
 
     def succeed(self, before: Sink[Any]) -> None:
         """Take over from the sink of this name that new settings have ended what its consumers may still ask for."""
+
+    def starting(self) -> bool:
+        """True while the sink does not serve yet, though nothing is wrong."""
+        return False
 
     def trouble(self) -> str | None:
         """Reason why the running sink does not serve, for health; ``None`` if all is well."""

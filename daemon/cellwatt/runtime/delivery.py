@@ -90,5 +90,6 @@ class Delivery:
         if time.monotonic() > self._serves_from:
             self._ended = None
         error = self._ended or broke or trouble
+        well = "starting" if self._contained("looks lost", self._sink.starting) else "ok"
         where = {} if self._sink.url is None else {"url": self._sink.url}
-        return {"state": "down" if error else "ok", "error": error, **where, **self._sink.account.snapshot()}
+        return {"state": "down" if error else well, "error": error, **where, **self._sink.account.snapshot()}

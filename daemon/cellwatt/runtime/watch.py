@@ -92,7 +92,7 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
             text = f"Stage {name} is too slow: {dropped} frames were dropped in front of it in the last {SPAN:.0f} s."
             found.append(Trouble("stage_slow", "warning", name, text, {"dropped_frames": dropped}))
     for name, sink in status["sinks"].items():
-        if sink["state"] != "ok":
+        if sink["state"] == "down":
             found.append(Trouble("sink_down", "warning", name, f"Sink {name} is down: {sink['error']}", {}))
     for name, process in status.get("processes", {}).items():
         if process["down"]:

@@ -71,6 +71,8 @@ class Picker:
         self._factor = np.array([unit.factor for unit in shown])
         self._zero = np.array([unit.zero for unit in shown])
         self._band = np.array([_band(name, selection.dead_band) for name in self._names])
+        self._banded = bool(self._band.any())
+        self._all = np.ones(len(chosen), bool)
         self._told = np.full(len(chosen), np.nan)
         self._known = np.zeros(len(chosen), bool)
         """Channels of which anything was told."""
@@ -81,6 +83,9 @@ class Picker:
         if not len(frames) or not len(self._columns):
             return
         number = -(-frames.time // self.span)
+        if self._begun is None and self.span == self.layout.step and (np.diff(number) > 0).all():
+            yield from self._each(frames, number)
+            return
         edges = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(frames)]
         for first, end in pairwise(edges):
             span = self._begun
@@ -95,18 +100,35 @@ class Picker:
     def rest(self) -> Iterator[Row]:
         """The row that was begun, if there is one: for the end of a recording."""
         span, self._begun = self._begun, None
-        if span is None:
+        if span is not None:
+            values = self._shown(np.where(self._mean, span.mean, span.last))
+            yield from self._row(span.sequence, span.number, values, span.quality)
+
+    def _each(self, frames: Frames, number: NDArray[np.int64]) -> Iterator[Row]:
+        """Rows of one frame each, as those of a ``_Span`` would be, without the sums."""
+        values, quality = frames.values[:, self._columns], frames.quality[:, self._columns]
+        there = np.isfinite(values)
+        sums = np.where(self._mean, 0.0 + values, values)
+        shown = self._shown(np.where(there, sums, np.nan))
+        quality = np.where(there, quality, np.uint8(Quality.MISSING))
+        for n, of in enumerate(number.tolist()):
+            yield from self._row(frames.sequence + n, of, shown[n], quality[n])
+
+    def _shown(self, values: Floats) -> Floats:
+        """Values (…, channels) in the units that are sent."""
+        scaled = values / self._factor
+        found: Floats = np.where(self._zero != 0.0, scaled + self._zero, scaled)
+        return found
+
+    def _row(self, sequence: int, number: int, values: Floats, quality: NDArray[np.uint8]) -> Iterator[Row]:
+        told = self._news(values) if self._banded else self._all
+        if not told.any():
             return
-        values = np.where(self._mean, span.mean, span.last) / self._factor
-        values = np.where(self._zero != 0.0, values + self._zero, values)
-        quality = span.quality
-        told = self._news(values)
-        if told.any():
-            there = told & np.isfinite(values)
+        if self._banded:
             self._told[told], self._known[told] = values[told], True
-            numbers: Mapping[str, float] = self._named(values, there)
-            qualities: Mapping[str, int] = self._named(quality, told)
-            yield Row(span.sequence, span.number * self.span, numbers, qualities)
+        numbers: Mapping[str, float] = self._named(values, told & np.isfinite(values))
+        qualities: Mapping[str, int] = self._named(quality, told)
+        yield Row(sequence, number * self.span, numbers, qualities)
 
     def _news(self, values: Floats) -> Flags:
         """The channels that are to be told: without dead band, new, moved by it, or gone missing or come back."""

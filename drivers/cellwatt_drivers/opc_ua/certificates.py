@@ -12,7 +12,7 @@ from cellwatt.files import read_bytes
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Files of this PC's certificate and key, and of the server's certificate where it is pinned."""
+    """Files of a certificate and its key, this PC's or a user's, and of the server's where that is pinned."""
 
     certificate: Path
     key: Path
@@ -42,11 +42,7 @@ def contents(credentials: Credentials) -> Contents:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
         uris = names.get_values_for_type(x509.UniformResourceIdentifier)
         path = credentials.key
-        secret = credentials.key_password.encode() if credentials.key_password else None
-        content = read_bytes(path)
-        pem = content.lstrip().startswith(b"-----")
-        load = serialization.load_pem_private_key if pem else serialization.load_der_private_key
-        key = load(content, password=secret)
+        key = _key(credentials)
         path = credentials.server_certificate or path
         pinned = credentials.server_certificate and _certificate(credentials.server_certificate)
     except (OSError, ValueError, TypeError, x509.ExtensionNotFound) as error:
@@ -61,6 +57,27 @@ def contents(credentials: Credentials) -> Contents:
         uris[0],
         certificate.fingerprint(hashes.SHA1()).hex(),
     )
+
+
+def user_of(credentials: Credentials) -> tuple[Any, Any]:
+    """A user's certificate and private key, read. Raises ``DeviceError`` with the file that is at fault."""
+    path = credentials.certificate
+    try:
+        certificate = _certificate(path)
+        path = credentials.key
+        return certificate, _key(credentials)
+    except (OSError, ValueError, TypeError) as error:
+        raise DeviceError(f"{path} cannot be used: {error}") from error
+
+
+def _key(credentials: Credentials) -> Any:
+    from cryptography.hazmat.primitives import serialization
+
+    secret = credentials.key_password.encode() if credentials.key_password else None
+    content = read_bytes(credentials.key)
+    pem = content.lstrip().startswith(b"-----")
+    load = serialization.load_pem_private_key if pem else serialization.load_der_private_key
+    return load(content, password=secret)
 
 
 def _certificate(path: Path) -> Any:

@@ -87,6 +87,12 @@ class OpcUaSettings(SourceSettings):
     """User to log in; left out: none."""
     password: SecretStr = SecretStr("")
     """Its password, best as ``${OPC_UA_PASSWORD}``."""
+    user_certificate: FilePath | None = None
+    """Certificate (PEM or DER) of the user to log in, in place of ``user``; the server must know it."""
+    user_key: FilePath | None = None
+    """Private key of ``user_certificate``."""
+    user_key_password: SecretStr | None = None
+    """Password of ``user_key``."""
     unencrypted: bool = False
     """Send the password even where nothing encrypts it."""
     timeout: Seconds = Field(4.0, gt=0)
@@ -106,6 +112,10 @@ class OpcUaSettings(SourceSettings):
             raise ValueError(f"'security: {self.security}' needs 'certificate' and 'key'")
         if self.security == "none" and (self.certificate or self.key or self.server_certificate):
             raise ValueError("certificates are used with 'security: sign' or 'security: encrypt'")
+        if (self.user_certificate is None) != (self.user_key is None):
+            raise ValueError("'user_certificate' and 'user_key' are needed together")
+        if self.user_certificate is not None and (self.user is not None or self.security == "none"):
+            raise ValueError("'user_certificate' needs 'security: sign' or 'security: encrypt', and no 'user'")
         if self.read is not None and (not self.read or len(set(self.read)) != len(self.read)):
             raise ValueError("'read' names at least one channel, each once")
         if self.publish * 2 > self.silence:
@@ -205,7 +215,11 @@ class OpcUaDriver(Driver[OpcUaSettings]):
             password = s.key_password.get_secret_value() if s.key_password else None
             credentials = Credentials(s.certificate, s.key, password, s.server_certificate)
         password = s.password.get_secret_value()
-        return Access(self.url, s.security, credentials, s.user, password, s.unencrypted, s.timeout)
+        user = None
+        if s.user_certificate is not None and s.user_key is not None:
+            secret = s.user_key_password.get_secret_value() if s.user_key_password else None
+            user = Credentials(s.user_certificate, s.user_key, secret)
+        return Access(self.url, s.security, credentials, s.user, password, s.unencrypted, s.timeout, user)
 
     async def _find(self, session: Session) -> tuple[list[Source], list[str]]:
         sources, lacking = await Search(session, self.url, self._map.namespaces).find(self._tags)

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from asyncua import ua
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+_NEVER: Final = 2200
+"""Year from which on a time is none: ns of 64 bits end in 2262."""
 _SEVERITY: Final = 0xC000_0000
 _UNCERTAIN: Final = 0x4000_0000
 _OVERFLOW: Final = 0x0480
@@ -88,8 +90,8 @@ def _items(
 
 
 def nanoseconds(moment: datetime | None) -> int:
-    """Return UTC ns of a time; 0 for none, and for OPC UA's zero in 1601."""
-    if moment is None:
+    """Return UTC ns of a time; 0 for none, for OPC UA's zero in 1601, and for its end of all times."""
+    if moment is None or moment.year >= _NEVER:
         return 0
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     since = aware - _EPOCH

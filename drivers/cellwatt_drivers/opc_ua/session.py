@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from cellwatt.errors import ConnectError, DeviceError
 from cellwatt_drivers.opc_ua.browse_path import Child
-from cellwatt_drivers.opc_ua.certificates import Credentials, contents
+from cellwatt_drivers.opc_ua.certificates import Credentials, contents, user_of
 from cellwatt_drivers.opc_ua.complaints import Complaints, obey_cancellation
 from cellwatt_drivers.opc_ua.feed import Feed
 
@@ -41,6 +41,7 @@ class Access:
     password: str
     unencrypted: bool
     timeout: float
+    user_credentials: Credentials | None = None
 
 
 class Session:
@@ -149,11 +150,14 @@ async def open_session(access: Access) -> AsyncIterator[Session]:
     """Open a session and close it at the end. Raises ``SourceError``."""
     from asyncua import Client
 
+    from cellwatt.sinks.opc_ua.arrays import bound_arrays
+
+    bound_arrays()
     logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it logs what is raised here
     client = Client(access.url, timeout=access.timeout)
     client.name = client.description = "cellwatt"
     client.session_timeout = _LIFE_OF_SESSION
-    complaints = Complaints(access.url, access.user or "")
+    complaints = Complaints(access.url, _called(access))
     try:
         await _connect(client, access, complaints)
         session = Session(client, complaints)
@@ -181,13 +185,21 @@ async def _connect(client: Client, access: Access, complaints: Complaints) -> No
     with complaints.about("opening a session"):
         await client.create_session()
     obey_cancellation()
+    certificate = None
+    if access.user_credentials is not None:
+        certificate, client.user_private_key = await asyncio.to_thread(user_of, access.user_credentials)
     if access.user is not None:
         _refuse_unencrypted(client, access)
         client.set_user(access.user)
         client.set_password(access.password)
     with complaints.about("logging in"):
-        await client.activate_session(username=access.user, password=access.password)
+        await client.activate_session(username=access.user, password=access.password, certificate=certificate)
     obey_cancellation()
+
+
+def _called(access: Access) -> str:
+    """Name of the user in messages; empty for none."""
+    return access.user or (access.user_credentials.certificate.name if access.user_credentials else "")
 
 
 async def _secure(client: Client, access: Access, complaints: Complaints) -> None:

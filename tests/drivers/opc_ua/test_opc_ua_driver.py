@@ -6,12 +6,19 @@ import json
 
 import numpy as np
 import pytest
+from asyncua import Server, ua
+from asyncua.crypto.permission_rules import User, UserRole
+from asyncua.server.user_managers import UserManager
+from cryptography import x509
+from pydantic import ValidationError
 
 from cellwatt.channel import Quality
+from cellwatt.demo.cells import free_endpoint
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+from cellwatt_drivers.opc_ua.session import open_session
 
-from .rig import PLC, TAGS, certificate, driver, emulated, running
+from .rig import PLC, TAGS, certificate, driver, emulated, running, settings
 
 BAD_NODES = [
     (
@@ -155,6 +162,53 @@ async def test_a_user_is_refused_and_a_password_is_not_sent_in_plain_text():
         assert "wrong" not in str(told.value)
         made, _ = driver(place, user="eve", password="secret", unencrypted=True)
         assert await made.identify()
+
+
+class Known(UserManager):
+    """Lets in whoever has one of some certificates."""
+
+    def __init__(self, *files):
+        self.known = [x509.load_pem_x509_certificate(file.read_bytes()) for file in files]
+
+    def get_user(self, iserver, username=None, password=None, certificate=None):
+        shown = x509.load_der_x509_certificate(certificate) if isinstance(certificate, bytes) else certificate
+        return User(role=UserRole.User) if shown in self.known else None
+
+
+async def test_a_user_comes_in_by_a_certificate(files):
+    """A server that knows users by their certificates alone; this PC's own is another."""
+    its, mine = files["server"], files["client"]
+    eve, mallory = files["nameless"], files["stranger"]
+    server = Server(user_manager=Known(eve[0]))
+    await server.init()
+    url = f"opc.tcp://127.0.0.1:{free_endpoint().rpartition(':')[2]}"
+    server.set_endpoint(url)
+    server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
+    await server.load_certificate(its[0])
+    await server.load_private_key(its[1])
+    await server.set_application_uri("urn:test:server")
+    server.set_identity_tokens([ua.X509IdentityToken])
+    async with server:
+        way = {"security": "encrypt", "certificate": mine[0], "key": mine[1]}
+
+        async def enter(**more):
+            made, _ = driver(url.removeprefix("opc.tcp://"), **way, **more)
+            async with open_session(made._access()) as session:
+                return (await session.read([ua.NodeId(ua.ObjectIds.Server_NamespaceArray)], 13))[0].Value.Value
+
+        assert "http://opcfoundation.org/UA/" in await enter(user_certificate=eve[0], user_key=eve[1])
+        with pytest.raises(DeviceError, match=r"refuses user 'stranger.pem'"):
+            await enter(user_certificate=mallory[0], user_key=mallory[1])
+        with pytest.raises(DeviceError, match=r"stranger.pem cannot be used"):
+            await enter(user_certificate=eve[0], user_key=mallory[0])
+
+
+@pytest.mark.parametrize(
+    "more", [{"user_key": __file__}, {"user_certificate": __file__, "user_key": __file__}], ids=["half", "plain"]
+)
+def test_a_user_s_certificate_needs_its_key_and_security(more):
+    with pytest.raises(ValidationError, match="'user_certificate'"):
+        settings("127.0.0.1:4840", **more)
 
 
 async def test_bad_values_are_missing_and_counted():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 import pytest
 
 from cellwatt.channel import Channel, Quality, Stream
 from cellwatt_drivers.opc_ua.intake import Intake
-from cellwatt_drivers.opc_ua.messages import Item, Message
+from cellwatt_drivers.opc_ua.messages import Item, Message, nanoseconds
 
 from ..outlet import CollectingOutlet
 
@@ -169,3 +171,14 @@ def test_the_number_of_messages_begins_anew_after_its_largest(bench):
     before = bench.outlet.account.counters["lost messages"]
     bench.tell(200, item(0, 203, 3.0))
     assert bench.outlet.account.counters["lost messages"] == before
+
+
+@pytest.mark.parametrize("moment", [None, datetime(1601, 1, 1, tzinfo=UTC), datetime(9999, 12, 31, tzinfo=UTC)])
+def test_times_that_are_none_are_zero(moment):
+    """OPC UA's last moment does not go into 64 bits of ns."""
+    assert nanoseconds(moment) == 0
+
+
+def test_a_time_is_exact_and_without_zone_utc():
+    moment = datetime(1970, 1, 1) + timedelta(seconds=1_700_000_000, microseconds=123_457)
+    assert nanoseconds(moment) == nanoseconds(moment.replace(tzinfo=UTC)) == 1_700_000_000_123_457_000

@@ -6,7 +6,6 @@ import asyncio
 import base64
 import gzip
 import http.client
-import json
 import math
 import ssl
 from collections.abc import Mapping, Sequence
@@ -18,10 +17,13 @@ from typing import Final, Literal
 import aiohttp
 
 from cellwatt.errors import SinkError, why
+from cellwatt.publish.messages import parse_json
 from cellwatt.sinks.historian.settings import InfluxSettings
 
 LONGEST_WAIT: Final = 3600.0
 """Most of what a server may ask us to wait, s."""
+_EFFORT: Final = 1
+"""Of gzip: 3 times as fast as 5 for an eighth more bytes."""
 _LONGEST_ANSWER: Final = 64_000
 _LONGEST_REASON: Final = 500
 _WRITTEN: Final = (200, 204)
@@ -110,7 +112,7 @@ def outcome_of(status: int, text: str, headers: Mapping[str, str]) -> Outcome:
 def reason_of(text: str) -> str:
     """The server's own words in an answer."""
     try:
-        body = json.loads(text)
+        body = parse_json(text.encode())
     except ValueError:
         return _short(text)
     found = body.get("error") or body.get("message") if isinstance(body, dict) else None
@@ -126,13 +128,13 @@ def wait_of(header: str | None, now: datetime) -> float | None:
     except ValueError:
         try:
             seconds = (parsedate_to_datetime(header) - now).total_seconds()
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError):
             return None
     return min(max(seconds, 0.0), LONGEST_WAIT) if math.isfinite(seconds) else None
 
 
 def _packed(lines: Sequence[str]) -> bytes:
-    return gzip.compress("\n".join(lines).encode(), 5)
+    return gzip.compress("\n".join(lines).encode(), _EFFORT)
 
 
 def _short(text: str) -> str:

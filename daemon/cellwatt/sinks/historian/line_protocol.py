@@ -31,17 +31,18 @@ def line(measurement: str, tags: Mapping[str, str | None], fields: Mapping[str, 
     values = {key: text for key, value in fields.items() if (text := _value(value))}
     if not values:
         return ""
-    words = [measurement.translate(_MEASUREMENT)]
-    words += [f"{_word(key)}={_word(value)}" for key, value in sorted(tags.items()) if value]
     body = ",".join(f"{_word(key)}={text}" for key, text in values.items())
-    return f"{','.join(words)} {body} {time}"
+    return f"{_series(measurement, tags)} {body} {time}"
 
 
 def row_line(measurement: str, tags: Mapping[str, str], row: Row) -> str:
     """A row: its channels as fields, and ``quality``, the worst of the values that are there."""
-    there = [quality for name, quality in row.quality.items() if name in row.values]
-    quality = {"quality": max(there)} if there else {}
-    return line(measurement, tags, {**row.values, **quality}, row.time)
+    values = row.values
+    fields = [f"{_word(name)}={value!r}" for name, value in values.items() if math.isfinite(value)]
+    if not fields:
+        return ""
+    worst = max(quality for name, quality in row.quality.items() if name in values)
+    return f"{_series(measurement, tags)} {','.join(fields)},quality={worst}i {row.time}"
 
 
 def result_line(measurement: str, tags: Mapping[str, str], result: Archived) -> str:
@@ -67,6 +68,11 @@ def _energy(measurement: str, tags: Mapping[str, str], energy: Energy) -> str:
     fields: dict[str, Any] = {name: getattr(energy, name) for name in names}
     fields |= {f"group.{name}": value for name, value in energy.groups.items()}
     return line(measurement, {**tags, **more}, fields, energy.end)
+
+
+def _series(measurement: str, tags: Mapping[str, str | None]) -> str:
+    words = [f"{_word(key)}={_word(value)}" for key, value in sorted(tags.items()) if value]
+    return ",".join((measurement.translate(_MEASUREMENT), *words))
 
 
 @lru_cache(4096)

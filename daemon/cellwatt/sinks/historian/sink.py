@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Any, ClassVar
@@ -12,6 +11,7 @@ from cellwatt.sink import CellView, Item, Sink
 from cellwatt.sinks.historian.influx import Influx
 from cellwatt.sinks.historian.lake import Lake
 from cellwatt.sinks.historian.settings import HistorianSettings
+from cellwatt.sinks.together import until_one_ends
 
 if find_spec("aiohttp") is None:  # a lake alone does without it, but what is missing is told at once
     raise ModuleNotFoundError("No module named 'aiohttp'", name="aiohttp")
@@ -53,13 +53,4 @@ class HistorianSink(Sink[HistorianSettings]):
         """Write until cancelled. Raises ``SinkError`` where there is no record to fill the lake from."""
         if self.settings.lake is not None and (self._record is None or not self._framed):
             raise SinkError("lake: it is filled from the record: set record, with frames (record: {frames: true})")
-        runs = [part.run() for part in (self._influx, self._lake) if part is not None]
-        tasks = [asyncio.create_task(run) for run in runs]
-        try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+        await until_one_ends(*(part.run() for part in (self._influx, self._lake) if part is not None))

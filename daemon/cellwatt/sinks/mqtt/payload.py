@@ -159,4 +159,7 @@ def _told(metric: Any) -> tuple[str | None, int | None, Value | None]:
     name = metric.name if metric.HasField("name") else None
     alias = metric.alias if metric.HasField("alias") else None
     field = metric.WhichOneof("value")
-    return name, alias, None if field is None or metric.is_null else getattr(metric, field)
+    value = None if field is None or metric.is_null else getattr(metric, field)
+    if isinstance(name, bytes) or isinstance(value, bytes):  # so the library gives texts that are not UTF-8
+        raise ProtocolError("a Sparkplug payload with a text that is not UTF-8")
+    return name, alias, value

@@ -70,6 +70,9 @@ class MqttSettings(SinkSettings, Selection):
 
     broker: str = LOCAL
     """Broker, as ``mqtt://host:1883`` on this PC, or ``mqtts://host:8883`` (TLS) anywhere."""
+    fallbacks: tuple[str, ...] = ()
+    """Other brokers of the same plant, tried in turn when the connection to one fails; TLS, user and the rest are the
+    same. What one of them took is not sent to another."""
     format: Literal["json", "sparkplug"] = "json"
     """``json``: topics ``cellwatt/SITE/CELL/…`` for any consumer; ``sparkplug``: Sparkplug B for SCADA hosts."""
     ca: Path | None = None
@@ -107,6 +110,11 @@ class MqttSettings(SinkSettings, Selection):
     open: bool = False
     """Let data and password pass in the clear through the network."""
 
+    @field_validator("fallbacks")
+    @classmethod
+    def _addresses(cls, brokers: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(cls._address(broker) for broker in brokers)
+
     @field_validator("broker")
     @classmethod
     def _address(cls, broker: str) -> str:
@@ -131,13 +139,21 @@ class MqttSettings(SinkSettings, Selection):
             raise ValueError("a password needs a user")
         if not self.encrypted and (self.ca or self.certificate):
             raise ValueError("ca, certificate and key need a broker that begins with mqtts://")
+        if any(_parts(broker)[0] != _parts(self.broker)[0] for broker in self.fallbacks):
+            raise ValueError("broker and fallbacks: all mqtts://, or all mqtt://")
         if self.format == "sparkplug" and self.discovery:
             raise ValueError("discovery is for format: json")
         if not self.open and self.opening:
             kind = PydanticCustomError("value_error", "{error}", {"error": f"{self.opening}; {_ADVICE}"})
-            problem = InitErrorDetails(type=kind, loc=("broker",), input=self.broker)
+            where = "broker" if self._reaches_out(self.broker) else "fallbacks"
+            problem = InitErrorDetails(type=kind, loc=(where,), input=getattr(self, where))
             raise ValidationError.from_exception_data(type(self).__name__, [problem], hide_input=True)
         return self
+
+    def at(self, turn: int) -> MqttSettings:
+        """The same with the broker whose turn it is, from 0 on, and again from the first after the last."""
+        brokers = (self.broker, *self.fallbacks)
+        return self.model_copy(update={"broker": brokers[turn % len(brokers)]})
 
     @property
     def host(self) -> str:
@@ -158,9 +174,14 @@ class MqttSettings(SinkSettings, Selection):
     @property
     def opening(self) -> str:
         """How strangers get in, in words; empty if they do not."""
-        if self.encrypted or stays_here(self.host):
+        if not any(map(self._reaches_out, (self.broker, *self.fallbacks))):
             return ""
         return "no TLS: whoever is on the way reads the data and the password, and can speak in the cell's name"
+
+    @staticmethod
+    def _reaches_out(broker: str) -> bool:
+        scheme, host, _ = _parts(broker)
+        return scheme != "mqtts" and not stays_here(host.strip("[]"))
 
     def warnings(self) -> tuple[str, ...]:
         """Access left open on purpose, and files that cannot be read."""

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from cellwatt.batch import Batch
+from cellwatt.errors import SinkError
 from cellwatt.frames import Frames
 from cellwatt.record.header import plain_cell
 from cellwatt.results import Prediction
@@ -45,6 +46,8 @@ class MqttSink(Sink[MqttSettings]):
             settings, settings.queue, self.account, self._archive is not None, lambda row: self._missed(row)
         )
         self._session: Session | None = None
+        self._turn = 0
+        """Number of connections that failed: it tells which broker comes next."""
         self._refused: str | None = None
         """Why the broker did not take a message, on this connection."""
         self._told: tuple[object, float] = None, 0.0
@@ -99,19 +102,26 @@ class MqttSink(Sink[MqttSettings]):
 
     async def run(self) -> None:
         """Connect, publish until cancelled, send what waits, say good-bye. Raises ``SinkError``."""
+        try:
+            await self._serve(self.settings.at(self._turn))
+        except SinkError:
+            self._turn += 1
+            raise
+
+    async def _serve(self, settings: MqttSettings) -> None:
         await self._books.open()
-        tls = await asyncio.to_thread(tls_context, self.settings)
+        tls = await asyncio.to_thread(tls_context, settings)
         format_ = self._format = self._format or self._made()
         will = format_.connect()
         if isinstance(format_, EdgeNode):
             self._books.born(format_.births)
             await self._books.write()
         self._refused = None
-        link = Link(self.settings, self.settings.client or self._client, will, tls, self._take_refusal)
+        link = Link(settings, settings.client or self._client, will, tls, self._take_refusal)
         await link.open()
         self._told = None, 0.0
         session = self._session = Session(
-            self.settings, (link, format_, self._outbox, self._books), self._archive, self.account
+            settings, (link, format_, self._outbox, self._books), self._archive, self.account
         )
         try:
             await session.serve()

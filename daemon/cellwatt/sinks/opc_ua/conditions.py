@@ -124,13 +124,13 @@ class Conditions:
         known = self._known.get(name)
         if known is None:
             return ua.StatusCode(codes.BadNodeIdUnknown)
-        if bytes(event.Value or b"") not in known.told:
+        if event.Value not in known.told:
             return ua.StatusCode(codes.BadEventIdUnknown)
         if known.acknowledged:
             return ua.StatusCode(codes.BadConditionBranchAlreadyAcked)
         user = USER.get()
         if not user:
             return ua.StatusCode(codes.BadUserAccessDenied)
-        note = getattr(comment.Value, "Text", None) or ""
-        why_not = await self._order(name, user, note[:_LONGEST_NOTE])
+        text = comment.Value.Text if isinstance(comment.Value, ua.LocalizedText) else None
+        why_not = await self._order(name, user, (text or "")[:_LONGEST_NOTE])
         return ua.StatusCode(codes.BadInvalidState if why_not else codes.Good)

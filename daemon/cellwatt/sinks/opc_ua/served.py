@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import socket
 from collections.abc import Mapping
@@ -51,6 +50,7 @@ class CellServer:
         """Make the nodes that every cell has, and listen; return the address. Raises ``OSError`` or ``ValueError``."""
         s, server = self._settings, self._server
         host, port = s["host"], _free(s["host"], s["port"])
+        server.iserver.bind_condition_methods = True  # clients that come later ask for the standing alarms
         await server.init()
         shown = f"[{host}]" if ":" in host else host
         url = f"opc.tcp://{shown}:{port}{s['path']}"
@@ -123,10 +123,9 @@ class CellServer:
         value = ua.Variant(float(told["total"]), ua.VariantType.Double)
         await self._set(self._tasks[name], value, ua.StatusCodes.Good, told["end"])
 
-    async def health(self, told: Mapping[str, Any]) -> None:
-        """Give the cell's health as JSON."""
-        json.loads(told["text"])
-        await self._set(self._health, ua.Variant(told["text"], ua.VariantType.String), ua.StatusCodes.Good, None)
+    async def health(self, told: str) -> None:
+        """Give the cell's health, which is JSON."""
+        await self._set(self._health, ua.Variant(told, ua.VariantType.String), ua.StatusCodes.Good, None)
 
     # inside ---------------------------------------------------------------------------------------
 

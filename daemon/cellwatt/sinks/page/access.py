@@ -71,7 +71,8 @@ def answer(data: object, status: int = HTTPStatus.OK) -> web.Response:
 
 def refusal(status: int, text: str, **headers: str) -> web.Response:
     """An error for a browser, in one line."""
-    made = answer({"error": " ".join(text.split())}, status)
+    plain = text.encode("utf-8", "replace").decode()  # parts of a request need not be UTF-8
+    made = answer({"error": " ".join(plain.split())}, status)
     made.headers.update(headers)
     return made
 
@@ -149,12 +150,12 @@ class Gate:
     def _forged(self, request: web.Request, visitor: Visitor) -> str:
         """Reason why a request that changes something may be another site's; empty if it is not."""
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != request.host.lower():
+        if origin is not None and _netloc(origin) != request.host.lower():
             return "the request comes from another site"
         if request.headers.get("Sec-Fetch-Site", "same-origin") != "same-origin":
             return "the request comes from another site"
         shown = request.headers.get(CSRF, "")
-        if visitor.new or not hmac.compare_digest(shown.encode(), self.sessions.csrf(visitor.token).encode()):
+        if visitor.new or not hmac.compare_digest(_encoded(shown), self.sessions.csrf(visitor.token).encode()):
             return f"the request lacks its {CSRF}: load the page again"
         return ""
 
@@ -236,6 +237,19 @@ def _host_of(host: str) -> str:
     if host.startswith("["):
         return host[1:].partition("]")[0].lower()
     return host.partition(":")[0].rstrip(".").lower()
+
+
+def _netloc(origin: str) -> str | None:
+    """Host and port of an origin; ``None`` where it is none."""
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return None
+
+
+def _encoded(header: str) -> bytes:
+    """A header's bytes, which need not be UTF-8."""
+    return header.encode("utf-8", "surrogateescape")
 
 
 def _is_address(host: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,6 +14,7 @@ from cellwatt.live.state import LiveCell
 from cellwatt.sinks.page import fresh
 
 THREADS: Final = 2
+_TOLD: Final = ("over budget", "unwritten", "damaged")
 WAITING: Final = 8
 """Questions that may wait for a thread; more are refused."""
 
@@ -47,21 +49,31 @@ class Desk:
 
 
 class Archive:
-    """The record in ``folder`` of a cell, ``None`` where there is none, and ``reports`` in another folder."""
+    """The record in ``folder`` of a cell, ``None`` where there is none, and ``reports`` in another folder.
 
-    def __init__(self, folder: Path | None, cell: str, reports: Path | None, desk: Desk) -> None:
+    ``levels`` are the bytes that the level files beside the record may take.
+    """
+
+    def __init__(
+        self, folder: Path | None, cell: str, reports: Path | None, desk: Desk, levels: float = math.inf
+    ) -> None:
         self.folder, self._cell, self._desk = folder, cell, desk
         self._curves = None
         if folder is not None:
             from cellwatt.sinks.page.levels import Curves
 
-            self._curves = Curves(folder, cell)
+            self._curves = Curves(folder, cell, levels)
         self._folders = [found for found in (folder, reports) if found is not None]
 
     def start(self) -> None:
         """Begin to follow the record."""
         if self._curves is not None:
             self._curves.start()
+
+    def counts(self) -> dict[str, int]:
+        """Level files that are missing, and why."""
+        told = {} if self._curves is None else self._curves.store.counts
+        return {f"level files {what}": told[what] for what in _TOLD if told.get(what)}
 
     def close(self) -> None:
         """End; blocks."""

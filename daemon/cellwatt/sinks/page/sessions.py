@@ -92,7 +92,7 @@ class Sessions:
 
     def csrf(self, token: str) -> str:
         """What a page that holds a token must show to change anything."""
-        return hmac.new(self._secret, token.encode(), hashlib.sha256).hexdigest()
+        return hmac.new(self._secret, token.encode("utf-8", "surrogatepass"), hashlib.sha256).hexdigest()
 
     def load(self) -> None:
         """Read what an earlier process kept; blocks. A file that cannot be read, or that others may read, is void."""

@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 
 from cellwatt.host import check_host
+from cellwatt.quantity import Bytes
 from cellwatt.sinks.listening import Listening
 from cellwatt.sinks.page.passwords import parse
 
@@ -51,6 +52,11 @@ class PageSettings(Listening):
     """Shape of the arm of a source: its URDF, its ``robot.yaml``, or the folder that holds it."""
     reports: Path | None = None
     """Folder of reports to show beside the evidence of alarms, e.g. of ``cellwatt explain``."""
+    levels: Bytes = 4e9
+    """Disk space of what makes curves of long spans fast; beside the record it takes some 11 % of its size.
+
+    Those of the oldest recordings go first: their long spans are then read slowly, from the recordings themselves.
+    """
     browsers: PositiveInt = 64
     """Browsers that may follow the cell at the same time."""
     open: bool = False

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from urllib.parse import unquote
 from xml.sax.saxutils import escape
 
 from aiohttp import web
 
+from tests.daemon.sinks.historian.loopback import Loopback
+
 
 @dataclass
-class Bucket:
+class Bucket(Loopback):
     """Objects by key; ``log`` has each request; the next ``fails`` writes are refused."""
 
-    url: str = ""
     objects: dict[str, bytes] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
     fails: int = 0
@@ -71,16 +71,5 @@ def _plain(body: bytes, told: str) -> bytes:
     return found
 
 
-@asynccontextmanager
-async def bucket() -> AsyncIterator[Bucket]:
-    found = Bucket()
-    runner = web.ServerRunner(web.Server(found.take))
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0)
-    await site.start()
-    host, port = runner.addresses[0][:2]
-    found.url = f"http://{host}:{port}"
-    try:
-        yield found
-    finally:
-        await runner.cleanup()
+def bucket() -> AbstractAsyncContextManager[Bucket]:
+    return Bucket().open()

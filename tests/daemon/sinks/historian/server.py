@@ -8,7 +8,7 @@ import json
 import shutil
 from collections import deque
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import pytest
 from aiohttp import web
 
 from cellwatt.demo.cells import free_endpoint
+from tests.daemon.sinks.historian.loopback import Loopback
 from tests.daemon.sinks.historian.parsing import Point, parse
 from tests.patience import eventually
 
@@ -26,10 +27,9 @@ real = pytest.mark.skipif(INFLUXD is None, reason="influxd is not installed (apt
 
 
 @dataclass
-class Fake:
+class Fake(Loopback):
     """Takes lines; ``answers`` are those to the next requests, ``refuses`` tells which lines it never takes."""
 
-    url: str = ""
     answers: deque[tuple[int, str, dict[str, str]]] = field(default_factory=deque)
     refuses: Callable[[str], bool] = lambda _line: False
     down: bool = False
@@ -64,19 +64,8 @@ class Fake:
         return sorted((p for p in self.points.values() if p.measurement == "cellwatt"), key=lambda p: p.time)
 
 
-@asynccontextmanager
-async def fake() -> AsyncIterator[Fake]:
-    found = Fake()
-    runner = web.ServerRunner(web.Server(found.take))
-    await runner.setup()
-    site = web.TCPSite(runner, "127.0.0.1", 0)
-    await site.start()
-    host, port = runner.addresses[0][:2]
-    found.url = f"http://{host}:{port}"
-    try:
-        yield found
-    finally:
-        await runner.cleanup()
+def fake() -> AbstractAsyncContextManager[Fake]:
+    return Fake().open()
 
 
 class Influxd:

@@ -372,6 +372,7 @@ NOW = datetime(2026, 11, 24, 12, 0, 0, tzinfo=UTC)
         ("1e9", LONGEST_WAIT),
         ("nan", None),
         ("soon", None),
+        ("5 Nov 01 01:28777777777777777 GMT", None),
         ("Tue, 24 Nov 2026 12:00:30 GMT", 30.0),
         ("Tue, 24 Nov 2026 11:00:00 GMT", 0.0),
     ],
@@ -396,7 +397,13 @@ def test_an_answer_without_words_is_told_by_its_number() -> None:
 
 @pytest.mark.parametrize(
     ("text", "reason"),
-    [('{"error": "a\\nb"}', "a b"), ('{"code": "x", "message": "m"}', "m"), ("[1]", "[1]"), ("<html>", "<html>")],
+    [
+        ('{"error": "a\\nb"}', "a b"),
+        ('{"code": "x", "message": "m"}', "m"),
+        ("[1]", "[1]"),
+        ("<html>", "<html>"),
+        ("[" * 3000, "[" * 500),
+    ],
 )
 def test_reasons(text: str, reason: str) -> None:
     assert reason_of(text) == reason

@@ -303,6 +303,26 @@ async def test_stopping_while_the_broker_does_not_answer_is_quick_and_leaves_not
             broker.go_on()
 
 
+async def test_when_a_broker_is_gone_the_next_is_tried_and_after_the_last_the_first(
+    broker: Broker, tmp_path: Path
+) -> None:
+    nobody = f"mqtt://127.0.0.1:{free_port()}"
+    cell = Cell()
+    sink = sink_of(cell, nobody, fallbacks=[broker.url])
+    async with serving(sink, cell) as ends:
+        await eventually(lambda: sink._outbox.serving, "connected to the second")
+        assert [nobody in end for end in ends] == [True]
+        broker.kill()
+        await eventually(lambda: len(ends) >= 3, "both tried again")
+        assert broker.url in ends[1]
+        assert nobody in ends[2]
+        await broker.again()
+        async with ears(broker, f"{ROOT}/#") as heard:
+            await eventually(lambda: sink._outbox.serving, "back")
+            sink.offer(cell.frames(1))
+            await heard.until(LIVE)
+
+
 async def test_a_port_where_no_broker_is_and_a_name_that_nobody_knows_are_told(tmp_path: Path) -> None:
     sink = sink_of(Cell(), f"mqtt://127.0.0.1:{free_port()}")
     with pytest.raises(SinkError, match=r"mqtt://127.0.0.1:\d+: Connection refused"):

@@ -304,3 +304,9 @@ def test_results_have_units_and_their_own_time() -> None:
     host.hear(node.result(Task("arm", "task_2", "s", "v", 0.5, T, T + 10**9, (1, 2), 8), False, T + 2 * 10**9))
     assert host.values["", "arm/task/repetition"] == 8
     assert host.values["", "arm/task/end"] == (T + 10**9) // MS
+
+
+def test_a_text_that_is_not_utf_8_is_no_command():
+    told = encode([Metric(DataType.BOOLEAN, True, 5, name="Node Control/Rebirth")], 5, None)
+    with pytest.raises(ProtocolError, match="not UTF-8"):
+        decode(told.replace(b"Node", b"\xff\xfeod"))

@@ -37,6 +37,9 @@ def test_a_broker_has_host_and_port(broker: str, host: str, port: int, encrypted
         ({"broker": "mqtt://127.0.0.1:0"}, "expected mqtt://host:port"),
         ({"broker": "mqtts://a:b@host"}, "expected mqtt://host:port"),
         ({"broker": "mqtt://192.0.2.1"}, "no TLS: whoever is on the way reads"),
+        ({"fallbacks": ["broker"]}, "expected mqtt://host:port"),
+        ({"fallbacks": ["mqtt://192.0.2.1"]}, "fallbacks\n  no TLS: whoever is on the way reads"),
+        ({"fallbacks": ["mqtts://broker.plant"]}, "all mqtts://, or all mqtt://"),
         ({"password": "x"}, "a password needs a user"),
         ({"broker": "mqtts://h", "certificate": "c.pem"}, "certificate and key are needed together"),
         ({"ca": "ca.pem"}, "mqtts://"),
@@ -52,6 +55,13 @@ def test_mistakes_are_refused_in_words(told: dict[str, Any], words: str) -> None
     with pytest.raises(ValidationError) as caught:
         settings(**told)
     assert words in str(caught.value)
+
+
+def test_brokers_take_turns() -> None:
+    found = settings(broker="mqtts://one", fallbacks=["mqtts://two:443", "mqtts://three"])
+    turns = [found.at(turn) for turn in range(4)]
+    assert [(each.host, each.port) for each in turns] == [("one", 8883), ("two", 443), ("three", 8883), ("one", 8883)]
+    assert settings().at(7) == settings()
 
 
 def test_a_password_is_in_no_text() -> None:

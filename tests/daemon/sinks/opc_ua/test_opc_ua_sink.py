@@ -11,13 +11,16 @@ import numpy as np
 import psutil
 import pytest
 from asyncua import Client, ua
+from asyncua.common.utils import Buffer, NotEnoughData
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.ua import ua_binary
 from pydantic import ValidationError
 
 from cellwatt.channel import Quality
 from cellwatt.errors import CellwattError, SinkError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.results import Energy, Event
+from cellwatt.sinks.opc_ua.arrays import bound_arrays
 from cellwatt.sinks.opc_ua.settings import OpcUaSinkSettings
 from cellwatt.sinks.opc_ua.sink import OpcUaSink
 from cellwatt_drivers.opc_ua import OpcUaDriver, OpcUaSettings
@@ -130,7 +133,7 @@ async def clients_see_the_cells_values(sink: OpcUaSink) -> None:
         position = await has_value(there, "arm.joint_1.position")
         assert position.Value.Value == pytest.approx(np.degrees(0.5))
         assert (await has_value(there, "energy:arm.task_1")).Value.Value == 1234.5
-        assert (await has_value(there, "Health")).Value.Value in ("{}", '{"state": "green"}')
+        assert (await has_value(there, "Health")).Value.Value in ("{}", '{"state":"green"}')
         space = await there.get_namespace_index(OWN)
         unit = await there.get_node(ua.NodeId("mains.supply.power", space)).get_child("0:EngineeringUnits")
         assert (await unit.read_value()).UnitId == 4937556  # KWT, as the table of OPC 10000-8 has it
@@ -202,6 +205,9 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         note = ua.LocalizedText("on my way")
         with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
             await condition.call_method(method, b"another", note)
+        for foreign in (ua.Variant(2**31, ua.VariantType.UInt32), ua.Variant("event", ua.VariantType.String)):
+            with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
+                await condition.call_method(method, foreign, note)
         await condition.call_method(method, raised.EventId, note)
         assert sink.view.acknowledged == [("alarm-1", "eve", "on my way")]
         data = {"alarm": "alarm-1", "name": "eve", "note": "on my way"}
@@ -209,6 +215,7 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         await eventually(lambda: len(listener.events) > 1)
         with pytest.raises(ua.UaStatusCodeError, match="BadConditionBranchAlreadyAcked"):
             await condition.call_method(method, listener.events[1].EventId, note)
+        await one_that_comes_later_asks_for_what_stands(sink)
         sink.offer(alarm(1, active=False))
         await eventually(lambda: len(listener.events) > 2)
         assert listener.states() == [(True, False, True), (True, True, True), (False, True, False)]
@@ -217,6 +224,19 @@ async def test_an_alarm_is_a_condition_that_users_acknowledge():
         other = listener.events[3]
         with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
             await there.get_node(other.NodeId).call_method(method, other.EventId, note)
+
+
+async def one_that_comes_later_asks_for_what_stands(sink: OpcUaSink) -> None:
+    async with client(sink, "eve", "secret") as later:
+        listener = Listener()
+        subscription = await later.create_subscription(20, listener)
+        await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
+        kind = later.get_node(ua.ObjectIds.ConditionType)
+        refresh = ua.NodeId(ua.ObjectIds.ConditionType_ConditionRefresh)
+        await kind.call_method(refresh, ua.Variant(subscription.subscription_id, ua.VariantType.UInt32))
+        await eventually(lambda: listener.events)
+        assert listener.states() == [(True, True, True)]
+        assert listener.events[0].ConditionName == "joint_fault"
 
 
 async def nobody_acknowledges_without_a_name(sink: OpcUaSink) -> None:
@@ -264,6 +284,17 @@ async def test_a_stranger_with_a_certificate_or_a_password_stays_out(files):
         plain = Client(sink.url)
         with pytest.raises((ua.UaError, OSError, TimeoutError)):
             await plain.connect()
+
+
+def test_an_array_is_no_longer_than_its_message(monkeypatch):
+    """2**31 - 1 empty items: the library would make them all."""
+    monkeypatch.setattr(ua_binary, "unpack_uatype_array", ua_binary.unpack_uatype_array)
+    bound_arrays()
+    with pytest.raises(NotEnoughData, match="an array of 2147483647 items in 4 bytes"):
+        ua_binary.variant_from_binary(Buffer(b"\x80\xff\xff\xff\x7f"))
+    for value in ([1.5, 2.5], ["a", ""], None):
+        told = ua_binary.variant_to_binary(ua.Variant(value))
+        assert ua_binary.variant_from_binary(Buffer(told)).Value == value
 
 
 @pytest.mark.parametrize(

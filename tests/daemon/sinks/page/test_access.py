@@ -192,6 +192,7 @@ async def test_where_there_are_no_users_nobody_logs_in(browser: aiohttp.ClientSe
         {"X-CSRF-Token": "ß"},
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
+        {"Origin": "http://[::1"},
         {"Sec-Fetch-Site": "cross-site"},
         {"Sec-Fetch-Site": "same-site"},
     ],
@@ -205,6 +206,24 @@ async def test_what_another_site_posts_is_refused(
     async with browser.post(f"{page.url}{API}/acknowledge", json=body, headers=forged) as response:
         assert response.status == 403
     assert page.orders == []
+
+
+@pytest.mark.parametrize(
+    ("head", "status"),
+    [
+        (b"POST /api/logout HTTP/1.1\r\nHost: 127.0.0.1\r\nCookie: %s=\xff\r\nX-CSRF-Token: \xff\r\n", 403),
+        (b"GET /api/site HTTP/1.1\r\nHost: 127.0.0.1\r\nCookie: %s=\xff\r\n", 200),
+        (b"GET / HTTP/1.1\r\nHost: elsewhere.exam\xd0ple\r\n", 421),
+    ],
+)
+async def test_headers_that_are_no_text_are_no_mistake_of_ours(page: Served, head: bytes, status: int) -> None:
+    reader, writer = await asyncio.open_connection(*page.url.removeprefix("http://").split(":"))
+    cookie = page.gate.cookie.encode()
+    writer.write(head.replace(b"%s", cookie) + b"Connection: close\r\nContent-Length: 0\r\n\r\n")
+    answer = await reader.read()
+    assert int(answer.split(b" ")[1]) == status
+    writer.close()
+    await writer.wait_closed()
 
 
 async def test_our_own_page_may_post(browser: aiohttp.ClientSession, page: Served) -> None:

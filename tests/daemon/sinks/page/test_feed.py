@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from cellwatt.live.state import LiveCell
-from cellwatt.sinks.page import fresh, shapes, wire
+from cellwatt.sinks.apart import wire
+from cellwatt.sinks.apart.wire import Kind
+from cellwatt.sinks.page import fresh, shapes
 from cellwatt.sinks.page.browsers import Browsers
 from cellwatt.sinks.page.feed import LOST, Feed
 from cellwatt.sinks.page.streams import Hub
 from cellwatt.sinks.page.summary import EnergyToday, page_of, plant_cell
-from cellwatt.sinks.page.wire import Kind
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.sinks.page.cell import (
     CELL,

@@ -22,6 +22,7 @@ from cellwatt.record.header import FileName
 from cellwatt.sinks.page.levels import Curves, curves, level_file, sources, store, telling
 from cellwatt.sinks.page.levels.buckets import STEPS, Grid, chosen, of_samples
 from cellwatt.sinks.page.levels.keeping import Keeper
+from cellwatt.sinks.page.levels.sources import gather
 from tests.daemon.sinks.page.recorded import (
     CELL,
     HEADER,
@@ -272,7 +273,8 @@ def test_an_open_recording_is_read_as_it_grows(tmp_path):
 def reader_count(reader: Curves) -> int:
     """Frames of the open recording that were read so far."""
     growing = list(reader.store._growing.values())
-    return round(float(np.nanmax(next(iter(growing[0].gathered.finest().values())).high))) + 1 if growing else 0
+    finest = growing[0].gathered.finest() if growing else {}
+    return round(float(np.nanmax(next(iter(finest.values())).high))) + 1 if finest else 0
 
 
 def test_a_torn_recording_is_read_as_far_as_it_goes(tmp_path):
@@ -474,6 +476,41 @@ def test_levels_go_with_their_recording(tmp_path):
     left = {path.name for path in (tmp_path / "levels").iterdir()}
     assert left == {"notes.txt", *(p.stem + ".levels" for p in tmp_path.glob("*.mcap"))} and len(left) == 3
     assert reader.curves(*span)["v"]["arm.power"]["max"][0] is None
+
+
+def test_levels_keep_to_their_budget_and_the_oldest_go(tmp_path, monkeypatch):
+    hours(tmp_path)
+    span = (["arm.power"], START, START + 3 * 3_600_000, 100)
+    true = Curves(tmp_path, CELL).curves(*span)
+    files = sorted((tmp_path / "levels").iterdir())
+    most = sum(file.stat().st_size for file in files[1:])
+    read = []
+    monkeypatch.setattr(store, "gather", lambda path, *more: read.append(path.stem) or gather(path, *more))
+    reader = Curves(tmp_path, CELL, most)
+    for _ in range(2):
+        Keeper(reader.store).look()
+    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+    assert reader.stats()["over budget"] == 1 and read == []
+    assert reader.curves(*span) == true and read == [files[0].stem]
+    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+    again = Curves(tmp_path, CELL, most)
+    for _ in range(2):
+        Keeper(again.store).look()
+    assert read == [files[0].stem] * 2, "made once to see that it is too much, not at each look"
+    assert sorted((tmp_path / "levels").iterdir()) == files[1:]
+
+
+def test_a_new_recording_takes_the_place_of_the_oldest(tmp_path):
+    hours(tmp_path, 2)
+    Curves(tmp_path, CELL).curves(["arm.power"], START, START + 2 * 3_600_000, 100)
+    oldest, newer = sorted((tmp_path / "levels").iterdir())
+    reader = Curves(tmp_path, CELL, oldest.stat().st_size + newer.stat().st_size)
+    Keeper(reader.store).look()
+    time = SESSION + 2 * 3600 * S + np.arange(3600) * S
+    recording(tmp_path, [[frames(time, np.arange(3600.0), rate=1.0)]], number=3)
+    Keeper(reader.store).look()
+    left = {path.name for path in (tmp_path / "levels").iterdir()}
+    assert oldest.name not in left and left == {newer.name, level_file.path_of(max(tmp_path.glob("*.mcap"))).name}
 
 
 def test_a_level_file_is_a_small_part_of_the_memory_its_frames_take(tmp_path):

@@ -19,8 +19,10 @@ import pytest
 
 from cellwatt import Event, SinkError
 from cellwatt.runtime.delivery import Delivery
+from cellwatt.sinks.apart import sink as sink_module
+from cellwatt.sinks.apart import wire
+from cellwatt.sinks.apart.wire import Kind
 from cellwatt.sinks.page import PageSettings, PageSink
-from cellwatt.sinks.page import sink as sink_module
 from cellwatt.sinks.page.sessions import FILE
 from tests.daemon.publish.fake_cell import batch
 from tests.daemon.sinks.page.cell import (
@@ -181,12 +183,15 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
     monkeypatch.setattr("cellwatt.runtime.delivery.FIRST_PAUSE", 0.01)
     sink = sink_of(view)
     delivery = Delivery("page", sink)
+    assert delivery.status()["state"] == "starting"
     running = asyncio.create_task(delivery.run())
     try:
         await eventually(lambda: sink.url, "the page")
+        assert delivery.status()["state"] == "ok"
         (await asyncio.to_thread(serving_process)).kill()
         await eventually(lambda: delivery.status()["error"], "its end")
-        assert delivery.status()["error"] == "the process that serves the page ended (by SIGKILL)"
+        told = delivery.status()
+        assert (told["state"], told["error"]) == ("down", "the process that serves the page ended (by SIGKILL)")
         await eventually(lambda: sink.url, "the page again")
         delivery.offer(frames(0, 5))
         await eventually(lambda: sink.account.received == 5, "frames again")
@@ -201,7 +206,7 @@ async def test_a_process_that_is_killed_is_started_again(view: View, monkeypatch
 async def test_a_process_that_hangs_is_told_and_holds_up_nobody(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sink_module, "BLOCKS", 20)
     monkeypatch.setattr(sink_module, "SILENT", 0.3)
-    monkeypatch.setattr("cellwatt.sinks.apart.END", 0.1)
+    monkeypatch.setattr("cellwatt.sinks.apart.process.END", 0.1)
     sink = sink_of(view)
     async with serving(sink):
         child = await asyncio.to_thread(serving_process)
@@ -253,7 +258,16 @@ async def test_an_item_that_cannot_be_encoded_costs_only_itself(view: View, capl
         sink.offer(frames(0, 5))
         await eventually(lambda: sink.account.received == 5, "the others")
     assert sink.account.dropped == {"not encodable": 3 - 2}
-    assert "an item cannot be told to the page" in caplog.text
+    assert "an item cannot be told: page" in caplog.text
+
+
+@pytest.mark.parametrize(("kind", "told"), [(Kind.ORDER, []), (Kind.ALIVE, {"counts": ["a"]}), (Kind.ORDER, {})])
+async def test_a_process_that_speaks_nonsense_is_told(view: View, kind: Kind, told: Any) -> None:
+    reader = asyncio.StreamReader()
+    reader.feed_data(wire.json_message(kind, told))
+    reader.feed_eof()
+    with pytest.raises(SinkError, match="speaks nonsense"):
+        await sink_of(view)._listen(reader, None)  # type: ignore[arg-type]
 
 
 async def test_streams_end_with_the_page(view: View) -> None:

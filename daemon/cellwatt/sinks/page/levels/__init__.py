@@ -6,6 +6,7 @@ level_file   the same in a file beside the recordings
 following    reads a recording chunk by chunk, also while it is written
 sources      a recording by its level file, or in memory
 store        the sources of all recordings; makes level files
+budget       the bytes that all level files may take
 keeping      the thread that keeps them up to date
 moments      short spans, from the frames themselves
 episodes     alarms from raise to clear

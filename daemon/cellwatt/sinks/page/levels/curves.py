@@ -36,10 +36,13 @@ Float = NDArray[np.float64]
 
 
 class Curves:
-    """Answers about the recordings of ``cell`` in ``folder``, which it only reads; level files stand in ``levels``."""
+    """Answers about the recordings of ``cell`` in ``folder``, which it only reads.
 
-    def __init__(self, folder: Path, cell: str) -> None:
-        self.store = Store(folder, cell)
+    Level files stand in ``levels``, of the newest recordings as far as ``most`` bytes go.
+    """
+
+    def __init__(self, folder: Path, cell: str, most: float = math.inf) -> None:
+        self.store = Store(folder, cell, most=most)
         self._reader = Reader(self.store)
         self._keeper = Keeper(self.store)
 
@@ -143,11 +146,11 @@ class Curves:
             return None
 
     def _drawn(self, kept: Kept, source: Source, level: int, names: list[str], canvas: Canvas) -> bool:
-        """Put the levels of a recording on the canvas; false where the level file is damaged."""
+        """Put the levels of a recording on the canvas; false where the level file is damaged, or went meanwhile."""
         try:
             found = source.levels(level, names)
         except FileNotFoundError:
-            return True  # removed with its recording
+            return not kept.path.exists()  # with its recording, or to keep to the budget
         except ValueError as error:
             self.store.spoiled(kept, str(error))
             return False

@@ -59,7 +59,7 @@ class Keeper:
         if store.room():
             store.let_go()
             for kept in reversed(recordings):
-                if kept.closed:
+                if kept.closed and store.budget.allows(kept.name):
                     store.made(kept, math.inf, self._pace)
         store.tidy()
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 import shutil
 import threading
 import time
@@ -18,10 +17,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from cellwatt.errors import RecordingError, why
-from cellwatt.record.header import plain_cell
+from cellwatt.record.header import FileName
 from cellwatt.record.opening import ATTEMPTS
 from cellwatt.record.retention import Kept, listing
 from cellwatt.sinks.page.levels import level_file
+from cellwatt.sinks.page.levels.budget import Budget
 from cellwatt.sinks.page.levels.following import Follower
 from cellwatt.sinks.page.levels.gathering import TELLING, Gathering
 from cellwatt.sinks.page.levels.sources import EVERYTHING, Held, Pace, Source, Written, gather
@@ -66,10 +66,11 @@ class Growing:
 class Store:
     """Sources of a cell's recordings in ``folder``. Any thread may ask; ``topics`` are those read of recordings."""
 
-    def __init__(self, folder: Path, cell: str, topics: frozenset[str] = EVERYTHING) -> None:
+    def __init__(self, folder: Path, cell: str, topics: frozenset[str] = EVERYTHING, most: float = math.inf) -> None:
         self.folder = folder
+        self.budget = Budget(folder, cell, most)
         self.counts: Counter[str] = Counter()
-        """Level files made, unwritten, damaged and removed; recordings that could not be read."""
+        """Level files made, unwritten, damaged, removed and over the budget; recordings that could not be read."""
         self.problem = ""
         self._cell = cell
         self._topics = topics
@@ -225,7 +226,8 @@ class Store:
     def let_go(self) -> None:
         """Forget what is in memory for want of room, so that it is written."""
         with self._lock:
-            self._held.clear()
+            for path in [path for path in self._held if self._allowed(path)]:
+                del self._held[path]
 
     def _waits(self, path: Path) -> bool:
         return time.monotonic() < self._again.get(path, 0.0)
@@ -237,27 +239,35 @@ class Store:
             for known in (self._sources, self._growing, self._held, self._again):
                 for path in [path for path in known if path not in there and path != self.folder]:
                     del known[path]
-        try:
-            entries = list(os.scandir(self.folder / level_file.FOLDER))
-        except FileNotFoundError:
-            return
-        for entry in entries:
-            name = level_file.recording_of(Path(entry.name))
-            ours = name is not None and name.cell == plain_cell(self._cell)
-            if ours and self.folder / f"{entry.name.removesuffix(level_file.SUFFIX)}.mcap" not in there:
+        for _, entry in self.budget.files():
+            if self.folder / f"{entry.name.removesuffix(level_file.SUFFIX)}.mcap" not in there:
                 Path(entry.path).unlink(missing_ok=True)
                 self.counts["removed"] += 1
+        self._hold()
+
+    def _hold(self) -> None:
+        """Remove the level files beyond the budget, and forget them. Raises ``OSError``."""
+        if gone := self.budget.hold():
+            with self._lock:
+                self.counts["over budget"] += gone
+                for path in [path for path in self._sources if not self._allowed(path)]:
+                    del self._sources[path]
+
+    def _allowed(self, recording: Path) -> bool:
+        name = FileName.parse(recording.name)
+        return name is None or self.budget.allows(name)
 
     def stats(self) -> dict[str, Any]:
         """Figures for health messages."""
         return {
-            **{k: self.counts[k] for k in ("made", "unwritten", "damaged", "removed", "unreadable")},
+            **{k: self.counts[k] for k in ("made", "unwritten", "damaged", "removed", "over budget", "unreadable")},
             "problem": self.problem,
         }
 
     def _keep(self, kept: Kept, gathered: Gathering) -> Source:
         """Write a level file, or hold in memory what it would have."""
-        if self._topics == EVERYTHING and self.room():
+        allowed = self.budget.allows(kept.name)
+        if allowed and self._topics == EVERYTHING and self.room():
             try:
                 level_file.write(kept.path, kept.size, gathered)
                 written = Written(kept.path, kept.size)
@@ -271,12 +281,13 @@ class Store:
                     self.problem = ""
                     self._held.pop(kept.path, None)
                     self._sources[kept.path] = (kept.size, written)
-                return written
-        elif not self._waits(self.folder):
+                self._hold()
+                return written if self.budget.allows(kept.name) else Held(gathered)
+        elif allowed and not self._waits(self.folder):
             self.problem = f"{self.folder} has no room for level files: curves of long spans are slow"
         held = Held(gathered)
         with self._lock:
-            self.counts["unwritten"] += 1
+            self.counts["unwritten"] += allowed
             self._held[kept.path] = held
             while len(self._held) > 1 and sum(h.size for h in self._held.values()) > HELD:
                 self._held.popitem(last=False)

@@ -1,4 +1,4 @@
-"""Messages between the daemon and the process that serves its page: kind, length, body. Pure but for ``receive``.
+"""Messages between the daemon and a process that serves for a sink: kind, length, body. Pure but for ``receive``.
 
 Frames travel as raw arrays with their layout sent once before; all else is JSON.
 """
@@ -21,7 +21,7 @@ from cellwatt.results import Event, Result
 
 LARGEST: Final = 64 * 2**20
 """Bytes of one message."""
-_HEAD: Final = struct.Struct(">BI")
+HEAD: Final = struct.Struct(">BI")
 _FRAMES: Final = struct.Struct("<qi")
 _LAYOUT: Final = TypeAdapter(Layout)
 
@@ -43,7 +43,7 @@ class Kind(IntEnum):
 
 def message(kind: Kind, body: bytes) -> bytes:
     """Bytes of a message."""
-    return _HEAD.pack(kind, len(body)) + body
+    return HEAD.pack(kind, len(body)) + body
 
 
 def json_message(kind: Kind, body: Any) -> bytes:
@@ -54,7 +54,7 @@ def json_message(kind: Kind, body: Any) -> bytes:
 async def receive(reader: asyncio.StreamReader) -> tuple[Kind, bytes] | None:
     """The next message; ``None`` once the other side has closed. Raises ``ProtocolError``."""
     try:
-        number, length = _HEAD.unpack(await reader.readexactly(_HEAD.size))
+        number, length = HEAD.unpack(await reader.readexactly(HEAD.size))
         if length > LARGEST:
             raise ProtocolError(f"a message of {length} bytes; {LARGEST} are the most")
         return Kind(number), await reader.readexactly(length)

@@ -1,4 +1,4 @@
-"""A process of a sink's own, for what must not hold up the daemon: begun with a socket to it, and ended in order."""
+"""The process that serves for a sink: begun with a socket to it, and ended in order."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from cellwatt.errors import SinkError
 
 END: Final = 3.0
 """Longest time, s, for its end after its socket is closed, and again after it is told to end."""
-LIMIT: Final = 2**22
-"""Bytes of a line that may be read at once."""
+LIMIT: Final = 2**20
+"""Bytes that wait at either end of the socket before they are read."""
 
 
 async def begin(

@@ -1,0 +1,96 @@
+"""Messages between the daemon and the processes that serve for sinks, both ways."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
+
+from cellwatt.errors import ProtocolError, SinkError
+from cellwatt.frames import Layout
+from cellwatt.results import Event
+from cellwatt.sinks.apart import wire
+from cellwatt.sinks.apart.daemon import Daemon
+from cellwatt.sinks.apart.wire import Kind
+from cellwatt.sinks.page.browsers import Browsers
+from cellwatt.sinks.page.feed import Feed
+from cellwatt.sinks.page.settings import PageSettings
+from cellwatt.sinks.page.sink import PageSink
+from cellwatt.sinks.page.streams import Hub
+from fuzz.items import LAYOUT, MESSAGES, SESSION, frames, same
+from fuzz.target import Target
+
+
+class _Writer:
+    """Keeps nothing."""
+
+    def is_closing(self) -> bool:
+        return False
+
+    def write(self, data: bytes) -> None:
+        assert data
+
+
+def run(data: bytes) -> None:
+    """What one side reads until the other closes: as the process that serves, then as the daemon."""
+    asyncio.run(_both(data))
+
+
+async def _both(data: bytes) -> None:
+    writer: Any = _Writer()
+    with suppress(ProtocolError):
+        await Daemon(_reader(data), writer).hear(_Served().take)
+    view: Any = SimpleNamespace(acknowledge=_done, shelve=_done, unshelve=_done)
+    sink = PageSink("page", PageSettings(), view)
+    with suppress(SinkError):
+        await sink._listen(_reader(data), writer)
+    sink.account.snapshot()
+
+
+def _done(*_: object) -> None:
+    return None
+
+
+def _reader(data: bytes) -> asyncio.StreamReader:
+    reader = asyncio.StreamReader()
+    reader.feed_data(data)
+    reader.feed_eof()
+    return reader
+
+
+class _Served:
+    """Takes messages as the page does, and checks that what it takes is whole."""
+
+    def __init__(self) -> None:
+        self._feed = Feed("plant", "weld", Hub(Browsers(1)))
+        self._layout = Layout((), 1.0)
+
+    async def take(self, kind: Kind, body: bytes) -> None:
+        if kind is Kind.LAYOUT:
+            with suppress(ProtocolError):
+                self._layout = wire.read_layout(body)
+        elif kind is Kind.FRAMES:
+            with suppress(ProtocolError):
+                block = wire.read_frames(body, self._layout)
+                assert block.values.shape == (len(block), len(self._layout.channels))
+                assert wire.frames(block)[wire.HEAD.size :] == body
+                self._feed.take_frames(block)
+
+
+def seeds() -> Iterable[bytes]:
+    """A cell that tells all, and a process that lives, orders and fails."""
+    items = [message for message in MESSAGES if isinstance(message, Event)]
+    block = frames(0, 3)
+    assert same(wire.read_layout(wire.layout(LAYOUT)[wire.HEAD.size :]), LAYOUT)
+    yield wire.layout(LAYOUT) + wire.frames(block) + b"".join(wire.item(item) for item in items)
+    yield wire.json_message(Kind.HEALTH, {"state": "ok"}) + wire.json_message(Kind.ANSWER, {"number": 0, "error": None})
+    order = {"number": 1, "what": "shelve", "alarm": "a1", "name": "Ada", "note": "", "until": SESSION}
+    yield wire.json_message(Kind.ALIVE, {"counts": {"browsers refused": 1}}) + wire.json_message(Kind.ORDER, order)
+    yield wire.json_message(Kind.FAILED, {"error": "no"})
+    yield wire.json_message(Kind.ALIVE, {"counts": ["a"]})
+    yield wire.json_message(Kind.ORDER, [])
+
+
+TARGET = Target(run, seeds, 2048)
