@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from cellwatt.batch import Batch
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.errors import RecordingError
-from cellwatt.progress import stage
 from cellwatt.record import Recording, messages
-from cellwatt.record.encoder import FRAME_TOPIC
+from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
+from cellwatt.scheduler import spread
 from cellwatt.units import Units
+
+Written = dict[str, Any]
+"""Name and number of rows of a file."""
 
 
 @click.command()
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.argument("recordings", nargs=-1, required=True, type=INPUT)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the tables.")
 @click.option("--format", "form", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True)
 @click.option("--frames", "only", flag_value="frames", help="Only the aligned frames.")
@@ -34,6 +40,7 @@ from cellwatt.units import Units
 )
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Report as one JSON object.")
+@with_scheduler
 @with_progress
 def command(
     recordings: tuple[Path, ...],
@@ -58,11 +65,11 @@ def command(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
-    export = Export(recording, out, form, force, recorded_units(recording.header.settings, units))
-    written = export.run(only)
+    export = Export(out, form, force, recorded_units(recording.header.settings, units))
+    written, damage = export.run(recording, only)
     if as_json:
-        damage = [str(d) for d in recording.damage]
-        report = {"start": recording.start, "end": recording.end, "files": written, "damage": damage}
+        told = [str(d) for d in damage]
+        report = {"start": recording.start, "end": recording.end, "files": written, "damage": told}
         click.echo(json.dumps(report))
         return
     for file in written:
@@ -80,55 +87,48 @@ def _refuse_unsigned(recordings: tuple[Path, ...], key: Path) -> None:
         raise RecordingError(f"nothing is exported: {wrong[0]}{more}")
 
 
+@dataclass(frozen=True)
 class Export:
-    """One export: every table is written in a single pass over the recording."""
+    """One export: where the tables go, and in which form."""
 
-    def __init__(self, recording: Recording, out: Path, form: str, force: bool, units: Units) -> None:
-        self._recording = recording
-        self._out = out
-        self._form = form
-        self._force = force
-        self._units = units
+    out: Path
+    form: str
+    force: bool
+    units: Units
 
-    def run(self, only: str | None) -> list[dict[str, Any]]:
-        """Write the requested tables; return name and number of rows of each file."""
-        written: list[dict[str, Any]] = []
-        counts = self._recording.counts
-        frames = 0 if only == "raw" else counts.get(FRAME_TOPIC, 0)
-        raw = 0 if only == "frames" else sum(n for topic, n in counts.items() if topic.startswith("/raw/"))
-        with stage("", frames + raw):
-            if only != "frames":
-                with stage("raw samples", 1, share=raw):
-                    written += self._raw()
-            if only != "raw":
-                with stage("frames", 1, share=frames):
-                    written += self._frames()
-        if only is None:
-            kinds = {"results.jsonl": self._recording.results(), "events.jsonl": self._recording.events()}
-            for name, items in kinds.items():
-                rows = write_lines(self._path(name), map(_line, items))
-                written += [{"file": name, "rows": rows}] if rows else []
-        return written
+    def run(self, recording: Recording, only: str | None) -> tuple[list[Written], list[Damage]]:
+        """Write the requested tables; return name and number of rows of each file, and all damage of the recording."""
+        kinds: list[Callable[[Export, Recording], list[Written]]] = []
+        kinds += [Export.raw] if only != "frames" else []
+        kinds += [Export.frames] if only != "raw" else []
+        kinds += [Export.lines] if only is None else []
+        parts = spread(_write, [(self, kind) for kind in kinds], "tables", shared=recording)
+        damage = list(recording.damage)
+        for _, found in parts:
+            damage += [d for d in found if d not in damage]
+        return [file for written, _ in parts for file in written], damage
 
-    def _raw(self) -> Iterator[dict[str, Any]]:
+    def raw(self, recording: Recording) -> list[Written]:
+        """Write the raw samples, one table a stream, in a single pass over the recording."""
         tables: dict[tuple[str, str], Table] = {}
         with ExitStack() as stack:
-            for batch in self._recording.entries():
+            for batch in recording.entries():
                 if not isinstance(batch, Batch):
                     continue
                 key = (batch.source, batch.stream.name)
                 if key not in tables:
-                    table = self._table(".".join(key), batch.stream.channels)
+                    table = self._table(recording, ".".join(key), batch.stream.channels)
                     tables[key] = stack.enter_context(table)
                 tables[key].add_batch(batch)
-        return (_told(table) for table in tables.values())
+        return [_told(table) for table in tables.values()]
 
-    def _frames(self) -> list[dict[str, Any]]:
-        layout = self._recording.layout
+    def frames(self, recording: Recording) -> list[Written]:
+        """Write the aligned frames as one table."""
+        layout = recording.layout
         if layout is None:
             return []
-        with self._table("frames", layout.channels) as table:
-            for frames in self._recording.frames():
+        with self._table(recording, "frames", layout.channels) as table:
+            for frames in recording.frames():
                 if frames.layout != layout:
                     raise RecordingError(
                         "the layout of the frames changes within these recordings: export them one by one"
@@ -136,19 +136,35 @@ class Export:
                 table.add_frames(frames)
         return [_told(table)]
 
-    def _table(self, name: str, channels: Any) -> Table:
+    def lines(self, recording: Recording) -> list[Written]:
+        """Write results and events as JSON lines."""
+        written: list[Written] = []
+        for name, items in {"results.jsonl": recording.results(), "events.jsonl": recording.events()}.items():
+            rows = write_lines(self._path(name), map(_line, items))
+            written += [{"file": name, "rows": rows}] if rows else []
+        return written
+
+    def _table(self, recording: Recording, name: str, channels: Any) -> Table:
         plain = re.sub(r"[^\w.-]+", "-", name)
-        path = self._path(f"{plain}.{self._form}")
-        return Table(path, channels, self._recording.start, self._recording.header, self._units)
+        path = self._path(f"{plain}.{self.form}")
+        return Table(path, channels, recording.start, recording.header, self.units)
 
     def _path(self, name: str) -> Path:
-        path = self._out / name
-        if path.exists() and not self._force:
+        path = self.out / name
+        if path.exists() and not self.force:
             raise RecordingError(f"{path} is there already: choose another folder, or --force to overwrite")
         return path
 
 
-def _told(table: Table) -> dict[str, Any]:
+def _write(
+    part: tuple[Export, Callable[[Export, Recording], list[Written]]], recording: Recording
+) -> tuple[list[Written], list[Damage]]:
+    """Write one kind of tables; return the files, and the damage that was met."""
+    export, kind = part
+    return kind(export, recording), list(recording.damage)
+
+
+def _told(table: Table) -> Written:
     return {"file": table.path.name, "rows": table.rows}
 
 

@@ -16,7 +16,7 @@ R = TypeVar("R")
 def with_progress(command: Callable[..., R]) -> Callable[..., R]:
     """Give a command the option ``--quiet``, and show the work that it does where that is not given."""
 
-    @click.option("--quiet", "-q", is_flag=True, help="Say nothing of the progress.")
+    @click.option("--quiet", "-q", is_flag=True, is_eager=True, help="Say nothing of the progress.")
     @wraps(command)
     def run(*args: Any, quiet: bool, **given: Any) -> R:
         with show_progress(quiet):

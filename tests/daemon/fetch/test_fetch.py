@@ -1,0 +1,151 @@
+"""Copies of what lies at URLs: made once for each version, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import pytest
+
+from cellwatt import CellwattError, ConfigError
+from cellwatt.fetch import MissingError, again, cache, fetch, is_url, origin
+from cellwatt.fetch.remote import Remote, shown
+from cellwatt.scheduler.parcel import pack, unpack
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "cellwatt"
+
+
+@pytest.fixture
+def store() -> Iterator[fsspec.AbstractFileSystem]:
+    found = fsspec.filesystem("memory")
+    yield found
+    found.store.clear()
+    found.pseudo_dirs[:] = [""]
+
+
+def test_urls_and_paths() -> None:
+    assert all(map(is_url, ("s3://bucket/key", "memory://a", "file:///a", "simplecache::s3://bucket/a")))
+    assert not any(map(is_url, ("/a", "a/b", "a:b", "run-1.mcap", "C:/a", "")))
+
+
+def test_a_file_is_fetched_once(store: fsspec.AbstractFileSystem, home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store.pipe("/plant/run.mcap", b"first")
+    path = fetch("memory://plant/run.mcap")
+    assert (path.name, path.read_bytes()) == ("run.mcap", b"first")
+    assert path.is_relative_to(home)
+    with monkeypatch.context() as patch:
+        patch.setattr(Remote, "open", None)
+        assert fetch("memory://plant/run.mcap") == path
+    assert [entry.name[0] != "." for entry in home.iterdir()] == [True]
+
+
+def test_another_version_has_a_copy_of_its_own(store: fsspec.AbstractFileSystem) -> None:
+    store.pipe("/plant/run.mcap", b"first")
+    first = fetch("memory://plant/run.mcap")
+    store.pipe("/plant/run.mcap", b"second, which is longer")
+    second = fetch("memory://plant/run.mcap")
+    assert (first.read_bytes(), second.read_bytes()) == (b"first", b"second, which is longer")
+
+
+def test_a_folder_is_fetched_with_those_below(store: fsspec.AbstractFileSystem) -> None:
+    store.pipe({"/plant/runs/a.mcap": b"a", "/plant/runs/day/b.mcap": b"b", "/plant/other": b"c"})
+    path = fetch("memory://plant/runs/")
+    assert path.name == "runs"
+    found = {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+    assert found == {"a.mcap": b"a", "day/b.mcap": b"b"}
+
+
+def test_what_is_cut_off_leaves_nothing(
+    store: fsspec.AbstractFileSystem, home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.pipe("/plant/run.mcap", b"whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(cache, "_version", lambda *_: "v")
+        info = store.info("/plant/run.mcap")
+        patch.setattr(store, "info", lambda path, **_: info | {"size": 99})
+        with pytest.raises(CellwattError, match=r"5 bytes of 99 came of .*run\.mcap: try again"):
+            fetch("memory://plant/run.mcap")
+    assert list(home.iterdir()) == []
+
+
+def test_a_path_of_the_cache_travels_as_its_url(
+    store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.pipe({"/plant/runs/a.mcap": b"a", "/plant/runs/day/b.mcap": b"b"})
+    path = fetch("memory://plant/runs") / "day" / "b.mcap"
+    parcel = pack({"runs": [path], "local": Path("a/b")})
+    assert unpack(parcel) == {"runs": [path], "local": Path("a/b")}
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another host"))
+    there = unpack(parcel)["runs"][0]
+    assert there != path and there.read_bytes() == b"b"
+    assert there.relative_to(tmp_path / "another host" / "cellwatt") == path.relative_to(tmp_path / "cache/cellwatt")
+    assert pickle.loads(pickle.dumps(path)) == path
+
+
+def test_what_has_changed_since_is_not_taken_for_it(
+    store: fsspec.AbstractFileSystem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.pipe("/plant/run.mcap", b"first")
+    found = origin(fetch("memory://plant/run.mcap"))
+    assert found is not None and found.url == "memory://plant/run.mcap"
+    store.pipe("/plant/run.mcap", b"second")
+    assert again(found).read_bytes() == b"first"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another host"))
+    with pytest.raises(CellwattError, match=r"memory://plant/run\.mcap has changed since this work began"):
+        again(found)
+
+
+def test_what_nobody_used_for_long_is_removed(store: fsspec.AbstractFileSystem, home: Path) -> None:
+    store.pipe({"/plant/a": b"a", "/plant/b": b"b", "/plant/c": b"c"})
+    old, kept = fetch("memory://plant/a"), fetch("memory://plant/b")
+    os.utime(old.parent, (0, 0))
+    fetch("memory://plant/c")
+    assert (old.exists(), kept.exists()) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("url", "kind", "text"),
+    [
+        ("memory://plant/none", MissingError, "memory://plant/none is not there"),
+        ("plant://a/b", ConfigError, "plant://a/b cannot be fetched: Protocol not known: plant"),
+        ("gs://bucket/key", ConfigError, "a package is missing: Please install gcsfs"),
+        ("s3://bucket", ConfigError, "s3://bucket cannot be fetched: expected s3://bucket/key"),
+    ],
+)
+@pytest.mark.usefixtures("store")
+def test_what_cannot_be_fetched_is_told(url: str, kind: type[Exception], text: str) -> None:
+    with pytest.raises(kind) as told:
+        fetch(url)
+    assert text in str(told.value)
+
+
+def test_a_name_that_leads_out_of_the_folder_is_refused(
+    store: fsspec.AbstractFileSystem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store.pipe({"/plant/runs/a": b"a"})
+    bad = {"/plant/runs/../../../x": {"size": 1, "type": "file"}}
+    monkeypatch.setattr(store, "find", lambda *_, **__: bad)
+    with pytest.raises(CellwattError, match="whose name leads out of the folder"):
+        fetch("memory://plant/runs")
+
+
+def test_no_access_asks_for_the_credentials(store: fsspec.AbstractFileSystem, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(*_: object, **__: object) -> None:
+        raise OSError("When getting information: AWS Error ACCESS_DENIED during HeadObject operation")
+
+    monkeypatch.setattr(store, "info", refuses)
+    with pytest.raises(
+        CellwattError, match=r"cannot be fetched: no access; are the credentials in the environment\? When"
+    ):
+        fetch("memory://plant/run.mcap")
+
+
+def test_a_password_is_not_shown() -> None:
+    assert shown("ftp://me:secret@host/a") == "ftp://me:…@host/a"

@@ -1,0 +1,76 @@
+"""Parts of work on local workers: what serial work gives, and nothing of them is left."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cellwatt import CellwattError, ConfigError
+from cellwatt.progress import Stage
+from cellwatt.scheduler import scheduled, spread
+from cellwatt.scheduler.ambient import cluster
+from tests.daemon.scheduler import parts
+
+
+@pytest.fixture(scope="module")
+def _local() -> Iterator[None]:
+    with scheduled("local:2"):
+        spread(abs, [1, 2], "start")
+        yield
+
+
+@pytest.mark.leaves_behind  # connections between those that go on
+@pytest.mark.usefixtures("_local")
+class TestOnWorkers:
+    def test_results_are_those_of_serial_work_in_the_order_of_the_items(self) -> None:
+        expected = [parts.spectrum(seed) for seed in range(30)]
+        assert spread(parts.spectrum, range(30), "spectra") == expected
+
+    def test_several_processes_do_the_work(self) -> None:
+        found = set(spread(parts.where, range(8), "where"))
+        assert len(found) == 2 and os.getpid() not in found
+
+    def test_what_is_shared_comes_once_to_each(self) -> None:
+        found = spread(parts.scaled, [float(n) for n in range(20)], "scaled", shared={"scale": 2.5})
+        assert [value for value, *_ in found] == [2.5 * n for n in range(20)]
+        assert len({process for _, process, _ in found}) == len({(process, at) for _, process, at in found}) == 2
+
+    def test_the_first_item_that_fails_is_told_though_a_later_one_failed_before(self) -> None:
+        with pytest.raises(ConfigError, match=r"^line 4: wrong$") as told:
+            spread(parts.fails, range(40), "lines")
+        assert [problem.message for problem in told.value.problems] == ["line 4: wrong"]
+
+    def test_a_bug_comes_with_the_place_where_it_is(self) -> None:
+        with pytest.raises(ZeroDivisionError) as told:
+            spread(parts.breaks, range(4), "numbers")
+        assert str(told.value) == "by zero"
+        assert "parts.py" in told.value.__notes__[0] and "breaks" in told.value.__notes__[0]
+
+    def test_an_error_that_cannot_be_sent_comes_in_words(self) -> None:
+        with pytest.raises(CellwattError, match=r"^OddError: odd 0 1$"):
+            spread(parts.odd, range(4), "numbers")
+
+    def test_work_inside_an_item_is_serial(self) -> None:
+        assert spread(parts.nested, [1, 2], "outside") == [(True, [1, 1]), (True, [2, 2])]
+
+    def test_linear_algebra_has_one_thread(self) -> None:
+        assert spread(parts.threads, [1, 2], "threads") == [1, 1]
+
+    def test_a_function_of_a_session_is_taken_too(self) -> None:
+        factor = 3
+        assert spread(lambda number: number * factor, range(5), "numbers") == [0, 3, 6, 9, 12]
+
+    def test_progress_is_told(self) -> None:
+        told = Stage("where", 6)
+        workers = cluster()
+        assert workers is not None
+        workers.run(parts.where, range(6), None, told)
+        assert (told.done, told.name) == (6, "where")
+
+    def test_a_path_means_the_same_as_here(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        (tmp_path / "a").write_bytes(b"1")
+        monkeypatch.chdir(tmp_path)
+        assert spread(parts.content, [Path("a"), tmp_path / "a"], "files") == [("a", b"1"), (str(tmp_path / "a"), b"1")]
