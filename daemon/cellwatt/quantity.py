@@ -16,6 +16,7 @@ _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s]
 _HERTZ = {"hz": 1.0, "khz": 1e3}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _BYTES = {"b": 1.0, "kb": 1e3, "mb": 1e6, "gb": 1e9, "tb": 1e12, "kib": 2**10, "mib": 2**20, "gib": 2**30}
+_BYTES_PER_SECOND = {f"{unit}/s": factor for unit, factor in _BYTES.items()}
 _ANGLES = factors("angle")
 _RADIANS = {"rad": _ANGLES["rad"], "deg": _ANGLES["deg"], "°": _ANGLES["deg"]}
 _FRACTION = {"%": 0.01}
@@ -65,6 +66,7 @@ def _kind(units: Mapping[str, float], example: str, positive: bool = False) -> A
 Hertz = Annotated[float, _kind(_HERTZ, "500 Hz", positive=True), _schema("500 Hz")]
 Seconds = Annotated[float, _kind(_SECONDS, "100 ms"), _schema("100 ms")]
 Bytes = Annotated[float, _kind(_BYTES, "20 GB", positive=True), _schema("20 GB")]
+BytesPerSecond = Annotated[float, _kind(_BYTES_PER_SECOND, "2 MB/s", positive=True), _schema("2 MB/s")]
 Radians = Annotated[float, _kind(_RADIANS, "1 deg"), _schema("1 deg")]
 Fraction = Annotated[float, _kind(_FRACTION, "10 %"), _schema("10 %")]
 Watts = Annotated[float, _kind(_WATT, "15 W"), _schema("15 W")]

@@ -6,15 +6,15 @@
     @/results?kind=alarm;session=…;first=…;count=…                    results or events, one JSON list
     alarm/**?cleared=N                                                alarms active now and the last N cleared
 
-A question about the past gets one bounded piece: ask again from its end. If nothing is there, or the question is
-wrong, the answer is a Zenoh error with ``{"error": text}``. Anyone who reaches the port may ask anything: no question
-ends the answering thread, and large questions are not queued.
+A question about the past gets one bounded piece: ask again from its end. Its answer has the priority of the
+question, and waits where there is a limit in bytes a second. If nothing is there, or the question is wrong, the answer
+is a Zenoh error with ``{"error": text}``. Anyone who reaches the port may ask anything: no question ends the answering
+thread, and large questions are not queued.
 """
 
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -39,6 +39,7 @@ from cellwatt.publish.questions import (
     text_of,
 )
 from cellwatt.publish.signing import Seal
+from cellwatt.publish.turns import Pace, Turns, Work
 from cellwatt.results import Alarm
 from cellwatt.sink import CellView
 
@@ -53,6 +54,12 @@ MOST_RESULTS: Final = 500
 """Results in one answer, and cleared alarms."""
 _WAITING: Final = 64
 """Questions that may wait; more are refused, and a consumer asks again."""
+_PAST: Final = ("history", "results")
+"""Questions whose answers may be large, and are many after a cut."""
+_ROW: Final = 33
+"""Bytes of one sample or frame beside its channels, about."""
+_CELL: Final = 17
+"""Bytes of one channel of a frame: value, quality and bound."""
 STUCK: Final = 10.0
 """Time, s, that one question may take before health says that the answers are stuck."""
 
@@ -70,8 +77,9 @@ class Answer:
 class Answers:
     """Serves the questions of one cell, in a thread of its own from ``start`` to ``stop``.
 
-    ``health`` gives the health message of now, the answer to ``@/status``; ``count`` counts what went wrong; ``seal``
-    signs the answers, where the cell signs.
+    ``health`` gives the health message of now, the answer to ``@/status``; ``count`` counts what went wrong, and
+    answers about the past; ``seal`` signs the answers, where the cell signs. ``rate`` limits the answers about the
+    past, in bytes a second; ``None`` does not.
     """
 
     def __init__(
@@ -79,16 +87,20 @@ class Answers:
         view: CellView,
         keys: CellKeys,
         backlog: Backlog,
-        count: Callable[[str], None],
+        count: Callable[..., None],
         health: Callable[[], tuple[Mark, bytes]],
         seal: Seal | None = None,
+        rate: float | None = None,
     ) -> None:
         self._view = view
         self._keys = keys
         self._backlog = backlog
         self._count = count
         self._seal = seal or Seal(keys.root, None)
-        self._questions: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._pace = Pace(rate)
+        self._turns = self._new_turns()
+        self._sizes: dict[str, int] = {}
+        """Bytes of one sample of each topic that was answered about."""
         self._thread: threading.Thread | None = None
         self._busy_since: float | None = None
         self._told: set[str] = set()
@@ -103,16 +115,16 @@ class Answers:
 
     def start(self, session: zenoh.Session) -> None:
         """Declare the questions and begin to answer them."""
-        self._questions = queue.SimpleQueue()
+        self._turns = self._new_turns()
         self._thread = threading.Thread(target=self._serve, name="cellwatt zenoh answers", daemon=False)
         self._thread.start()
-        session.declare_queryable(self._keys.question("*"), lambda q: self._enqueue(q, self._reply))
+        session.declare_queryable(self._keys.question("*"), lambda q: self._enqueue(q, self._reply, self._past(q)))
         session.declare_queryable(self._keys.live(f"{ALARM}/**"), lambda q: self._enqueue(q, self._reply_alarms))
 
     def stop(self) -> None:
         """End the thread after what it works on now."""
         if self._thread is not None:
-            self._questions.put(None)
+            self._turns.end()
             self._thread.join()
             self._thread = None
 
@@ -146,23 +158,37 @@ class Answers:
 
     def _history(self, asked: Mapping[str, str]) -> Answer:
         session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
-        count = min(number_of(asked, "count", MOST_SAMPLES), MOST_SAMPLES)
+        whole = number_of(asked, "count", MOST_SAMPLES)
+        count = min(whole, MOST_SAMPLES)
         if "source" not in asked and asked.get("stream") == FRAME:
-            return self._frames(session, first, count)
+            return self._frames(session, first, whole)
         source, stream = text_of(asked, "source"), text_of(asked, "stream")
+        topic = raw_topic(source, stream)
+        if topic in self._sizes:
+            count = self._fitting(count, self._sizes[topic])
         batch = join(self._view.history(source, stream, session, first, count), count)
-        if batch is None:
+        if batch is not None:  # it may begin beyond what was asked for, where all of that is gone
+            batch = cut(batch, 0, min(len(batch), max(first + whole - batch.sequence, 0)))
+        if not batch:
             about = f"{source}/{stream}"
             raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
+        self._sizes[topic] = _ROW + 8 * len(batch.stream.channels)
+        batch = cut(batch, 0, self._fitting(len(batch), self._sizes[topic]))
         mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
-        return Answer(encode_batch(batch), ARROW, mark, raw_topic(source, stream))
+        return Answer(encode_batch(batch), ARROW, mark, topic)
 
-    def _frames(self, session: int, first: int, count: int) -> Answer:
-        kept = self._backlog.frames(session, first, count)
+    def _fitting(self, count: int, size: int) -> int:
+        """``count`` rows of ``size`` bytes, or as many as one answer may have now; at least one."""
+        return max(int(min(count, self._pace.piece(self._turns.waiting) / size)), 1)
+
+    def _frames(self, session: int, first: int, whole: int) -> Answer:
+        kept = self._backlog.frames(session, first, whole)
         if not kept:
             raise NothingKeptError(f"no frames are kept from {first} in session {session}")
-        begin, _ = kept[0]
+        begin, block = kept[0]
+        count = self._fitting(min(whole, MOST_SAMPLES), _ROW + _CELL * block.values.shape[1])
         skipped = max(first - begin.sequence, 0)
+        count = min(count, first + whole - begin.sequence - skipped)
         joined = join([frames for _, frames in kept], skipped + count)
         assert joined is not None
         frames = cut(joined, skipped, len(joined))
@@ -171,31 +197,43 @@ class Answers:
 
     def _results(self, asked: Mapping[str, str]) -> Answer:
         kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
-        count = min(number_of(asked, "count", MOST_RESULTS), MOST_RESULTS)
-        kept = self._backlog.results(kind, session, number_of(asked, "first", 0), count)
+        whole = number_of(asked, "count", MOST_RESULTS)
+        kept = self._backlog.results(kind, session, number_of(asked, "first", 0), whole)[:MOST_RESULTS]
         if not kept:
             raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
-        first, last = kept[0][0], kept[-1][0]
+        items, room = [], self._pace.piece(self._turns.waiting)
+        for m, item in kept:
+            items.append(encode_item(item, m))
+            room -= len(items[-1])
+            if room <= 0:
+                break
+        first, last = kept[0][0], kept[len(items) - 1][0]
         mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
-        return Answer(b"[" + b",".join(encode_item(item, m) for m, item in kept) + b"]", JSON, mark, kind)
+        return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
 
     # Zenoh ------------------------------------------------------------------------------------------
 
-    def _enqueue(self, query: zenoh.Query, reply: Callable[[zenoh.Query], None]) -> None:
+    def _new_turns(self) -> Turns:
+        return Turns(self._pace, _WAITING, lambda: self._count("answers held back"))
+
+    def _past(self, query: zenoh.Query) -> bool:
+        """True if a question may ask for much of the past."""
+        return any(query.key_expr.intersects(self._keys.question(name)) for name in _PAST)
+
+    def _enqueue(self, query: zenoh.Query, reply: Callable[[zenoh.Query], None], past: bool = False) -> None:
         """Queue a question. Runs in Zenoh's thread, so it must not block."""
-        reason = "too many wait" if self._questions.qsize() >= _WAITING else None
-        if reason is None and _size(query) > LARGEST:
-            reason = "too large"
+        reason = "too large" if _size(query) > LARGEST else None
+        if reason is None and not self._turns.put(lambda: reply(query), past):
+            reason = "too many wait"
         if reason is not None:
             self._count(f"questions refused: {reason}")
             query.drop()  # type: ignore[no-untyped-call]
-            return
-        self._questions.put(lambda: reply(query))
 
     def _serve(self) -> None:
         import zenoh
 
-        while (work := self._questions.get()) is not None:
+        work: Work | None
+        while (work := self._turns.take()) is not None:
             self._busy_since = time.monotonic()
             try:
                 work()
@@ -253,6 +291,11 @@ class Answers:
             topic, asked = answer.path or f"@/{name}", str(query.parameters)
             attachment = self._seal.answer(topic, asked, mark, answer.payload) or None
             query.reply(key, answer.payload, encoding=answer.encoding, attachment=attachment)
+            if name in _PAST:
+                size = len(answer.payload)
+                self._pace.spend(size, time.monotonic())
+                self._count("answers about the past")
+                self._count("bytes of the past", size)
 
     def _refuse(self, query: zenoh.Query, error: str) -> None:
         query.reply_err(encode_json(self._seal.refusal(str(query.parameters), error)), encoding=JSON)

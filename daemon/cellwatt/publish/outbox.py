@@ -136,10 +136,10 @@ class Outbox:
             self._raw.clear()
             self._waiting = 0
 
-    def count(self, what: str) -> None:
+    def count(self, what: str, n: int = 1) -> None:
         """Count anything else in the account, from any thread."""
         with self._lock:
-            self._account.count(what)
+            self._account.count(what, n)
 
     def __len__(self) -> int:
         return self._waiting

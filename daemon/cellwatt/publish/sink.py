@@ -25,7 +25,7 @@ from cellwatt.publish.messages import health, topic_of
 from cellwatt.publish.outbox import Lane, Outbox, Outgoing
 from cellwatt.publish.publisher import Publisher
 from cellwatt.publish.signing import Seal
-from cellwatt.quantity import Bytes
+from cellwatt.quantity import Bytes, BytesPerSecond
 from cellwatt.signing import unusable
 from cellwatt.sink import CellView, Item, Sink
 
@@ -52,6 +52,9 @@ class ZenohSettings(LinkSettings):
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 16e6
     """Memory for frames that a consumer may ask for after a cut; raw samples it gets from the record."""
+    backfill: BytesPerSecond | None = None
+    """Most that answers about the past take of the line, all consumers together; by default no limit. Set it below
+    what the line carries, less the live data."""
     sign: Path | None = None
     """Private key (Ed25519, PEM) that signs every message and answer; ``cellwatt secure`` makes one for each cell."""
     open: bool = False
@@ -97,7 +100,9 @@ class ZenohSink(Sink[ZenohSettings]):
             time.time_ns() if view.journal is None else view.session, settings.frame_memory, view.journal
         )
         self._seal = Seal(self._keys.root, settings.sign)
-        self._answers = Answers(view, self._keys, self._backlog, self._outbox.count, self._health, self._seal)
+        self._answers = Answers(
+            view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill
+        )
         self._beats = Mark(time.time_ns(), -1, 1, 0)
         """Of the last health message; their numbering is this sink's own."""
         self._topics: dict[tuple[str, str], str] = {}

@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
@@ -82,6 +83,7 @@ class FileName:
         return f"{plain_cell(self.cell)}_{start}_{ns:09d}Z_{self.number:06d}.mcap"
 
     @classmethod
+    @lru_cache(maxsize=16_384)  # a folder of weeks is listed for every question about the past
     def parse(cls, name: str) -> FileName | None:
         """The parts of a file's name (also with ``.part`` or ``.damaged`` behind it), or ``None``."""
         match = _NAME.fullmatch(name)

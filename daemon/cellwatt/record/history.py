@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import threading
 from bisect import bisect_right
@@ -9,6 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import FileIO
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -72,6 +74,15 @@ class History:
                 found = self._settled(lambda: self._find(topic, session, first, stop))
             return found
 
+    def later(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
+        """The first ``count`` recorded samples of a stream from ``first`` on, wherever these begin.
+
+        Reads files: never call it on the event loop.
+        """
+        topic = topic_of(source, stream)
+        with self._lock:
+            return self._settled(lambda: self._find_later(topic, session, first, count))
+
     def recordings(self) -> list[dict[str, Any]]:
         """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
         with self._lock:
@@ -113,8 +124,12 @@ class History:
                 break
         return found
 
-    def _names(self) -> list[Path]:
-        return [kept.path for kept in listing(self._folder, self._recorder.cell)]
+    def _names(self) -> list[str]:
+        try:
+            with os.scandir(self._folder) as entries:  # without the state of each: a folder of weeks has many
+                return sorted(entry.name for entry in entries)
+        except FileNotFoundError:
+            return []
 
     def _find(self, topic: str, session: int, first: int, stop: int) -> list[Batch]:
         files = [f for f in self._files() if f.kept.name.session == session and topic in f.firsts]
@@ -126,7 +141,22 @@ class History:
             found += self._from_file(files[at], topic, first, stop)
         return found
 
-    def _from_file(self, known: Known, topic: str, first: int, stop: int) -> list[Batch]:
+    def _find_later(self, topic: str, session: int, first: int, count: int) -> list[Batch]:
+        for known in self._files():
+            if known.kept.name.session == session and topic in known.firsts:
+                begin = self._begin_in(known, topic, first)
+                if begin is not None:
+                    return self._find(topic, session, begin, begin + count)
+        return []
+
+    def _begin_in(self, known: Known, topic: str, first: int) -> int | None:
+        """Number of the first sample of a file from ``first`` on; ``None`` if it has none."""
+        if known.firsts[topic][1] >= first:
+            return known.firsts[topic][1]
+        found = self._from_file(known, topic, first, sys.maxsize, most=1)
+        return found[0].sequence if found else None
+
+    def _from_file(self, known: Known, topic: str, first: int, stop: int, most: int | None = None) -> list[Batch]:
         channel = known.firsts[topic][0]
         try:
             chunks, tracks = self._listed(known)
@@ -134,7 +164,8 @@ class History:
                 holding = chunks.holding(channel)
                 places = range(len(holding))
                 start = bisect_right(places, first, key=lambda i: _first_from(file, holding, i, tracks, channel))
-                return list(_between(file, _from(holding, max(start - 1, 0)), tracks, channel, first, stop))
+                batches = _between(file, _from(holding, max(start - 1, 0)), tracks, channel, first, stop)
+                return list(islice(batches, most))
         except (OSError, RecordingError):
             # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
             return []

@@ -277,7 +277,8 @@ class Teller:
         """See ``CellView.history``."""
         if self._history is None:
             return ()
-        return self._history.history(source, stream, session, first, count)
+        asked = source, stream, session, first, count
+        return self._history.history(*asked) or self._history.later(*asked)
 
 
 def _record(recorder: Recorder, item: Item) -> None:

@@ -39,7 +39,7 @@ def local_cluster(workers: int | None, loop: IOLoop) -> Iterator[Any]:
         stack.callback(_restore, environment)
         folder = tempfile.TemporaryDirectory(prefix="cellwatt-workers-", ignore_cleanup_errors=True)
         stack.enter_context(folder)
-        stack.enter_context(dask.config.set(_SETTINGS))
+        stack.enter_context(dask.config.set({**_SETTINGS, "temporary-directory": folder.name}))
         cluster = _started(workers or dask.system.CPU_COUNT, folder.name, loop)
         stack.callback(_end, cluster)
         yield cluster

@@ -124,7 +124,7 @@ class FakeView:
         with self._lock:
             kept = list(self._recorded.get((session, source, stream), ()))
         end = (kept[-1].sequence + len(kept[-1]) - self.lag) if kept else 0
-        begin, end = max(first, self.forgotten), min(first + count, end)
+        begin, end = max(first, self.forgotten), min(max(first, self.forgotten) + count, end)
         return [
             cut(b, begin - b.sequence, end - b.sequence)
             for b in kept

@@ -7,7 +7,7 @@ import pytest
 
 from cellwatt import CellwattError
 from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers, QuestionError
-from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.backlog import RESULTS_KEPT, Backlog
 from cellwatt.publish.encode import ARROW, JSON
 from cellwatt.publish.keys import CellKeys
 from cellwatt.publish.mark import Mark
@@ -131,3 +131,36 @@ def test_numbers_beyond_all_sense_are_refused(answers: Answers, number: str) -> 
         answers.about("history", {"source": "arm", "stream": "samples", "first": number})
     with pytest.raises(QuestionError, match=r"not a whole number|too large"):
         answers.alarms({"cleared": number})
+
+
+def test_where_the_begin_is_gone_the_answer_begins_with_what_is_left(
+    answers: Answers, view: FakeView, backlog: Backlog
+) -> None:
+    """A consumer gives up all that an empty answer was about, so an answer is empty only if all of it is gone."""
+    view.record(batch(0, 20 * MOST_SAMPLES))
+    view.forgotten = 15 * MOST_SAMPLES
+    asked = {"source": "arm", "stream": "samples", "first": "3"}
+    mark = answers.about("history", asked | {"count": str(20 * MOST_SAMPLES)}).mark
+    assert mark == Mark(EPOCH, view.forgotten, MOST_SAMPLES, EPOCH, backfill=True)
+    mark = answers.about("history", asked | {"count": str(view.forgotten)}).mark
+    assert mark == Mark(EPOCH, view.forgotten, 3, EPOCH, backfill=True)
+    with pytest.raises(CellwattError, match="nothing is recorded of arm/samples from 3"):
+        answers.about("history", asked | {"count": str(view.forgotten - 3)})
+
+    for first in range(0, 60_000, 10):  # of these 1 MB is kept
+        backlog.add_frames(frames(first, 10))
+    (begin, _), *_ = backlog.frames(NUMBERING, 0, 10**6)
+    assert begin.sequence > 2 * MOST_SAMPLES
+    asked = {"stream": "frame", "session": str(NUMBERING), "first": "3"}
+    mark = answers.about("history", asked | {"count": "60000"}).mark
+    assert mark is not None
+    assert (mark.sequence, mark.count) == (begin.sequence, MOST_SAMPLES)
+    mark = answers.about("history", asked | {"count": str(begin.sequence + 2)}).mark
+    assert mark is not None
+    assert (mark.sequence, mark.count) == (begin.sequence, 5)
+
+    for number in range(RESULTS_KEPT + 2 * MOST_RESULTS):
+        backlog.add(alarm(number, active=False))
+    mark = answers.about("results", {"kind": "alarm", "first": "3", "count": "100000"}).mark
+    assert mark is not None
+    assert (mark.sequence, mark.count) == (2 * MOST_RESULTS, MOST_RESULTS)

@@ -72,6 +72,29 @@ async def test_what_was_removed_is_left_out(history, tmp_path):
     assert left[0] > 0 and left == list(range(left[0], 3000)) and len(left) < len(numbers(everything))
 
 
+async def test_what_is_left_after_a_number_is_found_however_far(history, tmp_path):
+    for path in sorted(tmp_path.glob("*.mcap"))[:2]:
+        path.unlink()
+    left = numbers(await ask(history, "arm", "rtde", SESSION, 0, 3000))
+    assert left[0] > 500
+    later = lambda first, count: asyncio.to_thread(history.later, "arm", "rtde", SESSION, first, count)  # noqa: E731
+    assert await ask(history, "arm", "rtde", SESSION, 0, 100) == []
+    assert numbers(await later(0, 100)) == left[:100]
+    assert numbers(await later(left[0] + 7, 100)) == left[7:107]
+    assert numbers(await later(2995, 100)) == list(range(2995, 3000))
+    assert await later(3000, 100) == []
+
+
+async def test_what_is_left_begins_after_a_hole_within_a_file(recorder, tmp_path):
+    for first in (0, 10, 4000, 4010):
+        assert recorder.batch(batch_of(first, 10))
+    assert await asyncio.to_thread(recorder.flush, PATIENCE)
+    history = History(tmp_path, recorder)
+    found = await asyncio.to_thread(history.later, "arm", "rtde", SESSION, 20, 15)
+    assert numbers(found) == list(range(4000, 4015))
+    assert await asyncio.to_thread(history.later, "arm", "rtde", SESSION + 1, 0, 15) == []
+
+
 @pytest.mark.parametrize("place", [0.3, 0.5, 0.7])
 async def test_damage_is_passed_over(history, recorder, tmp_path, place):
     await recorder.close()

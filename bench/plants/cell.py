@@ -1,0 +1,216 @@
+"""A cell as a process: the Zenoh sink over a record on disk, ordered about in JSON lines.
+
+python -m bench.plants.cell '{"site", "cell", "folder", "zenoh": settings, "record": settings, "rate": Hz, "width": n}'
+
+``{"run": s}`` records and publishes samples, frames and alarms in real time until that time is over (``null``: until
+``{"halt": true}``); ``{"past": h}`` records hours at once, with time stamps of that long. ``{"tell": true}`` says what
+was made, the counts of the sink and the memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import resource
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
+from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.record import Header, History, Recorder, RecordSettings
+
+HOUR = 3600 * 10**9
+FRAME_RATE = 50.0
+
+
+class View:
+    """What the sink asks of its cell."""
+
+    journal = None
+    folder = Path("/")
+
+    def __init__(self, site: str, cell: str, recorder: Recorder) -> None:
+        self.site, self.cell, self.session = site, cell, recorder.session
+        self.record_folder = recorder.settings.folder
+        self.made = History(recorder.settings.folder, recorder)
+
+    def status(self) -> Mapping[str, Any]:
+        return {"state": "green"}
+
+    config = schema = status
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        return self.made.recordings()
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        asked = source, stream, session, first, count
+        return self.made.history(*asked) or self.made.later(*asked)
+
+
+class Cell:
+    """Samples whose first value is their number; frames and alarms likewise."""
+
+    def __init__(self, order: dict[str, Any]) -> None:
+        self.rate, self.width = float(order["rate"]), int(order["width"])
+        channels = tuple(Channel(f"joint_{i + 1}.position", "rad") for i in range(self.width))
+        self.stream = Stream("samples", channels, self.rate, "host")
+        self.layout = Layout((FrameChannel("arm.joint_1.position", "rad", "continuous", "linear"),), FRAME_RATE)
+        header = Header(order["site"], order["cell"], time.time_ns(), robot="ur10e", settings="")
+        record = RecordSettings(**{**order["record"], "folder": order["folder"]})
+        self.recorder = Recorder(record, header)
+        self.view = View(order["site"], order["cell"], self.recorder)
+        self.sink = ZenohSink("zenoh", ZenohSettings(**order["zenoh"]), self.view)  # type: ignore[arg-type]
+        self.samples = self.frames = self.alarms = self.refused = 0
+        self.clock = self.recorder.session
+        """UTC ns of the next sample."""
+        self.halted = asyncio.Event()
+
+    def make(self, count: int, step: float, arrival: int | None = None) -> None:
+        """Record and publish the next samples, ``step`` ns apart."""
+        numbers = np.arange(self.samples, self.samples + count)
+        times = self.clock + (np.arange(count) * step).astype(np.int64)
+        values = numbers[:, None] + np.arange(self.width) / 16
+        bound, quality = np.full(count, 1000), np.zeros(count, np.uint8)
+        at = int(times[-1]) if arrival is None else arrival
+        batch = Batch(
+            source="arm",
+            stream=self.stream,
+            sequence=self.samples,
+            arrival=at,
+            time=times,
+            bound=bound,
+            values=values,
+            quality=quality,
+            device_time=None,
+        )
+        self.refused += not self.recorder.batch(batch)
+        self.sink.offer(batch)
+        self.samples += count
+        self.clock += int(count * step)
+
+    def make_frames(self, count: int) -> None:
+        numbers = np.arange(self.frames, self.frames + count)
+        now, shape = time.time_ns(), (count, 1)
+        time_of = now + ((numbers - numbers[-1]) * 1e9 / FRAME_RATE).astype(np.int64)
+        values, quality, bound = numbers[:, None] + 0.25, np.zeros(shape, np.uint8), np.zeros(shape, np.int64)
+        self.sink.offer(
+            Frames(layout=self.layout, sequence=self.frames, time=time_of, values=values, quality=quality, bound=bound)
+        )
+        self.frames += count
+
+    def make_alarm(self) -> None:
+        now, number = time.time_ns(), self.alarms
+        text = f"Joint {number} needs more power than it should."
+        self.sink.offer(
+            Alarm(
+                id=f"alarm-{number}",
+                kind="joint_fault",
+                severity="error",
+                active=False,
+                since=now,
+                time=now,
+                statement=text,
+                joint=1,
+                evidence={},
+            )
+        )
+        self.alarms += 1
+
+    async def run(self, seconds: float | None, block: float = 0.02) -> None:
+        """Samples, frames and alarms in real time."""
+        loop, each = asyncio.get_running_loop(), max(round(self.rate * block), 1)
+        self.halted.clear()
+        begin, ticks = loop.time(), 0
+        while not self.halted.is_set() and (seconds is None or ticks * block < seconds):
+            ticks += 1
+            await asyncio.sleep(begin + ticks * block - loop.time())
+            self.make(each, 1e9 * block / each, time.time_ns())
+            if ticks % 5 == 0:
+                self.make_frames(5)
+            if ticks % 50 == 0:
+                self.make_alarm()
+        say({"ran": self.made()})
+
+    async def past(self, hours: float, block: int = 250) -> None:
+        """Hours of samples at once, as fast as the disk takes them."""
+        for n in range(round(hours * 3600 * self.rate / block)):
+            self.make(block, 1e9 / self.rate)
+            if n % 20 == 0:
+                await asyncio.sleep(0.2 if self.recorder.stats()["queue"]["bytes"] > 16e6 else 0)
+        await asyncio.to_thread(self.recorder.flush, 60.0)
+        say({"past": self.made()})
+
+    def made(self) -> dict[str, Any]:
+        kept = self.view.recordings()
+        return {
+            "samples": self.samples,
+            "frames": self.frames,
+            "alarms": self.alarms,
+            "refused": self.refused,
+            "files": len(kept),
+            "bytes": sum(k["bytes"] for k in kept),
+            "span_h": (self.clock - self.recorder.session) / HOUR,
+            "account": self.sink.account.snapshot(),
+            "rss": rss(),
+            "most_rss": most_rss(),
+        }
+
+    async def beat(self) -> None:
+        while True:
+            self.sink.health({"state": "green"})
+            await asyncio.sleep(0.5)
+
+    async def obey(self) -> None:
+        reader = asyncio.StreamReader()
+        await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+        async with asyncio.TaskGroup() as group:
+            while line := await reader.readline():
+                order = json.loads(line)
+                if "run" in order:
+                    group.create_task(self.run(order["run"]))
+                elif "past" in order:
+                    group.create_task(self.past(order["past"]))
+                elif "halt" in order:
+                    self.halted.set()
+                elif "tell" in order:
+                    say({"told": await asyncio.to_thread(self.made)})
+            self.halted.set()
+
+
+def rss() -> int:
+    """Bytes of memory that this process has now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def most_rss() -> int:
+    """Bytes of memory that this process has had at most."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def say(what: Any) -> None:
+    print(json.dumps(what), flush=True)
+
+
+async def main() -> None:
+    cell = Cell(json.loads(sys.argv[1]))
+    cell.recorder.start()
+    tasks = [asyncio.create_task(cell.sink.run()), asyncio.create_task(cell.beat())]
+    say("ready")
+    try:
+        await cell.obey()
+    finally:
+        for task in tasks:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+        await cell.recorder.close()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -1,0 +1,120 @@
+"""Consumers at headquarters as processes; each says ten times a second what it has.
+
+    python -m bench.plants.consumer '{"site", "cell", "link": settings, "how": "recorder" | "board"}'
+
+``recorder`` is a ``Subscriber``: every sample once, in order. It compares each with its number, which is its first
+value. ``board`` looks only at what comes live, as it comes: how long each message was on its way, by kind.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+
+from cellwatt import Batch, Frames
+from cellwatt.publish.keys import CellKeys, parse
+from cellwatt.publish.link import LinkSettings, open_session
+from cellwatt.publish.mark import Mark
+from cellwatt.subscriber import Gap, Message, Subscriber
+
+from .cell import most_rss, rss, say
+
+
+class Recorder:
+    """What came of each topic: the next number, and everything that is wrong."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.topics: dict[str, dict[str, int]] = defaultdict(
+            lambda: {
+                "first": -1,
+                "next": -1,
+                "count": 0,
+                "backfilled": 0,
+                "lost": 0,
+                "twice": 0,
+                "holes": 0,
+                "wrong": 0,
+            }
+        )
+        self.reasons: dict[str, int] = {}
+
+    def take(self, message: Message) -> None:
+        with self.lock:
+            topic = self.topics[message.topic]
+            if topic["first"] < 0:
+                topic["first"] = topic["next"] = message.sequence
+            topic["holes"] += max(message.sequence - topic["next"], 0)
+            topic["twice"] += max(topic["next"] - message.sequence, 0)
+            topic["next"] = message.sequence + message.count
+            content = message.content
+            if isinstance(content, Gap):
+                topic["lost"] += message.count
+                self.reasons[content.reason] = self.reasons.get(content.reason, 0) + 1
+                return
+            topic["count"] += message.count
+            topic["backfilled"] += message.count * message.backfilled
+            if isinstance(content, Batch | Frames):
+                due = message.sequence + np.arange(len(content)) + (0.25 if isinstance(content, Frames) else 0.0)
+                topic["wrong"] += int(np.count_nonzero(content.values[:, 0] != due))
+
+    def has(self) -> dict[str, Any]:
+        with self.lock:
+            return {"topics": {name: dict(topic) for name, topic in self.topics.items()}, "reasons": dict(self.reasons)}
+
+
+def record(order: dict[str, Any]) -> None:
+    recorder = Recorder()
+    link = LinkSettings(**order["link"])
+    with Subscriber(order["site"], order["cell"], link, want=("raw", "frame", "alarm")) as cell:
+
+        def tell() -> None:
+            while not over.wait(0.1):
+                say({**recorder.has(), "counts": cell.counts, "rss": rss(), "most_rss": most_rss()})
+
+        over = threading.Event()
+        threads = [threading.Thread(target=tell), threading.Thread(target=lambda: (sys.stdin.read(), cell.close()))]
+        for thread in threads:
+            thread.start()
+        say("ready")
+        for message in cell:
+            recorder.take(message)
+        over.set()
+        for thread in threads:
+            thread.join()
+
+
+def watch(order: dict[str, Any]) -> None:
+    keys, lock = CellKeys(order["site"], order["cell"]), threading.Lock()
+    delays: dict[str, list[float]] = defaultdict(list)
+
+    def on_sample(sample: Any) -> None:
+        kind, mark = (
+            parse(str(sample.key_expr)).kind,
+            Mark.decode(sample.attachment.to_bytes(), sample.payload.to_bytes()),
+        )
+        with lock:
+            delays[kind].append((time.time_ns() - mark.arrival) / 1e9)
+
+    with open_session(LinkSettings(**order["link"])) as session:
+        for topic in ("raw", "frame", "alarm", "health"):
+            session.declare_subscriber(keys.live(f"{topic}/**"), on_sample)
+        say("ready")
+        over = threading.Event()
+        threading.Thread(target=lambda: (sys.stdin.read(), over.set())).start()
+        while not over.wait(0.1):
+            with lock:
+                now, fresh = time.monotonic(), {kind: list(found) for kind, found in delays.items()}
+                delays.clear()
+            say({"at": now, "delays": fresh})
+
+
+if __name__ == "__main__":
+    settings = json.loads(sys.argv[1])
+    {"recorder": record, "board": watch}[settings["how"]](settings)
