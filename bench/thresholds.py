@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from concealed.page import table
 from concealed.scoring import score
+
+from cellwatt.progress import show_progress
+from cellwatt.scheduler import scheduled, spread
 
 FACTORS = (0.5, 2.0)
 LEFT_OUT = {"most"}
@@ -97,17 +96,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True, help="folder with cases of bench/concealed.py --make")
     parser.add_argument("--cases", type=int, default=24, help="the first so many")
-    parser.add_argument("--jobs", type=int, default=2, help="at once")
+    parser.add_argument("--scheduler", default="local:2", help="whose workers do it, as of cellwatt's commands")
     parser.add_argument("--json", action="store_true", help="one object instead of a table")
     a = parser.parse_args()
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[variable] = "1"
-    jobs = jobs_of(a.work, a.cases)
-    rows = []
-    with ProcessPoolExecutor(a.jobs, get_context("spawn")) as pool:
-        for row in pool.map(judge, jobs):
-            rows.append(row)
-            print(f"{len(rows)}/{len(jobs)}", file=sys.stderr, flush=True)
+    with show_progress(), scheduled(a.scheduler):
+        rows = spread(judge, jobs_of(a.work, a.cases), "cases")
     result = totals(rows)
     if a.json:
         print(json.dumps(result))

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import tempfile
-import threading
-import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
+from cellwatt.progress import show_progress
+from cellwatt.scheduler import scheduled, spread
 from concealed import kept, product
 from concealed.cases import Spec, specs
 from concealed.judging import MOTIONS, Codes, Job, judge, make
@@ -40,33 +37,22 @@ def wanted(all_specs: list[Spec], only: list[str], count: int | None) -> list[in
     return [i for i, s in enumerate(all_specs) if fits(i, s)][:count]
 
 
-def leave_with(parent: int) -> None:
-    """End this process soon after its parent is gone, however that was stopped."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+def attempted(step: Callable[[Job], Row], jobs: list[Job]) -> list[tuple[Job, Row]]:
+    """Each job with its result; cases that the benchmark itself fails at are said and left out."""
+    rows = spread(attempt, [(step, job) for job in jobs], "cases")
+    return [(job, row) for job, row in zip(jobs, rows, strict=True) if row is not None]
 
 
-def pooled(step: Callable[[Job], Row], jobs: list[Job], at_once: int) -> Iterator[tuple[Job, Row]]:
-    """Each job with its result as it is done; cases that the benchmark itself fails at are said and left out."""
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[variable] = "1"
-    start = time.monotonic()
-    with ProcessPoolExecutor(at_once, get_context("spawn"), leave_with, (os.getpid(),)) as pool:
-        futures = {pool.submit(step, job): job for job in jobs}
-        for n, done in enumerate(as_completed(futures), start=1):
-            job = futures[done]
-            spent = time.monotonic() - start
-            left = f"{spent / 60:.0f} min, {spent / n * (len(jobs) - n) / 60:.0f} left"
-            if (error := done.exception()) is not None:
-                say(f"{n:3d}/{len(jobs)} {left}: {job.name} FAILED in the benchmark: {error!r}")
-                continue
-            say(f"{n:3d}/{len(jobs)} {left}: {job.name} {progress(job, done.result())}")
-            yield job, done.result()
+def attempt(work: tuple[Callable[[Job], Row], Job]) -> Row | None:
+    """The result of one job; None where the benchmark fails at it."""
+    step, job = work
+    try:
+        row = step(job)
+    except Exception as error:
+        say(f"{job.name} FAILED in the benchmark: {error!r}")
+        return None
+    say(f"{job.name} {progress(job, row)}")
+    return row
 
 
 def say(line: str) -> None:
@@ -85,13 +71,13 @@ def progress(job: Job, row: Row) -> str:
     return f"{head} {mark} truth {said['truth']} named {said['named']}{error}"
 
 
-def run(jobs: list[Job], at_once: int) -> list[Row]:
+def run(jobs: list[Job]) -> list[Row]:
     """Scores of all jobs, of which those that are kept from an earlier run are not done again."""
     rows = {job.name: kept.read(*job.scored) for job in jobs}
     rest = [job for job in jobs if rows[job.name] is None]
     if len(rest) < len(jobs):
         say(f"{len(jobs) - len(rest)} of {len(jobs)} cases are kept from before")
-    rows |= {job.name: row for job, row in pooled(judge, rest, at_once)}
+    rows |= {job.name: row for job, row in attempted(judge, rest)}
     return [row for _, row in sorted(rows.items()) if row is not None]
 
 
@@ -139,7 +125,8 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument(
         "--only", nargs="+", default=[], metavar="WORD", help="a level, effect, run set, kind of simulation or case-NNN"
     )
-    parser.add_argument("--jobs", type=int, default=2, help="cases at once")
+    parser.add_argument("--jobs", type=int, default=2, help="cases at once: --scheduler local:N in short")
+    parser.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cases, as of cellwatt's commands")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--no-baselines", action="store_true", help="the product alone, without the refit too")
     parser.add_argument(
@@ -185,6 +172,11 @@ def jobs_of(a: argparse.Namespace, seed: str, work: Path) -> list[Job]:
     ]
 
 
+def place(a: argparse.Namespace) -> str | None:
+    """The scheduler that the command line asks for; None where cases are done here, one after the other."""
+    return a.scheduler or (f"local:{a.jobs}" if a.jobs > 1 else None)
+
+
 def main() -> None:
     """Entry point of `python bench/concealed.py`."""
     parser = arguments()
@@ -198,14 +190,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="concealed-") as temporary:
         jobs = jobs_of(a, seed, a.work or Path(temporary))
         if a.make:
-            say(f"{sum(1 for _ in pooled(make, jobs, a.jobs))} of {len(jobs)} cases are in {a.work}")
+            with show_progress(), scheduled(place(a)):
+                say(f"{len(attempted(make, jobs))} of {len(jobs)} cases are in {a.work}")
             return
         if (old := others(jobs)) and not a.again:
             parser.error(
                 f"{old} answers in {a.work} are of another seed or of other code than now: give another --work, "
                 "or --again to replace them"
             )
-        rows = run(jobs, a.jobs)
+        with show_progress(), scheduled(place(a)):
+            rows = run(jobs)
     result = {"seed": seed, "salt": salt, "seed_was_committed": sealed, "code": jobs[0].codes.product if jobs else None}
     result |= figures(rows, jobs[0].methods if jobs else METHODS)
     if a.rows:

@@ -8,11 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.robot import Arm
 from faults.cases import make_case
+from faults.runner import Cell
 
 ACCEPTED = (0.1, 1e-2, 1e-3, 1e-4)
 """Shares of healthy intervals in which a false alarm is accepted."""
@@ -20,19 +22,21 @@ AROUND = 2.0
 """s of the recording around a cycle that is judged again."""
 
 
-def healthy_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
+def healthy_figures(wanted: Sequence[Cell]) -> dict[str, Any]:
     """Intervals with a false alarm at each accepted share; half of the cycles are changed harmlessly."""
-    intervals = 0
-    alarms = dict.fromkeys(ACCEPTED, 0)
-    for seed in range(first_seed, first_seed + cases):
-        with tempfile.TemporaryDirectory() as folder:
-            case = make_case(seed, Path(folder), cycles, calm=True)
-            known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
-        intervals += sum(truth.moves for truth in case.truths)
-        for accepted, count in false_intervals(Recording(*case.judged), known).items():
-            alarms[accepted] += count
+    found = spread(calm, wanted, "cells")
+    intervals = sum(count for count, _ in found)
+    alarms = {accepted: sum(of[accepted] for _, of in found) for accepted in ACCEPTED}
     shares = {f"at_{accepted:g}": round(count / intervals, 6) for accepted, count in alarms.items()}
     return {"intervals": intervals, "false_alarms": {f"at_{a:g}": n for a, n in alarms.items()}, "share": shares}
+
+
+def calm(cell: Cell) -> tuple[int, dict[float, int]]:
+    """Intervals of one cell without faults, and false alarms in them at each accepted share."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = make_case(cell.seed, Path(folder), cell.cycles, calm=True)
+        known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
+    return sum(truth.moves for truth in case.truths), false_intervals(Recording(*case.judged), known)
 
 
 def false_intervals(recording: Recording, known: Known) -> dict[float, int]:

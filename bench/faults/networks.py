@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.onnx_file import OnnxFile
+from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.ann.exported import exported
 from cellwatt_plugins.faults.ann.judging import NetworkJudge
 from cellwatt_plugins.faults.ann.network import PatternNetwork
@@ -35,7 +36,7 @@ from cellwatt_plugins.faults.paper.network import FaultNetwork, train
 from cellwatt_plugins.robot import Arm
 from faults.cases import Truth, make_case
 from faults.paper import AS_IN_THE_PAPER, Isolate, judge_recording_by_paper, of_the_motion
-from faults.runner import _shares, watch
+from faults.runner import Cell, _shares, watch
 from faults.scoring import Count, count
 from faults.tables import PICK_AND_PLACE, POLISHING
 
@@ -56,12 +57,16 @@ class Totals:
         """One cell's cycles."""
         self.counts[method] = self.counts.get(method, Count()) + count(truths, found, None)
 
+    def __add__(self, other: Totals) -> Totals:
+        """Both together."""
+        counts = {method: self.counts.get(method, Count()) + found for method, found in other.counts.items()}
+        named = {low: [a + b for a, b in zip(own, other.named[low], strict=True)] for low, own in self.named.items()}
+        return Totals(counts, named, self.trained + other.trained)
 
-def network_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
+
+def network_figures(wanted: Sequence[Cell]) -> dict[str, Any]:
     """Figures of every method, of how sure the network is, and of the printed tables."""
-    totals = Totals()
-    for seed in range(first_seed, first_seed + cases):
-        _one_cell(seed, cycles, totals)
+    totals = sum(spread(_one_cell, wanted, "cells"), Totals())
     sure = {f"from_{low:g}": {"right": right, "named": named} for low, (right, named) in totals.named.items()}
     return {
         "methods": {method: _shares(found) for method, found in totals.counts.items()},
@@ -71,9 +76,10 @@ def network_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
     }
 
 
-def _one_cell(seed: int, cycles: int, totals: Totals) -> None:
+def _one_cell(cell: Cell) -> Totals:
+    totals = Totals()
     with tempfile.TemporaryDirectory() as folder:
-        case = make_case(seed, Path(folder), cycles)
+        case = make_case(cell.seed, Path(folder), cell.cycles)
         known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
     healthy, judged = Recording(*case.healthy), Recording(*case.judged)
     physics = [told.finding for told in watch(known, judged) if told.over]
@@ -97,6 +103,7 @@ def _one_cell(seed: int, cycles: int, totals: Totals) -> None:
     told = [each.finding for each in watch(NetworkJudge(known.patterns, tuple(networks)), judged) if each.over]
     totals.add("network_of_the_motion", case.truths, told)
     _by_confidence(case.truths, told, totals)
+    return totals
 
 
 @dataclass

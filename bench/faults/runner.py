@@ -7,10 +7,13 @@ import dataclasses
 import json
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cellwatt.progress import show_progress
+from cellwatt.scheduler import scheduled, spread
 from cellwatt_plugins.faults.cycles.findings import judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
 from cellwatt_plugins.faults.cycles.live import CycleJudge, CycleWatch, Told
@@ -35,6 +38,23 @@ class Figures:
     spent: float = 0.0
     watched: float = 0.0
 
+    def __add__(self, other: Figures) -> Figures:
+        """Both together."""
+        return Figures(*(getattr(self, f.name) + getattr(other, f.name) for f in dataclasses.fields(self)))
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell to draw by its seed, and how many cycles to judge in it."""
+
+    seed: int
+    cycles: int
+
+
+def cells(first_seed: int, cases: int, cycles: int) -> list[Cell]:
+    """So many cells."""
+    return [Cell(seed, cycles) for seed in range(first_seed, first_seed + cases)]
+
 
 def main() -> None:
     """See the module `faults`."""
@@ -47,43 +67,42 @@ def main() -> None:
     parse.add_argument("--healthy", action="store_true", help="count false alarms in calm cycles instead")
     parse.add_argument("--edited", action="store_true", help="count false alarms in edited tasks instead")
     parse.add_argument("--networks", action="store_true", help="thresholds, the paper's network and that of a motion")
+    parse.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cells, as of cellwatt's commands")
     given = parse.parse_args()
-    if given.networks:
-        from faults.networks import network_figures
+    with show_progress(), scheduled(given.scheduler):
+        print(in_words(asked_for(given), given.json))
 
-        print(in_words(network_figures(given.first_seed, given.cases, given.cycles), given.json))
-        return
-    if given.edited:
-        print(in_words(edited_figures(given.first_seed, given.cases, given.cycles), given.json))
-        return
-    if given.healthy:
-        from faults.healthy import healthy_figures
 
-        print(in_words(healthy_figures(given.first_seed, given.cases, given.cycles), given.json))
-        return
+def asked_for(given: argparse.Namespace) -> dict[str, Any]:
+    """The figures that the command line asks for."""
     if given.real:
         from faults.real import real_figures
 
-        print(in_words(real_figures(), given.json))
-        return
-    figures = Figures()
-    for seed in range(given.first_seed, given.first_seed + given.cases):
-        with tempfile.TemporaryDirectory() as folder:
-            judge(make_case(seed, Path(folder), given.cycles), figures)
-    print(in_words(summary(figures), given.json))
+        return real_figures()
+    wanted = cells(given.first_seed, given.cases, given.cycles)
+    if given.networks:
+        from faults.networks import network_figures
+
+        return network_figures(wanted)
+    if given.edited:
+        return edited_figures(wanted)
+    if given.healthy:
+        from faults.healthy import healthy_figures
+
+        return healthy_figures(wanted)
+    return summary(sum(spread(judged, wanted, "cells"), Figures()))
 
 
-def edited_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
+def judged(cell: Cell) -> Figures:
+    """Figures of one cell."""
+    with tempfile.TemporaryDirectory() as folder:
+        return judge(make_case(cell.seed, Path(folder), cell.cycles))
+
+
+def edited_figures(wanted: Sequence[Cell]) -> dict[str, Any]:
     """How often a known task with a changed pose is taken for a fault: while it runs, and at its end."""
-    total, at_the_end = Count(), Count()
-    for seed in range(first_seed, first_seed + cases):
-        with tempfile.TemporaryDirectory() as folder:
-            case = make_case(seed, Path(folder), cycles, edited=True)
-            known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
-        told = watch(known, Recording(*case.judged))
-        found = [t.finding for t in told if t.over]
-        total += count(case.truths, found, [t.finding for t in told if not t.over])
-        at_the_end += count(case.truths, found, [])
+    found = spread(edited, wanted, "cells")
+    total, at_the_end = (sum(counts, Count()) for counts in zip(*found, strict=True))
     return {
         "cycles": total.cycles,
         "false_alarms": total.false_alarms,
@@ -92,20 +111,34 @@ def edited_figures(first_seed: int, cases: int, cycles: int) -> dict[str, Any]:
     }
 
 
-def judge(case: Case, figures: Figures) -> None:
-    """Both methods on one case, added to the figures."""
+def edited(cell: Cell) -> tuple[Count, Count]:
+    """Counts of one cell in which a pose of each task was changed: of all that is told, and of what is at the end."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = make_case(cell.seed, Path(folder), cell.cycles, edited=True)
+        known = learn_known(Recording(*case.healthy), Arm.load(case.robot))
+    told = watch(known, Recording(*case.judged))
+    found = [t.finding for t in told if t.over]
+    early = [t.finding for t in told if not t.over]
+    return count(case.truths, found, early), count(case.truths, found, [])
+
+
+def judge(case: Case) -> Figures:
+    """Both methods on one case."""
     healthy, judged = Recording(*case.healthy), Recording(*case.judged)
     known = learn_known(healthy, Arm.load(case.robot))
     start = time.process_time()
     told = watch(known, judged)
-    figures.spent += time.process_time() - start
-    figures.watched += float(judged.time[-1] - judged.time[0])
+    spent = time.process_time() - start
     found = [t.finding for t in told if t.over]
-    figures.ours += count(case.truths, found, [t.finding for t in told if not t.over])
     cycles = judge_recording(healthy, known)
-    figures.paper += count(case.truths, judge_recording_by_paper(healthy, cycles, judged, found), None)
     by_energy = judge_recording_by_paper(healthy, cycles, judged, found, residual="energy")
-    figures.paper_by_energy += count(case.truths, by_energy, None)
+    return Figures(
+        count(case.truths, found, [t.finding for t in told if not t.over]),
+        count(case.truths, judge_recording_by_paper(healthy, cycles, judged, found), None),
+        count(case.truths, by_energy, None),
+        spent,
+        float(judged.time[-1] - judged.time[0]),
+    )
 
 
 def watch(known: Known | CycleJudge, judged: Recording) -> list[Told]:

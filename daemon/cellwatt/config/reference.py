@@ -13,6 +13,7 @@ _LADDERS: tuple[dict[str, float], ...] = (
     {"kHz": 1e3, "Hz": 1.0},
     {"d": 86400.0, "h": 3600.0, "min": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e-6},
     {"TB": 1e12, "GB": 1e9, "MB": 1e6, "kB": 1e3, "B": 1.0},
+    {"GB/s": 1e9, "MB/s": 1e6, "kB/s": 1e3, "B/s": 1.0},
     {"deg": math.pi / 180},
     {"deg/s": math.pi / 180},
     {"%": 0.01},

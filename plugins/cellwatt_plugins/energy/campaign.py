@@ -10,16 +10,27 @@ from typing import Any
 import numpy as np
 
 from cellwatt.files import Place
-from cellwatt.progress import stage, steps
+from cellwatt.progress import stage
+from cellwatt.scheduler import spread
 from cellwatt.units import Units
 from cellwatt_plugins.energy.consumers import brake_power, mean_power_shares, payload_efficiency
+from cellwatt_plugins.energy.drive import motion_features
 from cellwatt_plugins.energy.findings import Findings, Fixed, JointDrive, JointFriction, RunEnergy
 from cellwatt_plugins.energy.fixed import AtRest
-from cellwatt_plugins.energy.identify import Belief, Identified, Observed, begin, identify, modelled, observe, residual
+from cellwatt_plugins.energy.identify import (
+    Belief,
+    Identified,
+    Observed,
+    begin,
+    identify,
+    modelled,
+    residual,
+)
+from cellwatt_plugins.energy.laid import laid_over
 from cellwatt_plugins.energy.recordings import Recorded
-from cellwatt_plugins.energy.repetitions import Repetition, find_repetitions
+from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.rigid import OFFSET, RigidFit, fit_rigid
-from cellwatt_plugins.energy.runs import run_energy
+from cellwatt_plugins.energy.runs import Learnt, Whole, run_energy
 from cellwatt_plugins.energy.split import edges, total_energy
 from cellwatt_plugins.robot import Arm
 
@@ -66,19 +77,21 @@ class Outcome:
 
 def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
     """The pipeline of ECDP on one arm. Raises ``RecordingError`` where a run cannot be used."""
-    found = [find_repetitions(run.motion) for run in steps(runs, "repetitions of run")]
-    repetitions = tuple(tuple(kept) for kept, _ in found)
+    guess = begin(arm, _fixed_power(arm, rest)[0])
+    laid = spread(laid_over, runs, "repetitions and clocks of runs", shared=(arm, guess))
+    observed = [
+        Observed(run, motion_features(arm, run.motion), one.offset, len(one.repetitions))
+        for run, one in zip(runs, laid, strict=True)
+    ]
+    repetitions = tuple(one.repetitions for one in laid)
     with stage("fitting the arm"):
         belief, rigid = _belief(arm, rest, runs)
-    guess = begin(arm, belief.fixed[0])
     with stage("fitting the drives"):
-        identified = identify(observe(arm, runs, [len(r) for r in repetitions], guess), guess, belief)
+        identified = identify(observed, guess, belief)
     fixed = _fixed(arm, rest, identified)
-    draws = identified.drawn(np.random.default_rng(3), DRAWS)
-    energies = tuple(
-        run_energy(arm, fixed, identified, draws, i, repetitions[i], tuple(found[i][1]))
-        for i in steps(range(len(runs)), "energy of run")
-    )
+    whole = [Whole(o, one.repetitions, one.notes) for o, one in zip(identified.observed, laid, strict=True)]
+    learnt = Learnt(arm, fixed, identified.drive, identified.drawn(np.random.default_rng(3), DRAWS))
+    energies = tuple(spread(run_energy, whole, "energy of runs", shared=learnt))
     findings = Findings(
         robot=arm.description.robot,
         fixed=fixed,
@@ -96,19 +109,22 @@ def disaggregate(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> Outcome:
     return Outcome(findings, identified, repetitions)
 
 
+def _fixed_power(arm: Arm, rest: AtRest) -> tuple[float, float]:
+    """W of the runs with no motion, and its standard deviation, by the readings at rest."""
+    if arm.description.brakes:
+        return rest.released.power - HOLD[0], float(np.hypot(HOLD[1], rest.released.uncertainty))
+    return rest.connected.power, float(np.hypot(UNPLUGGED, rest.connected.uncertainty))
+
+
 def _belief(arm: Arm, rest: AtRest, runs: Sequence[Recorded]) -> tuple[Belief, RigidFit]:
     """Belief on fixed power and torque by the readings at rest and the description."""
     ones = np.ones(arm.joints)
     rigid = fit_rigid(arm, runs, ones, FROM_CURRENT * ones)
-    torque, spread = ones, FROM_SENSOR * ones
+    torque, unsure = ones, FROM_SENSOR * ones
     if arm.description.torque_from == "current":
         torque = rigid.torque
-        spread = np.minimum(np.hypot(rigid.uncertainty, FROM_RIGID), FROM_CURRENT)
-    if arm.description.brakes:
-        level, unsure = rest.released.power - HOLD[0], float(np.hypot(HOLD[1], rest.released.uncertainty))
-    else:
-        level, unsure = rest.connected.power, float(np.hypot(UNPLUGGED, rest.connected.uncertainty))
-    return Belief((level, unsure), torque, spread, rest.connected.noise), rigid
+        unsure = np.minimum(np.hypot(rigid.uncertainty, FROM_RIGID), FROM_CURRENT)
+    return Belief(_fixed_power(arm, rest), torque, unsure, rest.connected.noise), rigid
 
 
 def _fixed(arm: Arm, rest: AtRest, identified: Identified) -> Fixed:

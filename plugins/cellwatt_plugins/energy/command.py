@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cellwatt.commands.inputs import INPUT, Input
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.commands.units import with_units
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.progress import stage
@@ -23,8 +25,6 @@ from cellwatt_plugins.energy.wording import amount
 
 if TYPE_CHECKING:
     from cellwatt_plugins.energy.campaign import Outcome
-
-FILE = click.Path(exists=True, path_type=Path)
 
 
 class _Disaggregate(click.Command):
@@ -41,20 +41,21 @@ class _Disaggregate(click.Command):
 
 
 @click.command(cls=_Disaggregate)
-@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
     "--controller",
-    type=click.Path(path_type=Path),
+    type=Input(path_type=Path),
     help="Power with the arm unplugged; not needed where it cannot be unplugged.",
 )
-@click.option("--connected", required=True, type=FILE, help="Power with the arm connected and its brakes on.")
-@click.option("--released", required=True, type=FILE, help="Power with the brakes released and the arm at rest.")
-@click.option("--runs", required=True, type=FILE, help="Folder of SPEED_PAYLOADkg.robot and .analyzer files.")
+@click.option("--connected", required=True, type=INPUT, help="Power with the arm connected and its brakes on.")
+@click.option("--released", required=True, type=INPUT, help="Power with the brakes released and the arm at rest.")
+@click.option("--runs", required=True, type=INPUT, help="Folder of SPEED_PAYLOADkg.robot and .analyzer files.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @with_units
 @click.option("--json", "as_json", is_flag=True, help="Print energy.json.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @with_progress
+@with_scheduler
 def disaggregate(
     robot: Path,
     controller: Path | None,

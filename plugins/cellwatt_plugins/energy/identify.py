@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.progress import steps
-from cellwatt_plugins.energy.clock import Offset, align, inside, refine, windows
-from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, motion_features, supply_power
+from cellwatt_plugins.energy.clock import Offset, inside, refine, windows
+from cellwatt_plugins.energy.drive import KINDS, Drive, bus_power, supply_power
 from cellwatt_plugins.energy.recordings import Recorded
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.accumulate import Accumulated
@@ -94,26 +94,6 @@ def begin(arm: Arm, fixed: float) -> Drive:
     """Return the drive by the description alone: the first guess."""
     n = arm.joints
     return Drive(fixed, np.ones(n), np.full(n, 0.7), np.full(n, 0.3), np.zeros(n), np.zeros(n), RETURNED[0])
-
-
-def observe(arm: Arm, runs: Sequence[Recorded], repetitions: Sequence[int], drive: Drive) -> list[Observed]:
-    """Features and first offsets of all runs, of so many repetitions each.
-
-    Raises ``RecordingError`` where power does not follow the motion.
-    """
-    out = []
-    for run, count in zip(runs, repetitions, strict=True):
-        feature = motion_features(arm, run.motion)
-        offset = align(run.reading, modelled(run, feature, drive), _sorts_of_power(run, feature, arm.joints))
-        out.append(Observed(run, feature, offset, count))
-    return out
-
-
-def _sorts_of_power(run: Recorded, feature: Float, joints: int) -> Accumulated:
-    """Every kind of power over all joints, as columns."""
-    motion = run.motion
-    kinds = feature.reshape(len(feature), -1, joints).sum(axis=2)
-    return Accumulated(float(motion.time[0]), motion.step, kinds)
 
 
 def modelled(run: Recorded, feature: Float, drive: Drive) -> Accumulated:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
-from cellwatt.progress import steps
+from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table
 
 Float = NDArray[np.float64]
@@ -33,7 +34,7 @@ class Reading:
     power: Float
     """(N,) W."""
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Seconds that one value stands for."""
         return float(np.median(np.diff(self.time)))
@@ -53,7 +54,7 @@ class Motion:
     torque: Float
     """(N, n) Nm, as the robot gives it."""
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Seconds between samples, whatever is missing in between."""
         return float(np.median(np.diff(self.time)))
@@ -101,23 +102,41 @@ def read_motion(path: Path, joints: int) -> Motion:
 
 def read_runs(folder: Path, joints: int) -> list[Recorded]:
     """All runs of a folder, by payload and speed. Raises ``RecordingError`` where a file of a pair is missing."""
-    runs = []
     files = sorted(p for p in folder.iterdir() if p.suffix in _ENDINGS) if folder.is_dir() else []
-    for path in steps(files, "reading file"):
-        name, _, kind = path.name.removesuffix(path.suffix).rpartition(".")
-        if kind != "robot":
-            continue
-        match = _RUN.fullmatch(name)
-        if match is None:
-            raise RecordingError(f"{path}: call it SPEED_PAYLOADkg.robot{path.suffix}, like 100_5kg.robot{path.suffix}")
-        other = next((p for e in _ENDINGS if (p := folder / f"{name}.analyzer{e}").exists()), None)
-        if other is None:
-            raise RecordingError(f"{path}: the analyzer's file {name}.analyzer{path.suffix} is not beside it")
-        speed, payload = float(match["speed"]), float(match["payload"])
-        runs.append(Recorded(name, speed, payload, read_motion(path, joints), read_reading(other)))
-    if not runs:
+    pairs = [_pair(p, joints) for p in files if p.name.removesuffix(p.suffix).endswith(".robot")]
+    if not pairs:
         raise RecordingError(f"{folder}: no runs there; expected files like 100_5kg.robot.parquet")
+    runs = spread(_read, pairs, "reading runs")
     return sorted(runs, key=lambda run: (run.payload, run.speed))
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Files of one run of an arm with so many joints."""
+
+    name: str
+    speed: float
+    payload: float
+    robot: Path
+    analyzer: Path
+    joints: int
+
+
+def _pair(path: Path, joints: int) -> _Pair:
+    """The robot's file and the analyzer's beside it."""
+    name = path.name.removesuffix(path.suffix).removesuffix(".robot")
+    match = _RUN.fullmatch(name)
+    if match is None:
+        raise RecordingError(f"{path}: call it SPEED_PAYLOADkg.robot{path.suffix}, like 100_5kg.robot{path.suffix}")
+    other = next((p for e in _ENDINGS if (p := path.with_name(f"{name}.analyzer{e}")).exists()), None)
+    if other is None:
+        raise RecordingError(f"{path}: the analyzer's file {name}.analyzer{path.suffix} is not beside it")
+    return _Pair(name, float(match["speed"]), float(match["payload"]), path, other, joints)
+
+
+def _read(pair: _Pair) -> Recorded:
+    motion, reading = read_motion(pair.robot, pair.joints), read_reading(pair.analyzer)
+    return Recorded(pair.name, pair.speed, pair.payload, motion, reading)
 
 
 def _on_grid(even: Float, time: Float, values: Float) -> Float:

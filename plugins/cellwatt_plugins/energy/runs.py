@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from cellwatt_plugins.energy.consumers import (
 )
 from cellwatt_plugins.energy.drive import Drive, bus_power, supply_power
 from cellwatt_plugins.energy.findings import Fixed, RunEnergy
-from cellwatt_plugins.energy.identify import Identified, Observed, residual
+from cellwatt_plugins.energy.identify import Observed, residual
 from cellwatt_plugins.energy.path import path_speed
 from cellwatt_plugins.energy.repetitions import Repetition
 from cellwatt_plugins.energy.split import edges, mechanical, total_energy
@@ -33,20 +34,31 @@ UNEXPLAINED = 0.2
 """Share of the braking power by which the analyzer may contradict the model before the split is refused."""
 
 
-def run_energy(
-    arm: Arm,
-    fixed: Fixed,
-    identified: Identified,
-    draws: Sequence[Drive],
-    index: int,
-    repetitions: Sequence[Repetition],
-    notes: tuple[str, ...],
-) -> RunEnergy:
+@dataclass(frozen=True)
+class Whole:
+    """One run with its complete repetitions, and ``notes`` on the others."""
+
+    observed: Observed
+    repetitions: tuple[Repetition, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What all runs together said of an arm: fixed power, its drive, and ``draws`` of that within its uncertainty."""
+
+    arm: Arm
+    fixed: Fixed
+    drive: Drive
+    draws: Sequence[Drive]
+
+
+def run_energy(run: Whole, learnt: Learnt) -> RunEnergy:
     """Groups of one run as means over its repetitions (eqs 4, 5, 9 … 14, 17 … 19)."""
-    one, drive = identified.observed[index], identified.drive
+    one, repetitions, drive, fixed = run.observed, run.repetitions, learnt.drive, learnt.fixed
     best = _groups(one, drive, fixed, repetitions)
-    spread = _uncertainty(one, identified, draws, fixed, repetitions)
-    said = list(notes)
+    spread = _uncertainty(one, learnt, repetitions)
+    said = list(run.notes)
     if best["mechanical_losses"] < 0:
         said.append(
             f"mechanical losses of {best['mechanical_losses']:.1f} J measured, which cannot be: reported as 0; "
@@ -66,7 +78,7 @@ def run_energy(
         electrical_losses=None if reason else best.pop("electrical_losses"),
         regeneration=None if reason else best.pop("regeneration"),
         analyzer_offset_s=one.offset.seconds,
-        path_speed_mm_s=path_speed(arm, one.run.motion, repetitions[0]),
+        path_speed_mm_s=path_speed(learnt.arm, one.run.motion, repetitions[0]),
         uncertainty={**spread, "analyzer_offset_s": one.offset.uncertainty},
         notes=tuple(said),
         **{name: value for name, value in best.items() if name not in ("electrical_losses", "regeneration")},
@@ -97,17 +109,16 @@ def _groups(one: Observed, drive: Drive, fixed: Fixed, repetitions: Sequence[Rep
     }
 
 
-def _uncertainty(
-    one: Observed, identified: Identified, draws: Sequence[Drive], fixed: Fixed, repetitions: Sequence[Repetition]
-) -> dict[str, float | None]:
+def _uncertainty(one: Observed, learnt: Learnt, repetitions: Sequence[Repetition]) -> dict[str, float | None]:
     """One standard deviation of each group: parameters (draws), repetitions (their scatter), fixed power, edges."""
-    drawn = [mechanical(one, draw, repetitions) for draw in draws]
-    own = mechanical(one, identified.drive, repetitions)
-    totals = total_energy(one, identified.drive, repetitions)
+    fixed, drive = learnt.fixed, learnt.drive
+    drawn = [mechanical(one, draw, repetitions) for draw in learnt.draws]
+    own = mechanical(one, drive, repetitions)
+    totals = total_energy(one, drive, repetitions)
     each = np.array([r.seconds for r in repetitions])
     seconds, edge = float(each.mean()), float(np.mean([r.uncertainty for r in repetitions]))
     power_e = float(np.hypot(fixed.controller_uncertainty, fixed.robot_electronics_uncertainty))
-    rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, identified.drive, repetitions)
+    rest, at_edges = fixed.electronics + fixed.brakes, _power_at_edges(one, drive, repetitions)
     losses = _combined([d.losses.sum(axis=1) for d in drawn], own.losses.sum(axis=1))
     regeneration = _combined([d.regeneration for d in drawn], own.regeneration)
     positive = _combined([d.positive for d in drawn], own.positive)

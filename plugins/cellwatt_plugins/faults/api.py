@@ -208,29 +208,22 @@ def learn_from(
     blocks: Iterable[Frames], robot: str | None, arm: str | None, power: str
 ) -> tuple[Reference, list[Task]]:
     """Return the reference of some frames, and every task seen in them. Raises ``CellwattError``."""
-    parts: list[Trace] = []
-    found: list[Result] = []
-    segment: Any = None
-    columns: list[int] = []
-    channel = 0
-    for frames in blocks:
-        if segment is None:
-            segment_class = find_stage("segment")
-            cell = CellInfo("", "", robot, Path())
-            segment = segment_class("segment", segment_class.Settings.model_validate({"arm": arm}), frames.layout, cell)
-            columns, channel = list(frames.layout.joints("position", arm)), frames.layout.index(power)
-        elif frames.layout != segment.layout:
-            raise RecordingError("the channels or the rate of the frames change from one recording to the next")
-        parts.append(Trace(frames.time, frames.values[:, columns], frames.values[:, channel]))
-        found.extend(segment.process(frames, ()))
-    if segment is None:
+    blocks = list(blocks)
+    if not blocks:
         raise RecordingError("no frames in these recordings")
-    found.extend(segment.close())
-    layout = segment.layout
+    layout = blocks[0].layout
+    segment_class: Any = find_stage("segment")
+    settings = segment_class.Settings.model_validate({"arm": arm})
+    segment = segment_class("segment", settings, layout, CellInfo("", "", robot, Path()))
+    columns, channel = list(layout.joints("position", arm)), layout.index(power)
+    if any(frames.layout != layout for frames in blocks):
+        raise RecordingError("the channels or the rate of the frames change from one recording to the next")
+    found: Sequence[Result] = segment.of_recording(blocks)
     source = layout.channels[columns[0]].source
     head = Cell(robot, source, power, layout.step * 1e-9)
     tasks = [r for r in found if isinstance(r, Task)]
-    trace = Trace(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("time", "position", "power")))
+    values = np.concatenate([frames.values for frames in blocks])
+    trace = Trace(np.concatenate([frames.time for frames in blocks]), values[:, columns], values[:, channel])
     with stage("learning intervals"):
         return learn(head, trace, [r for r in found if isinstance(r, Interval)], tasks), tasks
 

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cellwatt.commands.completion import or_files
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import RecordingError, why
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
@@ -23,28 +25,26 @@ from cellwatt_plugins.robot.description import packaged
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
 
-FILE = click.Path(exists=True, path_type=Path)
 JUDGE = "judge"
 """Subcommand of `cellwatt faults` where none is named."""
 METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
 @click.command()
-@click.argument(
-    "recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path(exists=True, path_type=Path)
-)
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
 @click.option(
     "--robot",
     shell_complete=lambda ctx, parameter, incomplete: or_files(packaged(), incomplete),
     help="Name of the robot, or its YAML description (or its folder).",
 )
-@click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
+@click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
+@with_scheduler
 def reference(
     recordings: tuple[Path, ...],
     out: Path,
@@ -87,16 +87,14 @@ def faults() -> None:
 
 
 @faults.command(JUDGE)
-@click.argument(
-    "recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path(exists=True, path_type=Path)
-)
-@click.option("--reference", "file", required=True, type=FILE, help="File made by `cellwatt reference`.")
-@click.option("--robot", type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
+@click.option("--reference", "file", required=True, type=INPUT, help="File made by `cellwatt reference`.")
+@click.option("--robot", type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
-    "--network", type=FILE, help="Network of a motion, or the folder of several: it judges in place of --robot."
+    "--network", type=INPUT, help="Network of a motion, or the folder of several: it judges in place of --robot."
 )
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
-@click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
+@click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
 @click.option("--power", help="Channel of the power; as in the reference where left out.")
 @click.option(
@@ -109,6 +107,7 @@ def faults() -> None:
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 @with_progress
+@with_scheduler
 def judge(
     recordings: tuple[Path, ...],
     file: Path,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from cellwatt.channel import Quality
 from cellwatt.errors import RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
-from cellwatt.progress import steps
 from cellwatt.record.reader import Recording
+from cellwatt.scheduler import spread
 from cellwatt.tables import read_table
 from cellwatt_plugins.robot.meter import onto, power_beside, with_meters
 
@@ -39,20 +40,32 @@ def frames_of_files(paths: Sequence[Path], meters: Sequence[Path] = ()) -> Itera
     if recordings:
         raise RecordingError("recordings and tables cannot be mixed: give only .mcap files, or only .parquet and .csv")
     start = 0
-    for path, meter in steps(with_meters(paths, meters), "reading table"):
-        table = read_table(path)
-        time = table.rising_time()
-        position, power = table.joints("position"), table.whole("supply.power")
-        if position is None:
-            raise table.lacks("q_1")
-        if meter is not None:
-            power = power_beside(meter, time, position)
-        if power is None:
-            raise table.lacks("power")
-        frames = frames_of_table(time, position, power, start)
+    for read in spread(_read, with_meters(paths, meters), "reading tables"):
+        frames = _from(read, start)
         start = int(frames.time[-1]) + APART
         for i in range(0, len(frames), BLOCK):
             yield _part(frames, i, i + BLOCK)
+
+
+def _read(files: tuple[Path, Path | None]) -> Frames:
+    """The frames of a table, with the power of its meter where it has one."""
+    path, meter = files
+    table = read_table(path)
+    time = table.rising_time()
+    position, power = table.joints("position"), table.whole("supply.power")
+    if position is None:
+        raise table.lacks("q_1")
+    if meter is not None:
+        power = power_beside(meter, time, position)
+    if power is None:
+        raise table.lacks("power")
+    return frames_of_table(time, position, power)
+
+
+def _from(frames: Frames, start: int) -> Frames:
+    """The same, not before ``start`` ns."""
+    step = frames.layout.step
+    return replace(frames, time=frames.time + max(0, -(-start // step) * step - int(frames.time[0])))
 
 
 def frames_of_table(time: Float, position: Float, power: Float, start: int = 0) -> Frames:

@@ -60,6 +60,7 @@ LEAD = 0.2
 TAIL = 0.1
 """… and end this long after the median duration, s."""
 
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _STRICT = ConfigDict(extra="forbid")
 _Rising = Annotated[float, Field(gt=0)]
 
@@ -160,9 +161,8 @@ class Reference:
 def save(reference: Reference, path: Path) -> None:
     """Write the YAML file; raises ``ModelError`` where it cannot be written."""
     try:
-        path.write_text(
-            yaml.safe_dump(_plain(_content(reference)), sort_keys=False, default_flow_style=None, width=118)
-        )
+        content = _plain(_content(reference))
+        path.write_text(yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=118))
     except OSError as error:
         raise ModelError(f"reference {path}: cannot be written: {error.strerror or error}") from error
 

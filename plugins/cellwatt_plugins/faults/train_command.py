@@ -13,10 +13,13 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import ConfigError, ModelError, why
 from cellwatt.onnx_file import OnnxFile
 from cellwatt.progress import steps
+from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.paper.columns import recorded
 from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
@@ -26,21 +29,22 @@ from cellwatt_plugins.faults.recordings import frames_of_files
 from cellwatt_plugins.faults.reference import Reference, load
 
 if TYPE_CHECKING:
+    from cellwatt_plugins.faults.ann.training import Trained
+    from cellwatt_plugins.faults.cycles.identify import FittedArm
     from cellwatt_plugins.faults.cycles.known import Known
     from cellwatt_plugins.faults.cycles.pattern import Pattern
 
 Codes = NDArray[np.int8]
 
-FILE = click.Path(exists=True, path_type=Path)
 KINDS = ("codes", "motion")
 
 
 @click.command("train")
-@click.argument("recordings", nargs=-1, metavar="[RECORDING...]", type=FILE)
-@click.option("--reference", "file", required=True, type=FILE, help="File made by `cellwatt reference`.")
+@click.argument("recordings", nargs=-1, metavar="[RECORDING...]", type=INPUT)
+@click.option("--reference", "file", required=True, type=INPUT, help="File made by `cellwatt reference`.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write to.")
 @click.option("--fault", "faulty", multiple=True, metavar="JOINT=RECORDING", help="A fault of a joint, recorded.")
-@click.option("--robot", type=FILE, help="The robot's description: faults are simulated where none were recorded.")
+@click.option("--robot", type=INPUT, help="The robot's description: faults are simulated where none were recorded.")
 @click.option("--emulated", is_flag=True, help="Springs on the arm of `cellwatt emulate`, where none were recorded.")
 @click.option("--kind", type=click.Choice(KINDS), multiple=True, help="Networks to train; all that can be if left out.")
 @click.option("--arm", help="Source with the joints, where several have joints; as in the reference where left out.")
@@ -48,6 +52,7 @@ KINDS = ("codes", "motion")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Start of the random numbers.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
+@with_scheduler
 def train(
     recordings: tuple[Path, ...],
     file: Path,
@@ -120,8 +125,8 @@ def _train_codes(
             raise ModelError(f"--fault {joint}: no whole cycle of a task of the reference in these recordings")
     calm = codes_in(wanted.recordings) if wanted.recordings else {}
     sources = Sources(told, None if known is None else known.arm, emulated, tolerance)
-    for course in steps(courses, "network of codes", _name):
-        trained = train_codes(course, sources, wanted.seed)
+    for trained in spread(_codes_of, courses, "networks of codes", shared=(sources, wanted.seed)):
+        course = trained.course
         name = f"{course.task}-{course.speed:.2f}-codes.onnx"
         yield {
             "file": None if trained.content is None else str(_write(wanted.out, name, trained.content)),
@@ -132,6 +137,10 @@ def _train_codes(
             "columns": [{"origin": column.origin, "cycles": len(column.cycles)} for column in trained.columns],
             "named_together": trained.alike,
         } | _calm_codes(trained, calm.get(course.key, []))
+
+
+def _codes_of(course: Course, given: tuple[Sources, int]) -> CodeNetwork:
+    return train_codes(course, *given)
 
 
 def _calm_codes(trained: CodeNetwork, cycles: Sequence[Codes]) -> dict[str, Any]:
@@ -149,7 +158,6 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
     from cellwatt_plugins.faults.ann.exported import exported
     from cellwatt_plugins.faults.ann.judging import NetworkJudge
     from cellwatt_plugins.faults.ann.network import PatternNetwork
-    from cellwatt_plugins.faults.ann.training import train as train_motion
     from cellwatt_plugins.faults.cycles.match import find_cycles
     from cellwatt_plugins.faults.cycles.recording import recording_of
     from cellwatt_plugins.faults.cycles.runs import find_runs
@@ -158,8 +166,8 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
         raise ModelError("the reference is of a slow meter: the network of a motion needs samples of the power")
     networks: list[PatternNetwork] = []
     reports: list[dict[str, Any]] = []
-    for pattern in steps(known.patterns, "network of the motion", _name):
-        trained = train_motion(known.arm, pattern, wanted.seed)
+    made = spread(_motion_of, known.patterns, "networks of motions", shared=(known.arm, wanted.seed))
+    for pattern, trained in zip(known.patterns, made, strict=True):
         content = exported(trained, pattern, {"seed": wanted.seed})
         path = _write(wanted.out, f"{pattern.task}-{pattern.speed:.2f}-motion.onnx", content)
         networks.append(PatternNetwork(OnnxFile(content)))
@@ -184,8 +192,10 @@ def _train_motions(wanted: _Wanted, known: Known) -> Iterator[dict[str, Any]]:
     yield from reports
 
 
-def _name(known: Course | Pattern) -> str:
-    return f"{known.task} at speed {known.speed:.2f}"
+def _motion_of(pattern: Pattern, given: tuple[FittedArm, int]) -> Trained:
+    from cellwatt_plugins.faults.ann.training import train as train_motion
+
+    return train_motion(given[0], pattern, given[1])
 
 
 def _known(reference: Reference, robot: Path) -> Known:

@@ -9,7 +9,9 @@ from typing import Final
 
 import click
 
+from cellwatt.commands.inputs import INPUT, Input
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import CellwattError
 
 KINDS: Final = {
@@ -50,22 +52,29 @@ def train() -> None:
 
 
 @click.command()
-@click.argument("table", metavar="TABLE", type=click.Path(exists=True, path_type=Path))
+@click.argument("tables", nargs=-1, required=True, metavar="TABLE...", type=INPUT)
+@click.option("--model", required=True, type=Input(dir_okay=False, path_type=Path), help="model.onnx of a training.")
 @click.option(
-    "--model", required=True, type=click.Path(dir_okay=False, path_type=Path), help="model.onnx of a training."
-)
-@click.option(
-    "--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Table to write: .parquet or .csv."
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="Table to write: .parquet or .csv; for several TABLEs the folder of theirs.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
-def predict(table: Path, model: Path, out: Path, as_json: bool) -> None:
-    """Say what a model gives for the rows of TABLE (Parquet, CSV, or a recording of cellwatt).
+@with_scheduler
+def predict(tables: tuple[Path, ...], model: Path, out: Path, as_json: bool) -> None:
+    """Say what a model gives for the rows of TABLE (Parquet, CSV, or a recording of cellwatt), or of each of several.
 
     Columns are q_1 …, qd_1 …, torque_1 …, or named as channels (joint_1.position); those that number the rows
     (t, pose, move) are kept. A model that sees several rows at once begins anew where move changes or t jumps.
     """
-    from cellwatt_plugins.models.predict import predict_file
+    from cellwatt_plugins.models.predict import predict_file, predict_files
 
-    report = predict_file(model, table, out)
-    click.echo(json.dumps(report.as_json()) if as_json else report.in_words())
+    if len(tables) == 1:
+        report = predict_file(model, tables[0], out)
+        click.echo(json.dumps(report.as_json()) if as_json else report.in_words())
+        return
+    reports = predict_files(model, tables, out)
+    told = {"tables": [report.as_json() for report in reports]}
+    click.echo(json.dumps(told) if as_json else "\n".join(report.in_words() for report in reports))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +15,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import Place
 from cellwatt.onnx_file import refused
 from cellwatt.progress import stage
+from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, write_table
 from cellwatt_plugins.models.metadata import Metadata
 from cellwatt_plugins.models.network import Network, open_network
@@ -50,6 +51,11 @@ class Report:
     outside: Mapping[str, int]
     """Rows in which an input is outside the range of the training, by channel."""
 
+    def written(self, path: Path) -> Report:
+        """Write the columns, as .parquet or .csv. Raises ``RecordingError``."""
+        write_table(path, self.columns)
+        return replace(self, file=str(path))
+
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
         return {name: value for name, value in vars(self).items() if name != "columns"}
@@ -76,24 +82,40 @@ def predict_file(model: Place, table: Place, out: Place | None = None) -> Report
     several rows at once begins anew where move changes or t jumps. Raises ``ModelError`` where the model cannot be
     run, ``RecordingError`` where the table cannot be used or ``out`` not be written.
     """
-    network = open_network(Path(model))
+    report = _predicted(Path(table), Path(model))
+    return report if out is None else report.written(Path(out))
+
+
+def predict_files(model: Path, tables: Sequence[Path], folder: Path) -> list[Report]:
+    """Run a model file on several tables, and write what it gives for each into a folder under the table's name.
+
+    Raises as ``predict_file``, and ``RecordingError`` where two tables have one name.
+    """
+    files = [folder / f"{table.name.removesuffix(table.suffix)}.parquet" for table in tables]
+    if len(set(files)) < len(files):
+        twice = next(file.stem for file in files if files.count(file) > 1)
+        raise RecordingError(f"two tables are called {twice}: predict them one by one")
+    reports = spread(_predicted, tables, "predicting tables", shared=model)
+    return [report.written(file) for report, file in zip(reports, files, strict=True)]
+
+
+def _predicted(table: Path, model: Path) -> Report:
+    network = open_network(model)
     with stage("reading"):
-        rows = read_table(Path(table))
+        rows = read_table(table)
     values = inputs_of(network.metadata, rows)
     starts = starts_of(rows)
     if network.metadata.rate_hz is not None:
-        _check_rate(network.metadata.rate_hz, rows, starts, Path(model))
+        _check_rate(network.metadata.rate_hz, rows, starts, model)
     with stage("running the model"):
         given = predict(network, values, starts)
     names = tuple(output.name for output in network.metadata.outputs)
     kept = {name: _numbered(rows.columns[name]) for name in KEPT if name in rows.columns}
     clock = {} if rows.clock is None else {"t": rows.time}
     columns = {**clock, **kept, **dict(zip(names, given.T, strict=True))}
-    if out is not None:
-        write_table(Path(out), columns)
     return Report(
         columns,
-        None if out is None else str(out),
+        None,
         len(values),
         names,
         begun=int(np.sum(_since(starts) < network.metadata.window - 1 - network.metadata.delay)),

@@ -14,9 +14,9 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.quantity import Fraction, Radians, Seconds, parse
 from cellwatt.results import Interval, Result
 from cellwatt.stage import CellInfo, Stage, StageSettings
-from cellwatt_plugins.segment.intervals import Segmenter
 from cellwatt_plugins.segment.motion import Thresholds
 from cellwatt_plugins.segment.tasks import Likeness, TaskRecogniser
+from cellwatt_plugins.segment.whole import Cutting, intervals_of
 
 _SPEEDS = {"rad/s": 1.0, "deg/s": math.pi / 180}
 
@@ -86,7 +86,8 @@ class SegmentStage(Stage[SegmentSettings]):
             gap=settings.gap,
         )
         source = layout.channels[self._columns[0]].source
-        self._segmenter = Segmenter(source, len(self._columns), layout.step, thresholds)
+        self._cutting = Cutting(source, len(self._columns), layout.step, thresholds)
+        self._segmenter = self._cutting.segmenter()
         self._tasks = TaskRecogniser(Likeness(settings.same_displacement, settings.same_pose, settings.same_speed))
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
@@ -97,6 +98,12 @@ class SegmentStage(Stage[SegmentSettings]):
     def close(self) -> Sequence[Result]:
         """The interval that was still open."""
         return self._with_tasks(self._segmenter.finish())
+
+    def of_recording(self, blocks: Sequence[Frames]) -> Sequence[Result]:
+        """Intervals and tasks of a whole recording at once: those that a new stage gives block by block."""
+        time = np.concatenate([frames.time for frames in blocks])
+        positions = np.concatenate([frames.values[:, self._columns] for frames in blocks])
+        return self._with_tasks(intervals_of(self._cutting, time, positions))
 
     def _with_tasks(self, intervals: Iterable[Interval]) -> list[Result]:
         out: list[Result] = []

@@ -13,7 +13,7 @@ import pytest
 from concealed import kept, product
 from concealed.cases import Spec
 from concealed.judging import Codes, Job, judge, make
-from concealed.runner import arguments, figures, jobs_of, wanted
+from concealed.runner import arguments, attempted, figures, jobs_of, place, wanted
 
 PRODUCT = """
 import json, os, pathlib, signal, sys
@@ -24,8 +24,8 @@ if sys.argv[1] == "explain":
         calls.write(option("--out").name + "\\n")
     if (here / "kill").exists() and len((here / "calls").read_text().split()) == 2:
         (here / "kill").unlink()
-        os.kill(int((here / "pid").read_text()), signal.SIGKILL)
-        os.kill(os.getppid(), signal.SIGKILL)
+        for pid in {os.getppid(), int((here / "pid").read_text())}:
+            os.kill(pid, signal.SIGKILL)
         sys.exit(1)
     answer = {"verdict": "explained", "findings": FINDINGS}
     (option("--out") / "findings.json").write_text(json.dumps(answer))
@@ -121,13 +121,13 @@ if __name__ == "__main__":
 """
 
 
-def small_run(bench: Path, folder: Path, work: Path) -> subprocess.CompletedProcess:
+def small_run(bench: Path, folder: Path, work: Path, jobs: int = 1) -> subprocess.CompletedProcess:
     """The benchmark over two short nulls as a process of its own, with a product that finds a torque offset."""
     script = folder / "run.py"
     script.write_text(SMALL_RUN.replace("BENCH", repr(str(bench))).replace("HERE", repr(str(folder))))
     command = product_in(folder, [{"effect": "torque_offset", "joint": 1, "kind": "missing"}], True)
-    words = [sys.executable, str(script), "--json", "--only", "null", "--cases", "2", "--jobs", "1", "--no-baselines"]
-    words += ["--work", str(work), "--command", command]
+    words = [sys.executable, str(script), "--json", "--only", "null", "--cases", "2", "--jobs", str(jobs)]
+    words += ["--no-baselines", "--work", str(work), "--command", command]
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
@@ -142,7 +142,7 @@ def without_times(result: str) -> dict:
 
 
 @pytest.mark.slow
-def test_a_run_that_was_killed_goes_on_and_comes_to_the_same_figures(bench, tmp_path, monkeypatch):
+def test_a_run_that_was_killed_goes_on_to_the_figures_of_two_workers(bench, tmp_path, monkeypatch):
     (tmp_path / "temporary").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "temporary"))  # who is killed leaves its own behind
     (tmp_path / "kill").touch()
@@ -156,7 +156,7 @@ def test_a_run_that_was_killed_goes_on_and_comes_to_the_same_figures(bench, tmp_
     assert calls[1] == calls[2]
     for folder in ("made", "dev", "keys"):
         shutil.copytree(tmp_path / "work" / folder, tmp_path / "other" / folder)
-    whole = small_run(bench, tmp_path, tmp_path / "other")
+    whole = small_run(bench, tmp_path, tmp_path / "other", jobs=2)
     assert without_times(resumed.stdout) == without_times(whole.stdout)
     assert json.loads(resumed.stdout)["methods"]["explain"]["null_false_rate"]["hits"] == 2
     (tmp_path / "more").mkdir()
@@ -176,6 +176,25 @@ def test_cases_are_chosen_by_level_effect_simulation_or_name():
     assert wanted(specs, ["payload", "case-003"], None) == [1, 2]
     assert wanted(specs, ["own"], None) == wanted(specs, ["tool"], None) == [0]
     assert wanted(specs, ["law"], None) == [1, 2]
+
+
+def test_cases_are_done_here_or_by_workers():
+    words = ["--jobs 1", "", "--jobs 3", "--scheduler tcp://host:8786"]
+    places = [place(arguments().parse_args(each.split())) for each in words]
+    assert places == [None, "local:2", "local:3", "tcp://host:8786"]
+
+
+def fails_at_the_second(one: Job) -> dict:
+    if one.index == 1:
+        raise ValueError("no such case")
+    return {"robot": "r", "seconds_to_make": 1.0}
+
+
+def test_a_case_that_the_benchmark_fails_at_is_said_and_left_out(tmp_path, capsys):
+    jobs = jobs_of(arguments().parse_args(["--cases", "3"]), "x", tmp_path)
+    found = attempted(fails_at_the_second, jobs)
+    assert [job.name for job, _ in found] == ["case-001", "case-003"]
+    assert "case-002 FAILED in the benchmark: ValueError('no such case')" in capsys.readouterr().err
 
 
 def test_command_of_the_issue_is_understood(tmp_path):

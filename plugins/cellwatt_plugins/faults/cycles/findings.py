@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.progress import stage, steps
+from cellwatt.progress import stage
+from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.cycles.examine import Verdict, examine
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match, find_cycles
@@ -96,9 +97,18 @@ def judge_recording(
     runs = find_runs(recording)
     with stage("finding the cycles"):
         matches = find_cycles(recording, runs, known.patterns)
-    out = [judge_cycle(recording, match, known, tell) for match in steps(matches, "judging cycle")]
+    out: list[CycleFinding] = []
+    for finding, evidence in spread(_judged, matches, "judging cycles", shared=(recording, known)):
+        out.append(finding)
+        for each in evidence:
+            tell(each)
     out += [stranger(recording, runs[a : b + 1]) for a, b in new_tasks(runs, matches, known.patterns)]
     return sorted(out, key=lambda finding: finding.start)
+
+
+def _judged(match: Match, given: tuple[Recording, Known]) -> tuple[CycleFinding, list[Evidence]]:
+    evidence: list[Evidence] = []
+    return judge_cycle(given[0], match, given[1], evidence.append), evidence
 
 
 def stranger(recording: Recording, runs: Sequence[Run]) -> CycleFinding:

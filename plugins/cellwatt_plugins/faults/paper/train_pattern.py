@@ -11,9 +11,11 @@ from typing import Final
 import click
 import numpy as np
 
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.errors import ModelError, why
-from cellwatt.progress import steps
+from cellwatt.scheduler import spread
 from cellwatt_plugins.faults.paper import equation, rivals
 from cellwatt_plugins.faults.paper.bevf import ORDERS, PowerEquation, fit, rms
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
@@ -37,11 +39,12 @@ class Fitted:
 
 
 @click.command("pattern")
-@click.argument("reference", metavar="REFERENCE", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("reference", metavar="REFERENCE", type=INPUT)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for equations.")
 @click.option("--order", default=ORDERS[-1], show_default=True, type=click.IntRange(2, 200), help="Poles; even.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
+@with_scheduler
 def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None:
     """Write the power pattern of each task of REFERENCE as an equation, by vector fitting (BEVF).
 
@@ -54,24 +57,30 @@ def train_pattern(reference: Path, out: Path, order: int, as_json: bool) -> None
     except OSError as error:
         raise ModelError(f"--out {out}: cannot be made: {why(error)}") from error
     wanted = [(task.name, variant) for task in learned.tasks for variant in task.variants]
-    found = [_fitted(task, variant, order, out) for task, variant in steps(wanted, "equation")]
-    if not found:
+    if not wanted:
         raise ModelError(f"reference {reference}: has no task to write an equation of")
+    found = [_written(*each, out) for each in spread(_fitted, wanted, "equations", shared=order)]
     click.echo(json.dumps([asdict(each) for each in found]) if as_json else "\n\n".join(map(_in_words, found)))
 
 
-def _fitted(task: str, variant: Variant, order: int, out: Path) -> Fitted:
-    """Fit one task at one speed and write its equation."""
+def _fitted(known: tuple[str, Variant], order: int) -> tuple[Fitted, PowerEquation]:
+    """Fit one task at one speed; the equation of the order that was asked for."""
+    task, variant = known
     t, power = cycle_pattern(variant)
     fits: dict[int, PowerEquation] = {}
     for each in sorted({*ORDERS, order}):
         if each == order or len(t) > 2 * each:  # an order that nobody asked for is left out where points are few
             fits[each] = fit(t, power, order=each)
-    file = out / f"{re.sub(r'[^A-Za-z0-9_-]', '_', task)}-{variant.speed:g}.yaml"
-    equation.save(replace(fits[order], task=task, speed=variant.speed), file)
     errors = {f"BEVF {each}": rms(power, fitted.power(t)) for each, fitted in fits.items()}
     errors |= {name: rms(power, curve) for name, curve in rivals.fits(t, power).items()}
-    return Fitted(task, variant.speed, float(t[-1]), len(t), float(np.std(power)), errors, str(file))
+    found = Fitted(task, variant.speed, float(t[-1]), len(t), float(np.std(power)), errors, "")
+    return found, replace(fits[order], task=task, speed=variant.speed)
+
+
+def _written(fitted: Fitted, made: PowerEquation, out: Path) -> Fitted:
+    file = out / f"{re.sub(r'[^A-Za-z0-9_-]', '_', fitted.task)}-{fitted.speed:g}.yaml"
+    equation.save(made, file)
+    return replace(fitted, file=str(file))
 
 
 def _in_words(fitted: Fitted) -> str:

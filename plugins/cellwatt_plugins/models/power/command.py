@@ -7,18 +7,18 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 
-FILE = click.Path(exists=True, path_type=Path)
-
 
 @click.command("power")
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
-@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
+@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option(
-    "--meter", "meters", multiple=True, type=FILE, help="Power (t, power) of a meter's own clock, one a recording."
+    "--meter", "meters", multiple=True, type=INPUT, help="Power (t, power) of a meter's own clock, one a recording."
 )
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the model.")
 @click.option(
@@ -27,6 +27,7 @@ FILE = click.Path(exists=True, path_type=Path)
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
+@with_scheduler
 def train_power(
     recordings: tuple[Path, ...],
     robot: Path,

@@ -44,16 +44,19 @@ def folds_of(moves: Moves) -> NDArray[np.int64]:
 
 
 def grown(
-    score: Callable[[Sequence[str]], Float], tried: Callable[[Sequence[str]], Sequence[str]]
+    scores: Callable[[Sequence[Sequence[str]]], Sequence[Float]], tried: Callable[[Sequence[str]], Sequence[str]]
 ) -> tuple[list[str], Float]:
     """Return the effects that lower the held-out error, the best first, and what they leave of it in each fold.
 
-    ``score`` gives the mean square (folds,) with some effects, ``tried`` the effects worth a trial beside them.
+    ``scores`` gives the mean square (folds,) with each of some sets of effects, ``tried`` the effects worth a trial
+    beside a set.
     """
     found: list[str] = []
-    now = score(found)
+    (now,) = scores([found])
     while True:
-        trials = {e: score([*found, e]) / now for e in tried(found) if e not in found}
+        more = [e for e in tried(found) if e not in found]
+        left = scores([[*found, e] for e in more])
+        trials = {e: error / now for e, error in zip(more, left, strict=True)}
         best = min(trials, key=lambda e: float(trials[e].mean()), default=None)
         if best is None or trials[best].mean() > GAIN or trials[best].max() > HARM:
             return found, now

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table, usual
 from cellwatt_plugins.models.predict import starts_of
 from cellwatt_plugins.robot.meter import Meter, onto, power_beside, with_meters
@@ -92,7 +93,8 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
     A move ends where ``move`` changes, time jumps, or a position or velocity is missing. ``meters`` logged the power
     of the tables in the same place. Raises ``RecordingError`` where a column is missing, or nothing is left.
     """
-    parts = [part for path, meter in with_meters(paths, meters) for part in _parts(path, joints, meter)]
+    found = spread(_parts, with_meters(paths, meters), "reading recordings", shared=joints)
+    parts = [part for of_file in found for part in of_file]
     if not parts:
         raise RecordingError(f"{paths[0]}: no {SHORTEST} rows in a row with position and velocity of all joints")
     if any(part.payload is None for part in parts):
@@ -106,8 +108,9 @@ def read_moves(paths: Sequence[Path], joints: int, meters: Sequence[Path] = ()) 
     return Moves(**whole)
 
 
-def _parts(path: Path, joints: int, meter: Path | None) -> list[Moves]:
-    """The moves of one file, each numbered 0."""
+def _parts(file: tuple[Path, Path | None], joints: int) -> list[Moves]:
+    """The moves of one file, and that of its meter, each numbered 0."""
+    path, meter = file
     table = read_table(path)
     time = table.time
     found = _quantities(table, joints, None if meter is None else _metered(table, joints, meter))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.folds import GAIN, grown
 from cellwatt_plugins.models.power.terms import DRIVE_ALWAYS, LOSSES
 from cellwatt_plugins.robot.drive import TERMS, Drives, drawn
@@ -169,25 +170,46 @@ def through(meter: csr_array | None, rows: Float) -> Float:
     return rows if meter is None else np.asarray(meter @ rows)
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """What losses are chosen by: ``power`` and ``meter`` as in ``fit``, with the ``fold`` of each value."""
+
+    drive: Drives
+    power: Float
+    fold: NDArray[np.int64]
+    stated: Stated
+    meter: csr_array | None
+
+    def part(self, kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:
+        """Drives and meter of some values."""
+        return (self.drive.rows(kept), None) if self.meter is None else (self.drive, self.meter[kept])
+
+
 def select(
     drive: Drives, power: Float, fold: NDArray[np.int64], stated: Stated, meter: csr_array | None = None
 ) -> tuple[tuple[str, ...], Sharing]:
     """Losses that lower the held-out error, and how drives share what comes back; ``power`` as in ``fit``."""
+    measured = _Measured(drive, power, fold, stated, meter)
 
-    def part(kept: NDArray[np.bool_]) -> tuple[Drives, csr_array | None]:
-        return (drive.rows(kept), None) if meter is None else (drive, meter[kept])
+    def chosen(sharing: Sharing) -> tuple[list[str], Float]:
+        def scores(sets: Sequence[Sequence[str]]) -> list[Float]:
+            return spread(_score, [(tuple(found), sharing) for found in sets], "losses", shared=measured)
 
-    def score(effects: Sequence[str], sharing: Sharing) -> Float:
-        belief = believed(drive, power, effects, sharing, stated)
-        out = []
-        for k in np.unique(fold):
-            kept = fold != k
-            own, seen = part(kept)
-            supply, _ = fit(own, power[kept], belief, meter=seen)
-            own, seen = part(~kept)
-            out.append(np.mean((power[~kept] - through(seen, supply.power(own))[:, 0]) ** 2))
-        return np.array(out)
+        return grown(scores, lambda found: POSSIBLE)
 
-    one, left = grown(lambda found: score(found, "bus"), lambda found: POSSIBLE)
-    each, left_each = grown(lambda found: score(found, "joint"), lambda found: POSSIBLE)
+    (one, left), (each, left_each) = chosen("bus"), chosen("joint")
     return (tuple(each), "joint") if (left_each / left).mean() < GAIN else (tuple(one), "bus")
+
+
+def _score(trial: tuple[tuple[str, ...], Sharing], measured: _Measured) -> Float:
+    """Mean square (folds,) W² of what a supply with some losses leaves of each fold, fitted to the others."""
+    power, fold = measured.power, measured.fold
+    belief = believed(measured.drive, power, *trial, measured.stated)
+    out = []
+    for k in np.unique(fold):
+        kept = fold != k
+        own, seen = measured.part(kept)
+        supply, _ = fit(own, power[kept], belief, meter=seen)
+        own, seen = measured.part(~kept)
+        out.append(np.mean((power[~kept] - through(seen, supply.power(own))[:, 0]) ** 2))
+    return np.array(out)

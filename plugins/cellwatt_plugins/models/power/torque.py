@@ -130,4 +130,7 @@ def select(folds: Folds, belief: Belief, names: Sequence[str], effects: dict[str
         fit = {e: misfit(folds.everything, solve(folds.everything, belief, more[e])) for e in more}
         return sorted(fit, key=lambda e: fit[e])[:TRIED]
 
-    return tuple(grown(lambda found: folds.misfits(belief, places(found)), tried)[0])
+    def scores(sets: Sequence[Sequence[str]]) -> list[Float]:
+        return [folds.misfits(belief, places(found)) for found in sets]
+
+    return tuple(grown(scores, tried)[0])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt.progress import stage, steps
+from cellwatt.progress import stage
+from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.design import Rows
 from cellwatt_plugins.models.power.fitting import Fitted, Structure, fit, structure_of
 from cellwatt_plugins.models.power.folds import FEW, TURNS, folds_of
@@ -25,8 +27,10 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.meter import Meter
 
 Float = NDArray[np.float64]
-SHARES: Final = (0.05, 0.15, 0.65, 0.15)
-"""Of the time of a training: smoothing, effects, folds, and the model of all moves, about."""
+Predictions = dict[str, tuple[Float, Float]]
+"""Power (N,) W and currents (N, n) A by method."""
+SHARES: Final = (0.05, 0.15, 0.8)
+"""Of the time of a training: smoothing, effects, and the models of the folds and of all moves, about."""
 
 METHODS: Final = ("NLS", "SCG", "best")
 BEST: Final = "best"
@@ -43,7 +47,7 @@ class Trained:
     """None where no current was measured, as the next."""
     scg: Scg | None
     tuning: Tuning
-    predictions: dict[str, tuple[Float, Float]]
+    predictions: Predictions
     """Power (N,) and currents (N, n) by method, each row by a model that has not seen its move."""
     scores: dict[str, Score]
     faster: dict[str, Score]
@@ -71,31 +75,14 @@ def _train(moves: Moves, arm: Arm, seed: int) -> Trained:
     with stage("choosing effects", share=SHARES[1]):
         structure = structure_of(moves, arm, tuning)
     fold = folds_of(moves)
-    which = np.unique(fold)
     methods = METHODS if np.isfinite(moves.current).any() else (BEST,)
-    predictions = {method: (np.full(len(moves), np.nan), np.full(moves.q.shape, np.nan)) for method in methods}
-    for k in steps(which, "fold", share=SHARES[2]):
-        held = fold == k
-        known, unknown = moves.where(~held), moves.where(held)
-        # Of so few, what is left out would have a say in the choice of windows and effects.
-        windows = tune(known, arm, AHEAD) if moves.count < FEW else tuning
-        effects = structure_of(known, arm, windows) if moves.count < FEW else structure
-        for method in steps(methods, "method", lambda method: method):
-            power, current = _held_out(method, known, unknown, arm, windows, effects, seed)
-            predictions[method][0][held], predictions[method][1][held] = power, current
-    with stage("all moves", 3, share=SHARES[3]):
-        with stage("best"):
-            fitted = fit(moves, arm, tuning, structure)
-        seen = Seen.of(moves, arm, tuning) if methods == METHODS else None
-        with stage("NLS"):
-            nls = None if seen is None else Nls.fit(moves, seen, arm.description)
-        with stage("SCG"):
-            scg = None if seen is None else Scg.fit(moves, seen, seed)
+    with stage("folds and all moves", 2, share=SHARES[2]):
+        models, predictions = _fitted(_Known(moves, arm, fold, seed), methods, tuning, structure)
     many = moves.count >= FEW
     return Trained(
-        fitted=fitted,
-        nls=nls,
-        scg=scg,
+        fitted=models[BEST],
+        nls=models.get("NLS"),
+        scg=models.get("SCG"),
         tuning=tuning,
         predictions=predictions,
         scores=_scores(moves, predictions, np.ones(len(moves), bool)),
@@ -133,22 +120,73 @@ def estimate(fitted: Fitted, moves: Moves, arm: Arm) -> tuple[Float, Float]:
     return model.estimate(rows, arm.body)
 
 
-def _held_out(
-    method: str,
-    known: Moves,
-    unknown: Moves,
-    arm: Arm,
-    tuning: Tuning,
-    structure: Structure,
-    seed: int,
-) -> tuple[Float, Float]:
-    """Return the predictions for some moves of a method that was fitted to others."""
-    if method == BEST:
-        return estimate(fit(known, arm, tuning, structure), unknown, arm)
-    seen, unseen = Seen.of(known, arm, tuning), Seen.of(unknown, arm, tuning)
-    return (Nls.fit(known, seen, arm.description) if method == "NLS" else Scg.fit(known, seen, seed)).predict(unseen)
+@dataclass(frozen=True)
+class _Known:
+    """Moves of an arm, each row in a ``fold`` (N,), and the ``seed`` of the networks."""
+
+    moves: Moves
+    arm: Arm
+    fold: NDArray[np.int64]
+    seed: int
 
 
-def _scores(moves: Moves, predictions: dict[str, tuple[Float, Float]], rows: NDArray[np.bool_]) -> dict[str, Score]:
+@dataclass(frozen=True)
+class _Part:
+    """One method, fitted to all moves but those of a fold, or to all of them."""
+
+    method: str
+    fold: int | None
+    tuning: Tuning
+    structure: Structure
+
+
+def _fitted(
+    known: _Known, methods: Sequence[str], tuning: Tuning, structure: Structure
+) -> tuple[dict[str, Any], Predictions]:
+    """The model of each method, and what others of it say of moves that they have not seen."""
+    moves, which = known.moves, np.unique(known.fold).tolist()
+    chosen = [(tuning, structure)] * len(which)
+    if moves.count < FEW:  # of so few, what is left out would have a say in the choice of windows and effects
+        chosen = spread(_chosen, which, "choosing effects without fold", shared=known)
+    folds = [*zip(which, chosen, strict=True), (None, (tuning, structure))]
+    parts = [_Part(method, k, *own) for k, own in folds for method in methods]
+    models: dict[str, Any] = {}
+    predictions = {method: (np.full(len(moves), np.nan), np.full(moves.q.shape, np.nan)) for method in methods}
+    for part, found in zip(parts, spread(_done, parts, "methods and folds", shared=known), strict=True):
+        if part.fold is None:
+            models[part.method] = found
+        else:
+            held = known.fold == part.fold
+            for whole, some in zip(predictions[part.method], found, strict=True):
+                whole[held] = some
+    return models, predictions
+
+
+def _chosen(k: int, known: _Known) -> tuple[Tuning, Structure]:
+    """Choose windows and effects by all moves but those of a fold."""
+    moves = known.moves.where(known.fold != k)
+    tuning = tune(moves, known.arm, AHEAD)
+    return tuning, structure_of(moves, known.arm, tuning)
+
+
+def _done(part: _Part, known: _Known) -> Any:
+    """Return the model of all moves, or the predictions for a fold of one that was fitted to the others."""
+    if part.fold is None:
+        return _model(part, known.moves, known)
+    held = known.fold == part.fold
+    model, unseen = _model(part, known.moves.where(~held), known), known.moves.where(held)
+    if isinstance(model, Fitted):
+        return estimate(model, unseen, known.arm)
+    return model.predict(Seen.of(unseen, known.arm, part.tuning))
+
+
+def _model(part: _Part, moves: Moves, known: _Known) -> Fitted | Nls | Scg:
+    if part.method == BEST:
+        return fit(moves, known.arm, part.tuning, part.structure)
+    seen = Seen.of(moves, known.arm, part.tuning)
+    return Nls.fit(moves, seen, known.arm.description) if part.method == "NLS" else Scg.fit(moves, seen, known.seed)
+
+
+def _scores(moves: Moves, predictions: Predictions, rows: NDArray[np.bool_]) -> dict[str, Score]:
     some = moves.where(rows)
     return {method: Score.of(some, power[rows], current[rows]) for method, (power, current) in predictions.items()}

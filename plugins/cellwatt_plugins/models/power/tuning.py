@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, lru_cache
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt.scheduler import spread
 from cellwatt_plugins.models.power.design import CARRIED_AS_STATED, Belief, Design, Rows, shared_columns
 from cellwatt_plugins.models.power.moves import Moves
 from cellwatt_plugins.models.power.smoothing import Noise, Smoother, Span
@@ -18,6 +18,8 @@ from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import SIGN_WIDTH
 
 Float = NDArray[np.float64]
+Spans = tuple[Span, Span]
+"""Of velocity and acceleration."""
 
 TRIED: Final = 5000
 """Rows that a trial is made on."""
@@ -42,38 +44,66 @@ class Tuning:
     """rad/s."""
 
 
+@dataclass(frozen=True)
+class _Known:
+    """What a trial needs: ``moves`` and the ``noise`` of all of them, and the ``width`` that is tried with."""
+
+    moves: Moves
+    noise: Noise
+    arm: Arm
+    ahead: bool
+    width: float = SIGN_WIDTH
+
+    def smoother(self, velocity: Span, acceleration: Span) -> Smoother:
+        """The smoother of some spans."""
+        return Smoother.design(self.noise, self.moves.step, velocity, acceleration, self.ahead)
+
+    def smoothed(self, velocity: Span, acceleration: Span) -> tuple[Rows, Float]:
+        """Rows of the trials, and their columns that all joints share."""
+        smoother = self.smoother(velocity, acceleration)
+        rows = Rows.of(self.moves, smoother, self.arm.column("torque_constant"), TRIED, whole=False)
+        return rows, shared_columns(rows, self.arm.body, rows.payload is not None)
+
+
 def tune(moves: Moves, arm: Arm, ahead: bool) -> Tuning:
     """Spans of velocity and acceleration one after the other, then the width of friction's turning over."""
-    noise = Noise.of(moves)
-    moves = _some(moves)
-    step = moves.step
+    known = _Known(_some(moves), Noise.of(moves), arm, ahead)
+    step = known.moves.step
     rows = [n for n in SPANS if SHORTEST <= n * step <= LONGEST] or [3]
-    shortest = min(b - a for a, b in moves.bounds())
+    shortest = min(b - a for a, b in known.moves.bounds())
     rows = [n for n in rows if n <= shortest // 2] or rows[:1]
     orders = (2,) if ahead else (2, 3)
     slow = [Span(n, order) for n in rows for order in orders]
     fast = [Span(n, order) for n in rows for order in ((3,) if ahead else (2, 3)) if n > order]
     start = min(rows, key=lambda n: abs(n * step - 0.12))
     velocity, acceleration = Span(start, 2), Span(max(start, 5), 3)
+    if not np.isfinite(known.moves.current).any():
+        return Tuning(known.smoother(velocity, acceleration), SIGN_WIDTH)
+    velocity, _ = _best([(span, acceleration) for span in slow], known)
+    width = _best_width(WIDTHS, (velocity, acceleration), known)
+    known = replace(known, width=width)
+    _, acceleration = _best([(velocity, span) for span in fast], known)
+    velocity, _ = _best([(span, acceleration) for span in slow], known)
+    near = [width * factor for factor in (0.8, 0.9, 1.0, 1.1, 1.25)]
+    return Tuning(known.smoother(velocity, acceleration), _best_width(near, (velocity, acceleration), known))
 
-    @lru_cache(maxsize=1)  # widths are tried one after the other
-    def smoothed(velocity: Span, acceleration: Span) -> tuple[Rows, Float]:
-        smoother = Smoother.design(noise, step, velocity, acceleration, ahead)
-        rows = Rows.of(moves, smoother, arm.column("torque_constant"), TRIED, whole=False)
-        return rows, shared_columns(rows, arm.body, rows.payload is not None)
 
-    @cache
-    def cost(velocity: Span, acceleration: Span, width: float) -> float:
-        return _left(*smoothed(velocity, acceleration), arm, width)
+def _best(tried: Sequence[Spans], known: _Known) -> Spans:
+    costs = spread(_cost, tried, "spans", shared=known)
+    return tried[min(range(len(tried)), key=costs.__getitem__)]
 
-    if not np.isfinite(moves.current).any():
-        return Tuning(Smoother.design(noise, step, velocity, acceleration, ahead), SIGN_WIDTH)
-    velocity = min(slow, key=lambda span: cost(span, acceleration, SIGN_WIDTH))
-    width = min(WIDTHS, key=lambda w: cost(velocity, acceleration, w))
-    acceleration = min(fast, key=lambda span: cost(velocity, span, width))
-    velocity = min(slow, key=lambda span: cost(span, acceleration, width))
-    width = _refined(lambda w: cost(velocity, acceleration, w), width)
-    return Tuning(Smoother.design(noise, step, velocity, acceleration, ahead), width)
+
+def _cost(spans: Spans, known: _Known) -> float:
+    return _left(*known.smoothed(*spans), known.arm, known.width)
+
+
+def _best_width(tried: Sequence[float], spans: Spans, known: _Known) -> float:
+    costs = spread(_cost_of_width, tried, "widths", shared=(*known.smoothed(*spans), known.arm))
+    return tried[min(range(len(tried)), key=costs.__getitem__)]
+
+
+def _cost_of_width(width: float, known: tuple[Rows, Float, Arm]) -> float:
+    return _left(*known, width)
 
 
 def _some(moves: Moves) -> Moves:
@@ -95,8 +125,3 @@ def _left(rows: Rows, shared: Float, arm: Arm, width: float) -> float:
     sums = sums_of(design, rows.torque, variance, np.ones(len(rows), bool))
     left = rows.torque - solve(sums, belief, range(len(TERMS))).torque(design)
     return float(np.nansum(np.log(np.nanmean(left**2, axis=0))))
-
-
-def _refined(cost: Callable[[float], float], width: float) -> float:
-    """A few steps around the best width of the grid."""
-    return min((width * factor for factor in (0.8, 0.9, 1.0, 1.1, 1.25)), key=cost)

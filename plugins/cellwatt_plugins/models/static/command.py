@@ -7,8 +7,10 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FINITE, FiniteRange
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.progress import aside, stage
 from cellwatt.report.page import PAGE
 
@@ -16,12 +18,13 @@ FILE = click.Path(exists=True, path_type=Path)
 
 
 @click.command("static")
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
-@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
+@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder for the models.")
 @click.option("--report", "page", type=click.Path(dir_okay=False, path_type=Path), help=PAGE)
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress
+@with_scheduler
 def train_static(recordings: tuple[Path, ...], robot: Path, out: Path, page: Path | None, as_json: bool) -> None:
     """Make a model of the torque that an arm needs to hold still, from RECORDINGs of held poses.
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.progress import steps
+from cellwatt.scheduler import spread
 from cellwatt_plugins.models.static.basis import Basis, gravity_parameters, joint_limits
 from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.evidence import Belief, Posterior, fit
@@ -119,21 +119,38 @@ class Checked:
 def identify_checked(poses: Poses, basis: Basis, effects: Effects, seed: int) -> Checked:
     """The best model; the Gaussian process is in it only where poses left out are predicted better with it."""
     parts = folds(len(poses), seed)
+    said = spread(_left_out, parts, "models that leave poses out", shared=(poses, basis, effects))
     plain, with_rest = np.empty((2, 2, len(poses)))
     gained = np.empty(len(poses))
-    for part in steps(parts, "model that leaves poses out"):
-        rest = np.setdiff1d(np.arange(len(poses)), part)
-        model = identify(basis.rows(rest), poses.torque[rest], effects)
-        fuller = with_leftover(model, basis.rows(rest), poses.torque[rest])
-        seen, blind = basis.rows(part), replace(basis.rows(part), direction=np.zeros_like(basis.share[part]))
-        plain[:, part] = model.total(seen), model.total(blind)
-        with_rest[:, part] = fuller.total(seen), fuller.total(blind)
-        errors = [((poses.torque[part] - m.torque(seen)) / model.posterior.noise) ** 2 for m in (model, fuller)]
-        gained[part] = np.nansum(np.where(seen.direction == 0, np.nan, errors[0] - errors[1]), axis=1)
+    for part, one in zip(parts, said, strict=True):
+        plain[:, part], with_rest[:, part], gained[part] = one.plain, one.with_rest, one.gained
     model = identify(basis, poses.torque, effects)
     if np.mean(gained) > 2.0 * np.std(gained) / np.sqrt(len(gained)):
         return Checked(with_leftover(model, basis, poses.torque), *with_rest)
     return Checked(model, *plain)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """Absolute sums (2, k) Nm of k poses left out, told and blind, by physics and with what is left over; what the
+    latter gained (k,)."""
+
+    plain: Float
+    with_rest: Float
+    gained: Float
+
+
+def _left_out(part: NDArray[np.intp], known: tuple[Poses, Basis, Effects]) -> _Said:
+    """What models of all other poses say of a part."""
+    poses, basis, effects = known
+    rest = np.setdiff1d(np.arange(len(poses)), part)
+    model = identify(basis.rows(rest), poses.torque[rest], effects)
+    fuller = with_leftover(model, basis.rows(rest), poses.torque[rest])
+    seen, blind = basis.rows(part), replace(basis.rows(part), direction=np.zeros_like(basis.share[part]))
+    totals = [np.stack([m.total(seen), m.total(blind)]) for m in (model, fuller)]
+    errors = [((poses.torque[part] - m.torque(seen)) / model.posterior.noise) ** 2 for m in (model, fuller)]
+    gained = np.nansum(np.where(seen.direction == 0, np.nan, errors[0] - errors[1]), axis=1)
+    return _Said(totals[0], totals[1], gained)
 
 
 def with_leftover(model: Identified, basis: Basis, torque: Float) -> Identified:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.progress import steps
+from cellwatt.scheduler import spread
 from cellwatt_plugins.models.static.basis import Basis
 from cellwatt_plugins.models.static.effects import Effects
 from cellwatt_plugins.models.static.identify import identify
@@ -72,14 +72,30 @@ def sizes_for(count: int) -> tuple[int, ...]:
 
 def learning_curve(poses: Poses, basis: Basis, effects: Effects, floor: float, reached: float, seed: int) -> Curve:
     """Trains on part of the poses, ``REPEATS`` times each; physics alone."""
+    sizes = sizes_for(len(poses))
+    draws = [_Draw(size, repeat, seed) for size in sizes for repeat in range(REPEATS)]
+    errors = spread(_error, draws, "models of fewer poses", shared=(poses, basis, effects))
     points = []
-    for size in steps(sizes_for(len(poses)), "models of", lambda size: f"{size} poses"):
-        errors = []
-        for repeat in steps(range(REPEATS), "draw"):
-            rows = np.random.default_rng((seed, size, repeat)).permutation(len(poses))
-            model = identify(basis.rows(rows[:size]), poses.torque[rows[:size]], effects)
-            rest = rows[size:]
-            errors.append(float(np.sqrt(np.mean((model.total(basis.rows(rest)) - poses.total[rest]) ** 2))))
-        together = float(np.sqrt(np.mean(np.square(errors))))
-        points.append(Point(size, together, min(errors), max(errors)))
+    for k, size in enumerate(sizes):
+        found = errors[k * REPEATS : (k + 1) * REPEATS]
+        together = float(np.sqrt(np.mean(np.square(found))))
+        points.append(Point(size, together, min(found), max(found)))
     return Curve(tuple(points), floor, reached, len(poses))
+
+
+@dataclass(frozen=True)
+class _Draw:
+    """Some of the poses, drawn at random."""
+
+    size: int
+    repeat: int
+    seed: int
+
+
+def _error(draw: _Draw, known: tuple[Poses, Basis, Effects]) -> float:
+    """Root mean square error in Nm of a model of the poses drawn, on the others."""
+    poses, basis, effects = known
+    rows = np.random.default_rng((draw.seed, draw.size, draw.repeat)).permutation(len(poses))
+    model = identify(basis.rows(rows[: draw.size]), poses.torque[rows[: draw.size]], effects)
+    rest = rows[draw.size :]
+    return float(np.sqrt(np.mean((model.total(basis.rows(rest)) - poses.total[rest]) ** 2)))

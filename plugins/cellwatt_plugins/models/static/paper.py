@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.progress import steps
+from cellwatt.scheduler import spread
+
+if TYPE_CHECKING:
+    import optuna
 
 Float = NDArray[np.float64]
 
 NEURONS: Final = (8, 1000)
 """The paper's range of hidden neurons."""
 TRIALS: Final = 20
-"""Networks that the search trains for each method."""
+"""Networks that the search trains for each method …"""
+DRAWN: Final = 10
+"""… of which the sizes of the first are drawn at random: they do not depend on each other."""
 TEST: Final = 0.2
 """Share of the poses that is kept for testing."""
 _VALIDATION: Final = 0.2  # of the rest, for the search: the test is never looked at
@@ -59,26 +65,64 @@ def split(count: int, seed: int, share: float = TEST) -> tuple[NDArray[np.intp],
     return np.sort(rows[test:]), np.sort(rows[:test])
 
 
-def searched(inputs: Float, target: Float, seed: int) -> Perceptron:
-    """The network with the number of neurons that tree-structured Parzen estimators find best, trained on all rows.
+@dataclass(frozen=True)
+class Search:
+    """Search for a network from ``inputs`` (N, k) to ``target`` (N,): so many ``trials``, the first of known error."""
 
-    ``inputs`` (N, k), ``target`` (N,).
-    """
+    inputs: Float
+    target: Float
+    seed: int
+    trials: int
+    errors: tuple[float, ...] = ()
+
+
+def searched(pairs: Sequence[tuple[Float, Float]], seed: int) -> list[Perceptron]:
+    """For each of some inputs (N, k) and targets (N,) the network with the number of neurons that tree-structured
+    Parzen estimators find best, trained on all rows."""
+    searches = [Search(inputs, target, seed, TRIALS) for inputs, target in pairs]
+    drawn = [(search, neurons) for search in searches for neurons in _drawn(search)]
+    errors = np.split(np.array(spread(_error, drawn, "networks of random sizes")), len(searches))
+    begun = [replace(search, errors=tuple(known.tolist())) for search, known in zip(searches, errors, strict=True)]
+    return spread(_best, begun, "networks of better sizes")
+
+
+def _drawn(search: Search) -> list[int]:
+    """Neurons of the networks that do not depend on others."""
+    study = _study(search)
+    return [_suggested(study.ask()) for _ in range(min(DRAWN, search.trials))]
+
+
+def _error(network: tuple[Search, int]) -> float:
+    """Mean square error of a network of so many neurons on the rows that are held out."""
+    search, neurons = network
+    rows = np.random.default_rng(search.seed).permutation(len(search.inputs))
+    held = max(1, round(_VALIDATION * len(rows)))
+    learnt = trained(search.inputs[rows[held:]], search.target[rows[held:]], neurons, search.seed)
+    return float(np.mean((learnt(search.inputs[rows[:held]]) - search.target[rows[:held]]) ** 2))
+
+
+def _best(search: Search) -> Perceptron:
+    """The network of a search once the random ones are known."""
+    study = _study(search)
+    for known in search.errors:
+        trial = study.ask()
+        _suggested(trial)
+        study.tell(trial, known)
+    for _ in range(search.trials - len(search.errors)):
+        trial = study.ask()
+        study.tell(trial, _error((search, _suggested(trial))))
+    return trained(search.inputs, search.target, int(study.best_params["neurons"]), search.seed)
+
+
+def _study(search: Search) -> optuna.Study:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    rows = np.random.default_rng(seed).permutation(len(inputs))
-    held = max(1, round(_VALIDATION * len(rows)))
+    return optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=DRAWN, seed=search.seed))
 
-    def objective(trial: optuna.Trial) -> float:
-        neurons = trial.suggest_int("neurons", *NEURONS)
-        network = trained(inputs[rows[held:]], target[rows[held:]], neurons, seed)
-        return float(np.mean((network(inputs[rows[:held]]) - target[rows[:held]]) ** 2))
 
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
-    for _ in steps(range(TRIALS), "network"):
-        study.optimize(objective, n_trials=1)
-    return trained(inputs, target, int(study.best_params["neurons"]), seed)
+def _suggested(trial: optuna.Trial) -> int:
+    return trial.suggest_int("neurons", *NEURONS)
 
 
 def trained(inputs: Float, target: Float, neurons: int, seed: int, epochs: int = EPOCHS) -> Perceptron:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
+from cellwatt.scheduler import spread
 from cellwatt.tables import Table, read_table
 from cellwatt_plugins.models.static.held import HeldPose, Recogniser
 from cellwatt_plugins.robot import RobotDescription
@@ -83,7 +84,7 @@ def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
     one row a pose with a column ``count``; or plain rows ``t``, ``q_i`` and torques in which the poses are recognised.
     Recordings of cellwatt are read like the last. Raises ``RecordingError``.
     """
-    return _joined([_read(path, robot) for path in paths], paths)
+    return _joined(spread(_read, paths, "reading recordings", shared=robot), paths)
 
 
 def _read(path: Path, robot: RobotDescription) -> Poses:

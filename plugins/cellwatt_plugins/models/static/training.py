@@ -138,8 +138,8 @@ def _published(poses: Poses, basis: Basis, effects: Effects) -> tuple[list[Metho
     gravity = basis.vertical @ effects.cad
     simulated = np.sum(np.abs(gravity), axis=1)
     both = np.hstack([poses.q, gravity])
-    plain = paper.searched(poses.q[rows], poses.total[rows], SEED)
-    hybrid = paper.searched(both[rows], poses.total[rows] - simulated[rows], SEED)
+    pairs = [(poses.q[rows], poses.total[rows]), (both[rows], poses.total[rows] - simulated[rows])]
+    plain, hybrid = paper.searched(pairs, SEED)
     said: Sequence[tuple[str, Float, int | None]] = (
         ("gravity", simulated, None),
         ("network", plain(poses.q), plain.neurons),

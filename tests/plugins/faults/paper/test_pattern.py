@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.paper.pattern import cycle_pattern
-from cellwatt_plugins.faults.paper.train_pattern import Fitted, _fitted, _in_words
+from cellwatt_plugins.faults.paper.train_pattern import Fitted, _fitted, _in_words, _written
 from cellwatt_plugins.faults.reference import load
 from cellwatt_plugins.models.command import train
 from tests.plugins.faults.paper.frames import frames_of
@@ -129,5 +129,5 @@ def test_a_tasks_name_names_no_place_outside_the_folder(reference, tmp_path):
     """A reference may come from anybody."""
     file = tmp_path / "______task_1-1.yaml"
     variant = load(reference).tasks[0].variants[0]
-    assert _fitted("../../task_1", variant, 24, tmp_path).file == str(file)
+    assert _written(*_fitted(("../../task_1", variant), 24), tmp_path).file == str(file)
     assert list(tmp_path.iterdir()) == [file]
