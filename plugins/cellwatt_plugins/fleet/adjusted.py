@@ -1,0 +1,156 @@
+"""Weekly means of what repetitions say, with programs and temperature taken out as in a two-way table.
+
+Recordings of one week share a level, repetitions of one program an effect; errors come from how far recordings of one
+week are apart, since samples and repetitions within a recording are not independent of one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+FEWEST: Final = 3.0
+"""Degrees of freedom with which recordings say how far they are apart."""
+LEAST: Final = 1e-4
+"""By which recordings are apart at least."""
+SURE: Final = 3.0
+"""Times its error that the slope over temperature must be to be taken out."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """A quantity by week: W weeks, rising."""
+
+    weeks: Index
+    values: Float
+    covariance: Float
+    """(W, W) of the errors of ``values``."""
+
+    def part(self, chosen: NDArray[np.bool_] | Index) -> Course:
+        """Return some of the weeks."""
+        return Course(self.weeks[chosen], self.values[chosen], self.covariance[chosen][:, chosen])
+
+    def about_mean(self) -> Course:
+        """Return the course minus its mean, without the error that all weeks share."""
+        centred = np.eye(len(self.weeks)) - 1 / len(self.weeks)
+        return Course(self.weeks, centred @ self.values, centred @ self.covariance @ centred)
+
+    def less(self, what: Float) -> Course:
+        """Return the course minus ``what`` (W,)."""
+        return Course(self.weeks, self.values - what, self.covariance)
+
+
+@dataclass(frozen=True)
+class Told:
+    """Values that K repetitions of one cell give of one quantity."""
+
+    values: Float
+    week: Index
+    recording: Index
+    """Number of each one's recording; equal only within a recording."""
+    program: Index
+    warmth: Float | None = None
+    """°C."""
+
+    def by_recording(self) -> Told:
+        """Return means of repetitions of one program in one recording; what is NaN is left out."""
+        known = np.isfinite(self.values)
+        keys = np.stack([self.recording[known], self.program[known]], axis=1)
+        _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        group = group.ravel()
+        count = np.bincount(group, minlength=len(first))
+
+        def mean(values: Float) -> Float:
+            return np.asarray(np.bincount(group, values[known], len(first)) / count)
+
+        warmth = None if self.warmth is None else mean(self.warmth)
+        rows = np.flatnonzero(known)[first]
+        return Told(mean(self.values), self.week[rows], self.recording[rows], self.program[rows], warmth)
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """Slope of a quantity over temperature, a °C, and its error; infinite where temperature did not vary."""
+
+    slope: float
+    error: float
+
+
+def apart(told: Told, programs: float) -> float:
+    """Return how far recordings (by ``by_recording``) of one week and program are apart; NaN where too few say it."""
+    return _solved(told, programs, float("nan"), with_warmth=told.warmth is not None)[2] or float("nan")
+
+
+def warmth_of(told: Told, programs: float) -> Warmth:
+    """Return the slope over temperature within weeks, which wear over weeks does not touch."""
+    if told.warmth is None:
+        return Warmth(0.0, float("inf"))
+    found, inverse, noise = _solved(told, programs, float("nan"), with_warmth=True)
+    error = noise * float(np.sqrt(inverse[-1, -1])) if noise > 0 else float("inf")
+    return Warmth(float(found[-1]), error if np.isfinite(error) else float("inf"))
+
+
+def shrunk(slopes: Sequence[Warmth]) -> list[float]:
+    """Return each arm's slope drawn towards the mean of its kind; 0 for all where even that mean is not sure."""
+    known = [each for each in slopes if np.isfinite(each.error) and each.error > 0]
+    if not known:
+        return [0.0] * len(slopes)
+    value = np.array([each.slope for each in known])
+    square = np.square([each.error for each in known])
+    mean = float(np.sum(value / square) / np.sum(1 / square))
+    excess = float(np.sum((value - mean) ** 2 / square)) - (len(known) - 1)
+    scale = float(np.sum(1 / square) - np.sum(1 / square**2) / np.sum(1 / square)) if len(known) > 1 else 0.0
+    between = max(excess / scale, 0.0) if scale > 0 else 0.0  # DerSimonian and Laird
+    weight = 1 / (square + between)
+    mean, error = float(np.sum(weight * value) / weight.sum()), float(1 / np.sqrt(weight.sum()))
+    if abs(mean) < SURE * error:
+        return [0.0] * len(slopes)
+    own = [between / (between + each.error**2) if np.isfinite(each.error) else 0.0 for each in slopes]
+    return [mean + w * (each.slope - mean) if w > 0 else mean for w, each in zip(own, slopes, strict=True)]
+
+
+def course_of(told: Told, programs: float, usual: float, slope: float = 0.0, warm: float = 0.0) -> Course:
+    """Return the weekly values of one cell (by ``by_recording``).
+
+    ``programs`` is the standard deviation of what programs differ by, ``usual`` how far recordings are apart where
+    these are too few to say it, ``slope`` what each °C beyond ``warm`` adds.
+    """
+    if told.warmth is not None and slope:
+        told = Told(told.values - slope * (told.warmth - warm), told.week, told.recording, told.program)
+    weeks = np.unique(told.week)
+    found, inverse, noise = _solved(told, programs, usual, with_warmth=False)
+    count = len(weeks)
+    return Course(weeks, found[:count], noise**2 * inverse[:count, :count])
+
+
+def _solved(told: Told, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:
+    """Coefficients (weeks, programs, warmth), their covariance at a noise of 1, and the noise."""
+    weeks, week = np.unique(told.week, return_inverse=True)
+    kinds, kind = np.unique(told.program, return_inverse=True)
+    rows = len(told.values)
+    matrix = np.zeros((rows, len(weeks) + len(kinds) + with_warmth))
+    matrix[np.arange(rows), week] = 1.0
+    matrix[np.arange(rows), len(weeks) + kind] = 1.0
+    if with_warmth and told.warmth is not None:
+        matrix[:, -1] = told.warmth - told.warmth.mean()
+    noise = usual if np.isfinite(usual) else 0.05
+    tied = np.zeros(matrix.shape[1])
+    tied[len(weeks) : len(weeks) + len(kinds)] = 1.0
+    gram, pull = matrix.T @ matrix, matrix.T @ told.values
+    for _ in range(4):
+        ridge = np.diag(tied * (noise / programs) ** 2 + (1e-9 if with_warmth else 0.0))
+        inverse = np.linalg.inv(gram + ridge)
+        found = inverse @ pull
+        free = rows - float(np.trace(gram @ inverse))
+        if free < FEWEST:
+            noise = usual
+            break
+        noise = max(float(np.sqrt(np.sum((told.values - matrix @ found) ** 2) / free)), LEAST)
+    return found, np.asarray(inverse), noise if np.isfinite(noise) else 0.0

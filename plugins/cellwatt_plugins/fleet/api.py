@@ -1,0 +1,182 @@
+"""``fleet``: what many recordings of many cells say together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cellwatt.errors import RecordingError
+from cellwatt.files import Place as FilePlace
+from cellwatt.scheduler import spread
+from cellwatt_plugins.fleet.adjusted import Told
+from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, told_of, usual_of
+from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Shared, Weekly
+from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
+from cellwatt_plugins.fleet.kinds import FEWEST
+from cellwatt_plugins.fleet.lake import Lake, find, monday
+from cellwatt_plugins.fleet.shared import CellValues, differences, together
+from cellwatt_plugins.fleet.statements import findings_of
+from cellwatt_plugins.fleet.weekly import Week, week_of_cell
+from cellwatt_plugins.robot import RobotDescription
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """All of one cell."""
+
+    weeks: Sequence[Week]
+    usual: Usual
+    told: Mapping[tuple[str, int], Told]
+
+
+def fleet(
+    lake: FilePlace,
+    robots: Sequence[str] = (),
+    weeks: int | None = None,
+    chance: float = 0.01,
+    least: float = 0.05,
+) -> Fleet:
+    """Compare the cells of a folder of recordings.
+
+    ``robots`` are descriptions as ``[CELLS=]FILE``; without one that fits, the nearest robot.yaml above a recording
+    counts. ``weeks``: only so many last ones. ``chance`` is that of one false finding in all; trends of less than
+    ``least`` (a share) are not told. Raises ``RecordingError`` and ``ConfigError``.
+    """
+    found = find(Path(lake).absolute(), robots, weeks)  # workers have folders of their own
+    return compared(found, spread(week_of_cell, found.weeks, "reading cell and week"), chance, least)
+
+
+def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: float = 0.05) -> Fleet:
+    """Compare weeks that were read from a lake. Raises ``RecordingError`` where none of them holds anything."""
+    cells = _cells(every)
+    if not cells:
+        first = next((s for w in every for s in w.skipped), next(iter(lake.skipped), None))
+        raise RecordingError(
+            "no recording of the lake can be used" + (f": {first.place}: {first.why}" if first else "")
+        )
+    kinds: dict[str, dict[str, _Cell]] = {}
+    for name, cell in cells.items():
+        kinds.setdefault(lake.robots[name].robot, {})[name] = cell
+    groups = [
+        group for kind, own in kinds.items() for group in courses_of_kind(kind, {n: c.told for n, c in own.items()})[0]
+    ]
+    results = judged(groups, chance, least)
+    used = sorted({week.week for cell in cells.values() for week in cell.weeks})
+    return Fleet(
+        first=monday(used[0]).isoformat(),
+        last=monday(used[-1]).isoformat(),
+        weeks=len(used),
+        chance_of_false=chance,
+        least_percent=100 * least,
+        tests=sum(len(each.trends) for each in results),
+        findings=findings_of(results, lake.robots, {name: cell.usual for name, cell in cells.items()}),
+        shared=_shared(kinds, lake.robots, results, least),
+        cells=[_summary(name, lake.robots, cells.get(name), every) for name in lake.robots],
+        skipped=[*lake.skipped, *(skipped for week in every for skipped in week.skipped)],
+        notes=list(_notes(kinds, groups)),
+        smallest=_smallest(results),
+        courses=[_weekly(each, place) for each in results for place in sorted(each.own)],
+    )
+
+
+def _cells(every: Sequence[Week]) -> dict[str, _Cell]:
+    """Cells with at least one repetition; weeks without any are left out."""
+    by_cell: dict[str, list[Week]] = {}
+    for week in every:
+        if week.repetitions:
+            by_cell.setdefault(week.cell, []).append(week)
+    out = {}
+    for name, weeks in by_cell.items():
+        usual = usual_of(weeks)
+        out[name] = _Cell(weeks, usual, told_of(weeks, usual))
+    return out
+
+
+def _shared(
+    kinds: Mapping[str, Mapping[str, _Cell]],
+    robots: Mapping[str, RobotDescription],
+    results: Sequence[Judged],
+    least: float,
+) -> list[Shared]:
+    out: list[Shared] = []
+    for kind, cells in sorted(kinds.items()):
+        robot = robots[next(iter(cells))]
+        out += differences(kind, robot, {name: _values(cell) for name, cell in cells.items()})
+        for each in results:
+            if each.courses.kind == kind and each.courses.quantity == "friction":
+                out += together(kind, robot, each, least)
+    return out
+
+
+def _values(cell: _Cell) -> CellValues:
+    repetitions = [repetition for week in cell.weeks for repetition in week.repetitions]
+    gains = np.array([repetition.gain for repetition in repetitions])
+    known = np.isfinite(gains)
+    gain = [float(np.median(c[k])) if k.any() else float("nan") for c, k in zip(gains.T, known.T, strict=True)]
+    loads = [repetition.load for repetition in repetitions if np.isfinite(repetition.load)]
+    return CellValues(cell.usual, np.array(gain), float(np.median(loads)) if loads else float("nan"))
+
+
+def _summary(
+    name: str, robots: Mapping[str, RobotDescription], cell: _Cell | None, every: Sequence[Week]
+) -> CellSummary:
+    kind = robots[name].robot
+    if cell is None:
+        return CellSummary(name, kind, 0, 0, 0.0, False, "no recording of it can be used")
+    repetitions = [repetition for week in cell.weeks for repetition in week.repetitions]
+    heat = all(repetition.temperature is not None for repetition in repetitions)
+    seconds = sum(week.seconds for week in cell.weeks)
+    few = len(cell.weeks) < LONG_ENOUGH
+    said = f"too few weeks: {len(cell.weeks)}, expected {LONG_ENOUGH} or more" if few else ""
+    still = [j.name for j, s in zip(robots[name].joints, cell.usual.speed, strict=True) if not np.isfinite(s)]
+    said = said or (f"hardly moves: {', '.join(still)}" if still else "")
+    return CellSummary(name, kind, len(cell.weeks), len(repetitions), float(seconds), heat, said)
+
+
+def _notes(kinds: Mapping[str, Mapping[str, _Cell]], groups: Sequence[Courses]) -> list[str]:
+    out = []
+    for kind, cells in sorted(kinds.items()):
+        if len(cells) < FEWEST:
+            out.append(f"{kind}: {len(cells)} arms, fewer than {FEWEST}: what a season does to all is not taken out")
+        heated = [group for group in groups if group.kind == kind and group.quantity == "friction"]
+        if not any(group.with_temperature for group in heated):
+            out.append(
+                f"{kind}: friction is not brought to one temperature (the joints' is not recorded, or friction does "
+                "not follow it): only what the kind does together is taken out"
+            )
+        elif len(heated) > 1:
+            rest = next(group for group in heated if not group.with_temperature)
+            out.append(f"{kind}: {rest.cells} arms without temperature are compared with each other only")
+        if all("energy" not in {q for q, _ in cell.told} for cell in cells.values()):
+            out.append(f"{kind}: no energy: no power is recorded, or no motion comes back to where it began")
+    return out
+
+
+def _smallest(results: Sequence[Judged]) -> dict[str, float]:
+    out = {}
+    for each in results:
+        if each.courses.quantity == "friction" and each.trends:
+            span = float(np.median([trend.span for trend in each.trends.values()]))
+            name = each.courses.kind + (" (with temperature)" if each.courses.with_temperature else "")
+            out[name] = 100 * float(np.expm1(each.smallest * span))
+    return out
+
+
+def _weekly(each: Judged, place: Place) -> Weekly:
+    course, common = each.own[place], each.common[place.joint]
+    about = course.about_mean().values
+    kind = np.zeros(len(about))
+    if common is not None:
+        kind = common.values[np.searchsorted(common.weeks, course.weeks)]
+    scatter = each.trends[place].line.scatter if place in each.trends else 0.0
+    error = np.sqrt(np.diag(course.about_mean().covariance) + scatter**2)
+    scale = 1.0 if each.courses.quantity == "load" else 100.0
+    values = about if each.courses.quantity == "load" else np.expm1(about)
+    days = tuple(monday(int(week)).isoformat() for week in course.weeks)
+    return Weekly(
+        place.cell, place.joint or None, each.courses.quantity, days, tuple((scale * values).tolist()),
+        tuple((scale * error).tolist()), tuple((scale * kind).tolist()),
+    )  # fmt: skip

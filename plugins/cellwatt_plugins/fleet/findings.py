@@ -1,0 +1,118 @@
+"""Results of a fleet as they are written to fleet.json and fleet.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from cellwatt_plugins.fleet.lake import Skipped
+
+Cause = Literal["wears", "rises", "falls", "stepped_up", "stepped_down", "drifts"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that changed in one arm and in no other of its kind."""
+
+    cell: str
+    kind: str
+    joint: int | None
+    """From 1; None for the whole arm."""
+    quantity: str
+    """``friction``, ``energy`` (of a repetition) or ``load`` (mass that the last link carries, in kg)."""
+    what: Cause
+    percent: float
+    """Change from ``first`` to ``last``, or at a step; of ``load`` in kg, here and below."""
+    low: float
+    """End of the 95 % interval of ``percent``."""
+    high: float
+    percent_a_week: float | None
+    """None for a step."""
+    first: str
+    """Monday of the week from which it is counted, or of the step."""
+    last: str
+    sure_since: str | None
+    """Monday of the first week whose data were enough to say it, and in all weeks since."""
+    chance: float
+    """Probability of a change as clear by accident, in one course."""
+    level: float | None
+    """Friction at the usual speed now, Nm."""
+    reaches: tuple[str, str] | None
+    """Mondays between which friction is half above its start if it goes on like this; None where nobody can say."""
+    statement: str
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Something in which most arms of a kind differ from their description, or change together."""
+
+    kind: str
+    joint: int | None
+    quantity: str
+    """Like that of a finding, or ``gain``: torque that holds and moves the links."""
+    what: Literal["description", "together"]
+    arms: int
+    same_sign: int
+    percent: float
+    """Median of the arms; beyond the description, or over the weeks."""
+    low: float
+    """End of the 95 % interval of the median."""
+    high: float
+    found: Mapping[str, float]
+    """Numbers for robot.yaml, the median of the arms."""
+    described: Mapping[str, float]
+    statement: str
+
+
+@dataclass(frozen=True)
+class Weekly:
+    """The course of a joint's friction, or of a cell's energy, for drawing; per cent of its mean."""
+
+    cell: str
+    joint: int | None
+    quantity: str
+    weeks: tuple[str, ...]
+    percent: tuple[float, ...]
+    error: tuple[float, ...]
+    """Of one standard deviation."""
+    kind: tuple[float, ...]
+    """What the kind does together in these weeks, already taken out."""
+
+
+@dataclass(frozen=True)
+class CellSummary:
+    """A cell and what was used of it."""
+
+    cell: str
+    kind: str
+    weeks: int
+    repetitions: int
+    seconds: float
+    temperature: bool
+    statement: str
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """All that a fleet tells."""
+
+    first: str
+    last: str
+    weeks: int
+    chance_of_false: float
+    least_percent: float
+    tests: int
+    findings: Sequence[Finding]
+    shared: Sequence[Shared]
+    cells: Sequence[CellSummary]
+    skipped: Sequence[Skipped]
+    notes: Sequence[str]
+    smallest: Mapping[str, float]
+    """Smallest change over all weeks, in per cent, that half the joints of a kind would show; by kind."""
+    courses: Sequence[Weekly] = field(default_factory=tuple)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of fleet.json."""
+        return asdict(self)

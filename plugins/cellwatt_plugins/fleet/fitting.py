@@ -1,0 +1,142 @@
+"""Friction and rigid torque of each joint, and the load of the arm, from samples of repetitions.
+
+Each joint's torque is what its links and rotor need, which is fitted about the description, and friction. Friction is
+the part that turns over with the direction of motion, so that wrong masses hardly touch it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.priors import body_prior, links_prior
+from cellwatt_plugins.robot.regression import Fit, Prior, Products
+
+Float = NDArray[np.float64]
+
+SLIDES: Final = 0.05
+"""rad/s from which a joint's friction has its full size."""
+FEWEST: Final = 40
+"""Samples in which a joint slides; with fewer nothing is said of it."""
+LOOSE: Final = 0.1
+"""Standard deviation of the unknown factor of torque."""
+OFF: Final = 0.3
+"""The same of a repetition's friction and rigid torque about the week's, as shares."""
+UNTOLD: Final = 0.01
+"""Share of a joint's torque that no load explains."""
+REACH: Final = 0.3
+"""kg m of a load's first moments, about."""
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Fit of one joint: K repetitions, N samples."""
+
+    coulomb: float
+    viscous: float
+    speed: float
+    friction: Float
+    """(K,)."""
+    gain: Float
+    """(K,)."""
+    left: Float
+    """(N,) torque beyond the description and friction, by its own size; NaN where the joint does not slide."""
+    size: float
+    """Nm."""
+
+
+def links_of(arm: Arm) -> list[Prior]:
+    """Return the prior, for each joint, of how far the parameters of the links it moves are off, with a load."""
+    every = arm.body.parameters()
+    load = body_prior(max(arm.description.payload, 0.05 * float(every[::PER_LINK].sum())), 0.2)
+    out = []
+    for i in range(arm.joints):
+        links = links_prior(every[PER_LINK * i :], arm.description.tolerances.link)
+        prior = Prior(links.mean, links.covariance + _last(load.covariance, len(links.mean)))
+        assert prior.precision.shape  # made once
+        out.append(prior)
+    return out
+
+
+def fit_joint(
+    arm: Arm, i: int, prior: Prior, rows: Float, qd: Float, qdd: Float, torque: Float, ends: NDArray[np.intp]
+) -> JointFit:
+    """Return the fit of joint ``i`` (from 0) to its torque (N,) by its regressor ``rows`` (N, k)."""
+    slides = np.abs(qd) > SLIDES
+    nothing = np.full(len(ends), np.nan)
+    if slides.sum() < FEWEST:
+        return JointFit(np.nan, np.nan, np.nan, nothing, nothing, np.full(len(qd), np.nan), 1.0)
+    rotor = arm.description.joints[i].rotor_inertia
+    modelled = rows @ arm.body.parameters()[PER_LINK * i :] + rotor * qdd
+    size = float(np.sqrt(np.mean(np.square(torque[slides])))) or 1.0
+    loose = 0.3 * rotor + 0.1 * size / max(float(np.sqrt(np.mean(np.square(qdd)))), 1e-6)
+    known = Prior.spread(np.array([2 * size, 2 * size, 0.2 * size, LOOSE, loose]))
+    matrix = np.column_stack([direction(qd), qd, np.ones_like(qd), modelled, qdd, rows])
+    found = _solved(matrix[slides], (torque - modelled)[slides], Prior.joined(known, prior), size)
+    left = torque - modelled - matrix @ found
+    rigid = matrix[:, 3:] @ found[3:] + modelled
+    gain = float(rigid[slides] @ modelled[slides] / max(float(modelled[slides] @ modelled[slides]), 1e-12)) - 1
+    shape = found[0] * matrix[:, 0] + found[1] * qd
+    level, more = _by_repetition(np.column_stack([shape, modelled, np.ones_like(qd)]), left, slides, ends, size)
+    beyond = np.where(slides, (torque - modelled - shape) / size, np.nan)
+    speed = float(np.abs(qd[slides]).mean())
+    return JointFit(found[0], found[1], speed, 1 + level, gain + more, beyond, size)
+
+
+def loads_of(joints: Sequence[JointFit], of_body: Float, ends: NDArray[np.intp]) -> Float:
+    """Return the mass (K,) kg at the last link that explains best what is left of the torques in each repetition.
+
+    ``of_body`` (N, n, 4) is the torque of its mass and first moments, 1 kg and 1 kg m.
+    """
+    left = np.column_stack([joint.left for joint in joints])
+    columns = of_body / np.array([joint.size for joint in joints])[None, :, None]
+    known = np.isfinite(left)
+    out = np.full(len(ends), np.nan)
+    tied = np.diag([1e-6, *3 * [(UNTOLD / REACH) ** 2]])
+    for k, (first, last) in enumerate(zip([0, *ends.tolist()], ends.tolist(), strict=False)):
+        seen = known[first:last]
+        if seen.any():
+            own = columns[first:last][seen]
+            out[k] = np.linalg.solve(own.T @ own / len(own) + tied, own.T @ left[first:last][seen] / len(own))[0]
+    return out
+
+
+def _last(block: Float, size: int) -> Float:
+    out = np.zeros((size, size))
+    out[-len(block) :, -len(block) :] = block
+    return out
+
+
+def _solved(matrix: Float, target: Float, prior: Prior, size: float) -> Float:
+    """Most probable coefficients, with the noise that they leave."""
+    products = Products.of(matrix, target)
+    noise = (0.05 * size) ** 2
+    for _ in range(2):
+        scaled = Products(products.gram / noise, products.pull / noise, products.square / noise, products.rows)
+        found = Fit(scaled, prior).coefficients
+        noise = max(products.misfit(found) / len(target), (1e-4 * size) ** 2)
+    return found
+
+
+def _by_repetition(
+    columns: Float, left: Float, slides: NDArray[np.bool_], ends: NDArray[np.intp], size: float
+) -> tuple[Float, Float]:
+    """How far friction and gain of each of K repetitions are off the week's, shares (K,) each."""
+    out = np.full((2, len(ends)), np.nan)
+    weight = np.diag(1 / np.square([OFF, OFF, 0.2 * size]))
+    noise = float(np.mean(np.square(left[slides])))
+    first = 0
+    for k, last in enumerate(ends.tolist()):
+        rows = np.arange(first, last)[slides[first:last]]
+        first = last
+        if len(rows) >= FEWEST // 2:
+            own = columns[rows]
+            out[:, k] = np.linalg.solve(own.T @ own + noise * weight, own.T @ left[rows])[:2]
+    return out[0], out[1]

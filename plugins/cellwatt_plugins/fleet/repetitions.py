@@ -1,0 +1,94 @@
+"""Repetitions of programs within a stretch of motion: from rest to rest at the pose where the arm rests most often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.fleet.reading import Stretch
+from cellwatt_plugins.robot.stretches import stretches
+
+Float = NDArray[np.float64]
+
+STILL: Final = 0.02
+"""rad/s below which a joint is at rest."""
+REST: Final = 0.25
+"""s of a rest, at least."""
+SAME_POSE: Final = 0.02
+"""rad by which a joint may be elsewhere in two rests at one pose."""
+LONGEST: Final = 300.0
+"""s of a repetition; what takes longer is cut into pieces."""
+PIECE: Final = 20.0
+"""s of a piece where no repetition is found."""
+SAME_TIME, SAME_WAY, SLACK = 0.03, 0.02, 0.02
+"""Repetitions of one program: by how much duration (share) and way (share of the whole, and rad) may differ."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A part of a stretch, samples ``first`` to before ``last``."""
+
+    first: int
+    last: int
+    whole: bool
+    """True for a repetition, false for a piece."""
+
+
+def spans_of(stretch: Stretch) -> list[Span]:
+    """Return the repetitions of a stretch, or pieces of it where the arm does not come back to where it rested."""
+    rests = _rests_at_home(stretch)
+    found = [Span((a + b) // 2, (c + d) // 2, True) for (a, b), (c, d) in pairwise(rests)]
+    found = [span for span in found if (span.last - span.first) * stretch.step <= LONGEST]
+    if found:
+        return found
+    count = max(1, round(len(stretch.time) * stretch.step / PIECE))
+    edges = np.linspace(0, len(stretch.time), count + 1).round().astype(int).tolist()
+    return [Span(a, b, False) for a, b in pairwise(edges)]
+
+
+def at_work(stretch: Stretch, span: Span) -> tuple[int, int]:
+    """Return the first sample in which the arm moves and one past the last, without the rests before and after."""
+    moves = np.flatnonzero((np.abs(stretch.velocity[span.first : span.last]) > STILL).any(axis=1))
+    return (span.first + int(moves[0]), span.first + int(moves[-1]) + 1) if len(moves) else (span.first, span.first)
+
+
+def signature(stretch: Stretch, span: Span) -> tuple[float, ...]:
+    """Return what tells one program from another: seconds, and the way (n,) rad of each joint."""
+    first, last = at_work(stretch, span)
+    way = np.abs(np.diff(stretch.position[first:last], axis=0)).sum(axis=0)
+    return ((last - first) * stretch.step, *way.tolist())
+
+
+def programs(signatures: list[tuple[float, ...]]) -> NDArray[np.intp]:
+    """Number the programs (K,) of repetitions by their signatures: alike ones have one number, from 0 on."""
+    known: list[Float] = []
+    out = np.zeros(len(signatures), np.intp)
+    for i, each in enumerate(signatures):
+        own = np.array(each)
+        way = own[1:].sum()
+        for number, other in enumerate(known):
+            near = abs(own[0] - other[0]) <= SAME_TIME * other[0] + 0.05
+            if near and np.all(np.abs(own[1:] - other[1:]) <= SAME_WAY * way + SLACK):
+                out[i] = number
+                break
+        else:
+            out[i] = len(known)
+            known.append(own)
+    return out
+
+
+def _rests_at_home(stretch: Stretch) -> list[tuple[int, int]]:
+    """Rests at the pose that is rested at most often, the first of equals."""
+    still = np.all(np.abs(stretch.velocity) < STILL, axis=1)
+    rests = [(a, b) for a, b in stretches(still) if (b - a) * stretch.step >= REST]
+    if len(rests) < 2:
+        return []
+    poses = np.array([np.median(stretch.position[a:b], axis=0) for a, b in rests])
+    alike = np.all(np.abs(poses[:, None] - poses[None]) < SAME_POSE, axis=2)
+    home = int(np.argmax(alike.sum(axis=1)))
+    chosen = [rest for rest, same in zip(rests, alike[home], strict=True) if same]
+    return chosen if len(chosen) > 1 else []

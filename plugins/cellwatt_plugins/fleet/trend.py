@@ -1,0 +1,214 @@
+"""Lines and steps in weekly courses, with errors from the weeks' own scatter.
+
+Weeks differ by more than their recordings say: what comes and goes is a process with standard deviation τ and a
+correlation ρ from one week to the next. τ is each course's own (restricted maximum likelihood), ρ that of all together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from cellwatt_plugins.fleet.adjusted import Course
+
+Float = NDArray[np.float64]
+
+FEWEST: Final = 6
+"""Weeks of a line, at least."""
+EITHER_SIDE: Final = 3
+"""Weeks before and after a step, at least."""
+FAR_BETTER: Final = 6.0
+"""Log likelihood by which a step must tell a course better than a line, to be told in its place."""
+PERSISTENCES: Final = (0.0, 0.2, 0.4, 0.6, 0.8)
+CAREFUL: Final = 0.1
+"""Added to the correlation that is most likely: one that is too low makes errors too small."""
+MOST_COURSES: Final = 120
+"""Courses that tell it."""
+_SCATTERS: Final = np.concatenate([[1e-3], np.geomspace(0.05, 3.0, 22)])
+"""Tried for τ, as shares of the scatter about the line."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through a course, or through what follows its step."""
+
+    slope: float
+    """A week."""
+    error: float
+    free: float
+    """Degrees of freedom of the error."""
+    start: float
+    """Value of the line in ``first``."""
+    first: int
+    last: int
+    weeks: int
+    """Weeks with data in it."""
+    scatter: float
+    """τ."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change from one week to the next."""
+
+    week: int
+    """The first one after it."""
+    size: float
+    error: float
+    chance: float
+    """Probability of one as clear anywhere in a course without any."""
+
+
+def persistence(courses: Sequence[Course]) -> float:
+    """Return the correlation from week to week of all courses about their lines, with care: not the lowest likely."""
+    long = [course for course in courses if len(course.weeks) >= FEWEST + 2]
+    if not long:
+        return PERSISTENCES[-1]
+    long = long[:: -(-len(long) // MOST_COURSES)]
+
+    def told(rho: float) -> float:
+        return sum(_likely(course, _straight(course), rho)[0] for course in long)
+
+    best = max(PERSISTENCES, key=told)
+    near = [best, *(rho for rho in (best - 0.1, best + 0.1) if rho > 0)]
+    return max(near, key=told) + CAREFUL
+
+
+def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
+    """Return the line through the weeks after the last of ``steps``; None where they are too few.
+
+    All weeks tell the scatter.
+    """
+    begins = [step.week for step in steps]
+    part = np.searchsorted(np.sort(begins), course.weeks, side="right")
+    last = course.weeks[part == part[-1]]
+    if len(last) < FEWEST:
+        return None
+    time = _time(course)
+    columns = []
+    for each in np.unique(part):
+        inside = (part == each).astype(np.float64)
+        columns += [inside] if (part == each).sum() < EITHER_SIDE else [inside, inside * time]
+    matrix = np.column_stack(columns)
+    free = len(course.weeks) - matrix.shape[1]
+    if free < 3:
+        return None
+    _, scatter, found, covariance = _likely(course, matrix, rho)
+    free *= (1 - rho**2) / (1 + rho**2)  # weeks that remember one another tell less of their scatter
+    first = float(last[0] - course.weeks.mean())
+    start = found[-2] + found[-1] * first
+    error = float(np.sqrt(covariance[-1, -1]))
+    return Line(found[-1], error, free, float(start), int(last[0]), int(last[-1]), len(last), scatter)
+
+
+def bends(course: Course, rho: float) -> float:
+    """Return how many errors the curvature of a course is from 0."""
+    time = _time(course)
+    _, _, found, covariance = _likely(course, np.column_stack([np.ones_like(time), time, time**2]), rho)
+    return float(found[2] / np.sqrt(covariance[2, 2]))
+
+
+def steps_in(course: Course, rho: float, chance: float, most: int = 2) -> list[Step]:
+    """Return the steps of a course, each less likely than ``chance`` by accident, in their order."""
+    found: list[Step] = []
+    while len(found) < most and (step := _step(course, rho, found)) is not None and step.chance < chance:
+        found = sorted([*found, step], key=lambda each: each.week)
+    return [_sized(course, rho, step, found) for step in found]
+
+
+def rather_a_step(course: Course, rho: float, chance: float) -> Step | None:
+    """Return the change at once that tells a course far better than a line does; None where the line does not worse.
+
+    ``chance`` is that of the line.
+    """
+    weeks = course.weeks
+    places = weeks[EITHER_SIDE : len(weeks) - EITHER_SIDE + 1]
+    if not len(places):
+        return None
+    ones = np.ones(len(weeks))
+    left = [_left(np.column_stack([ones, weeks >= week]), course.values) for week in places]
+    best = int(np.argmin(left))
+    if len(weeks) / 2 * np.log(_left(_straight(course), course.values) / left[best]) < FAR_BETTER:
+        return None
+    _, _, found, covariance = _likely(course, np.column_stack([ones, weeks >= places[best]]), rho)
+    return Step(int(places[best]), float(found[1]), float(np.sqrt(covariance[1, 1])), chance)
+
+
+def _sized(course: Course, rho: float, step: Step, every: Sequence[Step]) -> Step:
+    """The step between a line before and a line after it, where both are long enough to have slopes of their own."""
+    others = [each.week for each in every if each is not step]
+    before = [week for week in others if week < step.week]
+    after = [week for week in others if week > step.week]
+    near = (course.weeks >= max(before, default=0)) & (course.weeks < min(after, default=course.weeks[-1] + 1))
+    part = course.part(near)
+    late = (part.weeks >= step.week).astype(np.float64)
+    if min(late.sum(), (1 - late).sum()) < FEWEST:
+        return step
+    time = part.weeks - step.week + 0.5
+    matrix = np.column_stack([np.ones_like(time), time, late, late * time])
+    _, _, found, covariance = _likely(part, matrix, rho)
+    return replace(step, size=float(found[2]), error=float(np.sqrt(covariance[2, 2])))
+
+
+def _step(course: Course, rho: float, known: Sequence[Step]) -> Step | None:
+    """The clearest step beside those that are known."""
+    time = _time(course)
+    weeks = course.weeks
+    base = np.column_stack([np.ones_like(time), time, *((weeks >= step.week).astype(float) for step in known)])
+    places = [
+        int(week)
+        for week in weeks[EITHER_SIDE : len(weeks) - EITHER_SIDE + 1]
+        if all(np.sum((weeks >= min(week, k.week)) & (weeks < max(week, k.week))) >= EITHER_SIDE for k in known)
+    ]
+    if not places or len(weeks) - base.shape[1] < 4:
+        return None
+    left = {week: _left(np.column_stack([base, weeks >= week]), course.values) for week in places}
+    best = min(left, key=lambda week: left[week])
+    if left[best] >= _left(np.column_stack([base, time**2]), course.values):
+        return None
+    matrix = np.column_stack([base, weeks >= best])
+    _, _, found, covariance = _likely(course, matrix, rho)
+    error = float(np.sqrt(covariance[-1, -1]))
+    free = len(weeks) - matrix.shape[1]
+    chance = min(1.0, 2 * float(student.sf(abs(found[-1]) / error, free)) * len(places))
+    return Step(best, float(found[-1]), error, chance)
+
+
+def _left(matrix: Float, values: Float) -> float:
+    found = np.linalg.lstsq(matrix, values, rcond=None)[0]
+    return float(np.sum((values - matrix @ found) ** 2))
+
+
+def _time(course: Course) -> Float:
+    return np.asarray(course.weeks - course.weeks.mean(), np.float64)
+
+
+def _straight(course: Course) -> Float:
+    time = _time(course)
+    return np.column_stack([np.ones_like(time), time])
+
+
+def _likely(course: Course, matrix: Float, rho: float) -> tuple[float, float, Float, Float]:
+    """Restricted log likelihood at the most likely τ, that τ, the coefficients and their covariance."""
+    count, free = matrix.shape[0], matrix.shape[0] - matrix.shape[1]
+    size = max(np.sqrt(_left(matrix, course.values) / max(free, 1)), 1e-9)
+    apart = np.abs(course.weeks[:, None] - course.weeks[None, :])
+    shape = np.where(apart == 0, 1.0, rho**apart) if rho > 0 else np.eye(count)
+    every = course.covariance[None] + (size * _SCATTERS[:, None, None]) ** 2 * shape[None]
+    root = np.linalg.cholesky(every)
+    right = np.broadcast_to(np.column_stack([matrix, course.values]), (len(root), count, matrix.shape[1] + 1))
+    white = np.linalg.solve(root, right)
+    columns, target = white[:, :, :-1], white[:, :, -1]
+    gram = np.einsum("kni,knj->kij", columns, columns)
+    pull = np.einsum("kni,kn->ki", columns, target)
+    found = np.linalg.solve(gram, pull[:, :, None])[:, :, 0]
+    misfit = np.einsum("kn,kn->k", target, target) - np.einsum("ki,ki->k", found, pull)
+    volume = 2 * np.log(np.einsum("kii->ki", root)).sum(axis=1)
+    told = -0.5 * (volume + np.linalg.slogdet(gram)[1] + misfit)
+    best = int(np.argmax(told))
+    return float(told[best]), float(size * _SCATTERS[best]), found[best], np.linalg.inv(gram[best])

@@ -1,0 +1,87 @@
+"""``fleet.json`` and ``fleet.csv``, and what a person reads at the terminal."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Final
+
+from cellwatt.errors import RecordingError, why
+from cellwatt_plugins.fleet.findings import Fleet
+
+COLUMNS: Final = (
+    "cell", "kind", "joint", "quantity", "what", "change", "low", "high", "unit", "change_a_week", "first", "last",
+    "sure_since", "statement",
+)  # fmt: skip
+MOST_SKIPPED: Final = 5
+"""Skipped recordings that the terminal lists."""
+
+
+def write_json(found: Fleet, path: Path) -> None:
+    """Write fleet.json. Raises ``RecordingError``."""
+    try:
+        path.write_text(json.dumps(found.as_json(), indent=1), encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error
+
+
+def write_csv(found: Fleet, path: Path) -> None:
+    """Write the one table: findings by cell, then what is common to a kind. Raises ``RecordingError``."""
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            writer.writerows(_rows(found))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {why(error)}") from error
+
+
+def _rows(found: Fleet) -> list[tuple[object, ...]]:
+    rows: list[tuple[object, ...]] = [
+        (
+            f.cell, f.kind, f.joint or "", f.quantity, f.what, f"{f.percent:.4g}", f"{f.low:.4g}", f"{f.high:.4g}",
+            unit_of(f.quantity), "" if f.percent_a_week is None else f"{f.percent_a_week:.4g}", f.first, f.last,
+            f.sure_since or "", f.statement,
+        )
+        for f in found.findings
+    ]  # fmt: skip
+    rows += [
+        (
+            "", s.kind, s.joint or "", s.quantity, s.what, f"{s.percent:.4g}", f"{s.low:.4g}", f"{s.high:.4g}",
+            unit_of(s.quantity), "", found.first, found.last, "", s.statement,
+        )
+        for s in found.shared
+    ]  # fmt: skip
+    return rows
+
+
+def unit_of(quantity: str) -> str:
+    """Return the unit of a change: kg for load, % for all others."""
+    return "kg" if quantity == "load" else "%"
+
+
+def headline(found: Fleet) -> str:
+    """Return the verdict in one sentence."""
+    worn = [f for f in found.findings if f.what == "wears"]
+    other = len({f.cell for f in found.findings if f.what != "wears"})
+    told = f"{len(found.cells)} cell{'s' * (len(found.cells) != 1)} over {found.weeks} weeks"
+    if not found.findings:
+        return f"No joint wears and no cell drifts, of {told}."
+    wear = f"{len(worn)} joint{'s wear' if len(worn) != 1 else ' wears'}"
+    changed = f"{other} cell{'s' * (other != 1)} changed otherwise"
+    return f"{wear}, {changed}, of {told}."
+
+
+def in_words(found: Fleet, out: Path) -> str:
+    """Return what is printed."""
+    lines = [headline(found)]
+    lines += [f"  • {f.statement}" for f in found.findings]
+    lines += [f"  = {s.statement}" for s in found.shared]
+    lines += [f"  ? {c.cell}: {c.statement}" for c in found.cells if c.statement]
+    lines += [f"  note: {note}" for note in found.notes]
+    lines += [f"  skipped {s.place}: {s.why}" for s in found.skipped[:MOST_SKIPPED]]
+    more = len(found.skipped) - MOST_SKIPPED
+    lines += [f"  skipped {more} more, all in fleet.json"] if more > 0 else []
+    written = ", ".join(n for n in ("fleet.json", "fleet.csv", "report.html") if (out / n).exists())
+    return "\n".join([*lines, f"written to {out}: {written}"])

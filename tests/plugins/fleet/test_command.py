@@ -1,0 +1,63 @@
+import csv
+
+import pytest
+from click.testing import CliRunner
+
+from cellwatt.errors import ConfigError, RecordingError
+from cellwatt_plugins.fleet.command import fleet
+
+
+def test_the_joint_that_wears_is_found_and_no_other(written):
+    worn = [f for f in written[1]["findings"] if f["quantity"] == "friction"]
+    assert [(f["cell"], f["joint"], f["what"]) for f in worn] == [("weld-2", 3, "wears")]
+    assert worn[0]["percent"] == pytest.approx(50, abs=12)
+    assert 0 < worn[0]["low"] < worn[0]["percent"] < worn[0]["high"]
+    assert "weld-2: joint_3 wears" in worn[0]["statement"]
+    assert worn[0]["first"] < worn[0]["sure_since"] <= worn[0]["last"]
+
+
+def test_a_new_load_is_a_step_in_its_week(written):
+    load = [f for f in written[1]["findings"] if f["quantity"] == "load"]
+    assert [(f["cell"], f["what"], f["first"]) for f in load] == [("weld-4", "stepped_up", "2026-02-16")]
+    assert load[0]["percent"] == pytest.approx(1.5, abs=0.25)
+    energy = [f for f in written[1]["findings"] if f["quantity"] == "energy"]
+    assert {f["cell"] for f in energy} <= {"weld-4", "weld-2"}
+
+
+def test_what_cannot_be_used_is_named_with_its_reason(written):
+    skipped = {s["place"].rpartition("/")[2]: s["why"] for s in written[1]["skipped"]}
+    assert set(skipped) == {"2026-02-03_cut.parquet", "2026-02-04_power_only.csv", "no_date.csv"}
+    assert "no column q_1" in skipped["2026-02-04_power_only.csv"]
+    assert "no date" in skipped["no_date.csv"]
+    assert all(why in written[2] for why in skipped.values())
+    assert {s["cell"] for s in written[1]["skipped"]} == {"weld-5"}
+
+
+def test_the_table_has_a_line_a_finding(written):
+    with (written[0] / "fleet.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(written[1]["findings"]) + len(written[1]["shared"])
+    first = rows[0]
+    assert (first["cell"], first["kind"], first["joint"], first["quantity"]) == ("weld-2", "welder", "3", "friction")
+    assert float(first["low"]) < float(first["change"]) < float(first["high"])
+
+
+def test_the_page_has_table_courses_cells_and_what_was_skipped(written):
+    page = (written[0] / "report.html").read_text()
+    assert "1 joint wears" in page
+    assert page.count("<figure") == 2
+    assert "2026-02-03_cut.parquet" in page
+    assert page.index('aria-label="Findings"') < page.index("<figure")
+
+
+def test_a_lake_without_recordings_or_description_says_what_to_do(tmp_path):
+    def failed(*words):
+        done = CliRunner().invoke(fleet, [str(tmp_path), "--out", str(tmp_path / "out"), *words])
+        return done.exception
+
+    assert isinstance(failed(), RecordingError)
+    (tmp_path / "weld-1").mkdir()
+    (tmp_path / "weld-1" / "2026-01-05.csv").write_text("t,power\n0,1\n1,2\n")
+    assert isinstance(error := failed(), ConfigError)
+    assert "--robot 'weld-1=FILE'" in str(error)
+    assert "no recording of the lake can be used" in str(failed("--robot", "weld-*=mh12"))

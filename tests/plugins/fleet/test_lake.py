@@ -1,0 +1,110 @@
+import pickle
+import shutil
+from datetime import date
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt.frames import FrameChannel, Frames, Layout
+from cellwatt.record import Header, Recorder, RecordSettings
+from cellwatt.tables import read_table
+from cellwatt_plugins.fleet.lake import find, monday, week_of
+from cellwatt_plugins.fleet.weekly import week_of_cell
+
+
+def frames_of(table, begin):
+    """The same samples as the historian's lake has them: channels of a source, and UTC times."""
+    ns = (begin + table.time * 1e9).astype(np.int64)
+    columns = {"time": pa.array(ns, pa.timestamp("ns", tz="UTC")), "session": pa.array(np.zeros(len(ns), np.int64))}
+    for i in range(6):
+        columns[f"arm.joint_{i + 1}.position"] = table.columns[f"q_{i + 1}"]
+        columns[f"arm.joint_{i + 1}.torque"] = table.columns[f"tau_{i + 1}"]
+    return pa.table(columns | {"supply.power": table.columns["power"]})
+
+
+def test_weeks_begin_on_monday():
+    assert week_of(date(2026, 1, 5)) == week_of(date(2026, 1, 11)) == week_of(date(2026, 1, 12)) - 1
+    assert monday(week_of(date(2026, 3, 1))) == date(2026, 2, 23)
+
+
+def test_a_lake_of_the_historian_gives_the_same_as_files(lake, tmp_path):
+    source = next((lake / "weld" / "weld-0").glob("*.parquet"))
+    day = source.name[:10]
+    folder = tmp_path / "frames" / "site=plant-1" / "cell=weld-0" / f"day={day}"
+    folder.mkdir(parents=True)
+    begin = int(np.datetime64(day).astype("datetime64[ns]").astype(np.int64))
+    pq.write_table(frames_of(read_table(source), begin), folder / "1795222800000000000_0_29999.parquet")
+    (tmp_path / "energies" / "cell=weld-0").mkdir(parents=True)
+    shutil.copy(source, tmp_path / "energies" / "cell=weld-0" / "x.parquet")
+    own = next(item for item in find(lake).weeks if source in item.files)
+    (item,) = find(tmp_path, [f"weld-*={lake / 'weld'}"]).weeks
+    assert (item.cell, item.week) == ("weld-0", own.week)
+    one, other = week_of_cell(item), week_of_cell(type(own)(own.cell, own.robot, own.week, (source,)))
+    assert len(one.repetitions) == 2
+    assert one.coulomb == pytest.approx(other.coulomb, rel=1e-3)
+    assert one.repetitions[0].energy == pytest.approx(other.repetitions[0].energy, rel=1e-3)
+
+
+def test_a_week_sent_to_a_worker_gives_the_same_bytes(lake):
+    item = find(lake).weeks[0]
+    sent = pickle.loads(pickle.dumps(item))
+    assert pickle.dumps(week_of_cell(sent)) == pickle.dumps(week_of_cell(item))
+
+
+def test_the_friction_of_a_week_is_that_of_the_arm(lake):
+    from fleet.emulated import Arm, Life
+
+    week = week_of_cell(find(lake).weeks[0])
+    life = Life(Arm("weld-0", "weld", 40), 12)
+    heat = np.mean([repetition.temperature for repetition in week.repetitions], axis=0)
+    true = life.coulomb * (1 - 0.003 * (heat - 28))
+    true += life.viscous * np.exp(-life.thinner * (heat - 28)) * week.speed**0.95
+    true *= life.gain * np.exp(life.wander[0])
+    assert week.coulomb + week.viscous * week.speed == pytest.approx(true, rel=0.1)
+
+
+def test_last_weeks_cells_of_one_name_and_descriptions_of_one_name(lake, tmp_path):
+    assert {item.week for item in find(lake, last=6).weeks} == {week_of(date(2026, 2, 16)) + i for i in range(6)}
+    for hall in ("north", "south"):
+        folder = tmp_path / hall / "weld-1"
+        folder.mkdir(parents=True)
+        (folder / "2026-01-05.csv").write_text("t,q_1\n0,1\n1,2\n")
+        shutil.copytree(
+            lake / "weld",
+            tmp_path / hall,
+            ignore=lambda _, names: {n for n in names if "weld" in n},
+            dirs_exist_ok=True,
+        )
+    assert [item.cell for item in find(tmp_path).weeks] == ["north/weld-1", "south/weld-1"]
+    changed = (tmp_path / "north" / "robot.yaml").read_text().replace("standby_power: 180", "standby_power: 90")
+    (tmp_path / "north" / "robot.yaml").write_text(changed)
+    with pytest.raises(ConfigError, match="give it another name"):
+        find(tmp_path)
+
+
+async def recorded(folder, table, begin, session):
+    """The samples as a recording of a daemon that was started at ``session``, ns."""
+    names = [f"arm.joint_{i + 1}.{what}" for what in ("position", "torque") for i in range(6)]
+    units = ["rad"] * 6 + ["Nm"] * 6
+    layout = Layout(tuple(FrameChannel(n, u, "continuous", "linear") for n, u in zip(names, units, strict=True)), 50.0)
+    values = np.column_stack([table.columns[f"{what}_{i + 1}"] for what in ("q", "tau") for i in range(6)])
+    time = begin + np.round(table.time * 1e9).astype(np.int64)
+    quality = np.zeros(values.shape, np.uint8)
+    recorder = Recorder(RecordSettings(folder=folder), Header("plant-1", "weld-0", session))
+    recorder.start()
+    assert recorder.frames(Frames(layout, 0, time, values, quality, np.zeros(values.shape, np.int64)))
+    await recorder.close()
+
+
+async def test_a_recording_belongs_to_the_week_in_which_it_began_not_its_daemon(lake, tmp_path):
+    source = next((lake / "weld" / "weld-0").glob("*.parquet"))
+    day = np.datetime64("2026-03-04T10:00:00", "ns").astype(np.int64)
+    await recorded(tmp_path / "weld-0", read_table(source), int(day), int(day) - 60 * 86_400 * 10**9)
+    (item,) = find(tmp_path, [str(lake / "weld")]).weeks
+    assert (item.cell, monday(item.week)) == ("weld-0", date(2026, 3, 2))
+    week = week_of_cell(item)
+    assert week.skipped == ()
+    assert len(week.repetitions) == 2

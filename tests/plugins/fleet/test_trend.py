@@ -1,0 +1,142 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellwatt_plugins.fleet.adjusted import Course, Told, course_of, shrunk, warmth_of
+from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind
+from cellwatt_plugins.fleet.judge import judged
+from cellwatt_plugins.fleet.kinds import common_course, less_common, spread_of
+from cellwatt_plugins.fleet.trend import line, persistence, rather_a_step, steps_in
+
+WEEKS = np.arange(100, 126)
+
+
+def wandering(rng, rho=0.5, scatter=0.02, error=0.01, weeks=WEEKS):
+    """A course without a trend: weeks that remember the one before, and errors of their own."""
+    values, last = np.empty(len(weeks)), scatter * rng.standard_normal()
+    for i in range(len(weeks)):
+        last = rho * last + scatter * np.sqrt(1 - rho**2) * rng.standard_normal() if i else last
+        values[i] = last + error * rng.standard_normal()
+    return Course(weeks, values, error**2 * np.eye(len(weeks)))
+
+
+def test_slopes_are_within_their_errors_as_often_as_they_say():
+    rng = np.random.default_rng(1)
+    lines = [line(wandering(rng), 0.6) for _ in range(200)]
+    pulls = np.array([each.slope / each.error for each in lines])
+    assert np.mean(np.abs(pulls) < 2.06) == pytest.approx(0.95, abs=0.05)
+
+
+def test_weeks_that_remember_are_told_from_weeks_that_do_not():
+    rng = np.random.default_rng(2)
+    assert persistence([wandering(rng, rho=0.0) for _ in range(25)]) <= 0.3
+    assert persistence([wandering(rng, rho=0.8, error=0.003) for _ in range(25)]) >= 0.7
+
+
+def test_a_step_is_found_in_its_week_and_none_in_a_slope():
+    rng = np.random.default_rng(3)
+    sound = wandering(rng)
+    fallen = Course(WEEKS, sound.values - 0.3 * (WEEKS >= 114), sound.covariance)
+    (step,) = steps_in(fallen, 0.4, 1e-5)
+    assert step.week == 114
+    assert step.size == pytest.approx(-0.3, abs=0.08)
+    rising = Course(WEEKS, sound.values + 0.3 * (WEEKS - 100) / 25, sound.covariance)
+    assert steps_in(rising, 0.4, 1e-5) == []
+    assert rather_a_step(rising, 0.4, 1e-9) is None
+    assert abs(rather_a_step(fallen, 0.4, 1e-9).week - 114) <= 1
+    after = line(fallen, 0.4, [step])
+    assert (after.first, after.last, after.weeks) == (114, 125, 12)
+
+
+def test_too_few_weeks_have_no_line():
+    rng = np.random.default_rng(4)
+    assert line(wandering(rng, weeks=WEEKS[:5]), 0.4) is None
+
+
+def test_a_season_is_common_and_one_arm_of_many_does_not_move_it():
+    rng = np.random.default_rng(5)
+    season = 0.1 * np.sin(WEEKS / 8)
+    courses = {i: wandering(rng, scatter=0.005, error=0.002).less(-season - 0.3 * i) for i in range(9)}
+    courses[4] = courses[4].less(-0.02 * (WEEKS - 100))
+    common = common_course(courses)
+    assert np.abs(common.values - (season - season.mean())).max() < 0.02
+    left = less_common(courses[4], common)
+    assert left.values[-1] - left.values[0] == pytest.approx(0.5, abs=0.05)
+    assert common_course({i: courses[i] for i in range(4)}) is None
+
+
+def test_how_far_sound_arms_are_apart_is_told_beside_a_few_that_are_not():
+    rng = np.random.default_rng(6)
+    slopes = np.hypot(0.01, 0.02) * rng.standard_normal(300)
+    slopes[:9] = 1.0
+    assert spread_of(slopes.tolist(), [0.01] * 300) == pytest.approx(0.02, rel=0.15)
+    assert spread_of([0.001] * 20, [0.01] * 20) == 0.0
+
+
+def fleet_of(rng, worn=None, arms=12):
+    courses = {}
+    for i in range(arms):
+        for joint in range(1, 7):
+            course = wandering(rng)
+            if (i, joint) == worn:
+                course = course.less(-0.3 * (WEEKS - 100) / 25)
+            courses[Place(f"weld-{i:02d}", joint)] = course
+    return [Courses("welder", "friction", True, courses)]
+
+
+def test_the_worn_joint_alone_is_sure():
+    (found,) = judged(fleet_of(np.random.default_rng(7), worn=(3, 2)), 0.01, 0.05)
+    assert found.sure == {Place("weld-03", 2)}
+    trend = found.trends[Place("weld-03", 2)]
+    low, high = (end * trend.span for end in trend.interval())
+    assert low < 0.3 < high
+    assert 105 < found.since[Place("weld-03", 2)] < 125
+    assert not any(found.steps.values())
+
+
+def told_of(rng, slope=-0.01, wear=0.0):
+    """Two programs whose mix turns over, in a hall that becomes warmer."""
+    week = np.repeat(np.arange(26), 3)
+    program = (rng.random(len(week)) < week / 25).astype(int)
+    warmth = 20 + 0.4 * week + 3 * rng.standard_normal(len(week))
+    values = slope * (warmth - 20) + wear * week / 25 - 0.08 * program + 0.01 * rng.standard_normal(len(week))
+    return Told(values, week, np.arange(len(week)), program, warmth)
+
+
+def test_programs_and_temperature_are_taken_out():
+    rng = np.random.default_rng(8)
+    told = told_of(rng, wear=0.1)
+    found = warmth_of(told, 0.1)
+    assert found.slope == pytest.approx(-0.01, abs=4 * found.error)
+    course = course_of(told, 0.1, 0.01, shrunk([found])[0], 20.0)
+    rise = line(course, 0.0)
+    assert rise.slope * 25 == pytest.approx(0.1, abs=4 * rise.error * 25)
+    assert 4 * rise.error * 25 < 0.05
+    assert np.polyfit(told.week, told.values, 1)[0] * 25 < 0.0
+
+
+def test_temperature_that_is_not_sure_to_count_is_left_alone():
+    rng = np.random.default_rng(9)
+    assert shrunk([warmth_of(told_of(rng, slope=0.0), 0.1) for _ in range(3)]) == [0.0] * 3
+    slopes = shrunk([warmth_of(told_of(rng), 0.1) for _ in range(6)])
+    assert np.ptp(slopes) < 0.001
+    assert np.mean(slopes) == pytest.approx(-0.01, abs=0.001)
+
+
+def test_one_recording_a_week_is_enough():
+    rng = np.random.default_rng(10)
+    week = np.arange(26)
+    values = 1.0 + 0.2 * week / 25 + 0.01 * rng.standard_normal(26)
+    told = Told(values, week, week, np.zeros(26, int))
+    groups, _ = courses_of_kind("welder", {"weld-1": {("friction", 1): told}})
+    course = groups[0].by_place[Place("weld-1", 1)]
+    assert np.ptp(course.values - values) == pytest.approx(0.0, abs=1e-6)
+    assert line(course, 0.1).slope * 25 == pytest.approx(0.2, abs=0.03)
+
+
+def test_few_arms_without_temperature_are_judged_alone():
+    (group,) = fleet_of(np.random.default_rng(11), worn=(1, 2), arms=2)
+    (found,) = judged([replace(group, with_temperature=False)], 0.01, 0.05)
+    assert found.alone
+    assert found.sure == {Place("weld-01", 2)}
