@@ -8,11 +8,12 @@ from typing import Any
 
 from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
-from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers
+from cellwatt.publish.answers import Answers
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import ARROW, decode
 from cellwatt.publish.keys import QUESTIONS, CellKeys
 from cellwatt.publish.mark import Mark
+from cellwatt.publish.past import MOST_RESULTS, MOST_SAMPLES
 from cellwatt.publish.questions import parameters
 from cellwatt.results import Alarm
 from cellwatt.sink import CellView

@@ -19,16 +19,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from cellwatt.blocks import cut, join
 from cellwatt.errors import CellwattError
 from cellwatt.publish.backlog import Backlog
-from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
-from cellwatt.publish.keys import ALARM, FRAME, CellKeys, alarm_path, raw_topic
+from cellwatt.publish.encode import JSON
+from cellwatt.publish.keys import ALARM, CellKeys, alarm_path
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import encode_item, encode_json
+from cellwatt.publish.past import MOST_RESULTS, Answer, Past
 from cellwatt.publish.questions import (
     LARGEST,
     NothingKeptError,
@@ -36,7 +36,6 @@ from cellwatt.publish.questions import (
     number_of,
     parameters,
     short,
-    text_of,
 )
 from cellwatt.publish.signing import Seal
 from cellwatt.publish.turns import Pace, Turns, Work
@@ -48,30 +47,12 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MOST_SAMPLES: Final = 2000
-"""Samples in one answer; about 1 MB of sixty channels."""
-MOST_RESULTS: Final = 500
-"""Results in one answer, and cleared alarms."""
 _WAITING: Final = 64
 """Questions that may wait; more are refused, and a consumer asks again."""
 _PAST: Final = ("history", "results")
 """Questions whose answers may be large, and are many after a cut."""
-_ROW: Final = 33
-"""Bytes of one sample or frame beside its channels, about."""
-_CELL: Final = 17
-"""Bytes of one channel of a frame: value, quality and bound."""
 STUCK: Final = 10.0
 """Time, s, that one question may take before health says that the answers are stuck."""
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """One answer; ``path`` is its key within the cell as a back-filled message."""
-
-    payload: bytes
-    encoding: str = JSON
-    mark: Mark | None = None
-    path: str | None = None
 
 
 class Answers:
@@ -99,18 +80,17 @@ class Answers:
         self._seal = seal or Seal(keys.root, None)
         self._pace = Pace(rate)
         self._turns = self._new_turns()
-        self._sizes: dict[str, int] = {}
-        """Bytes of one sample of each topic that was answered about."""
         self._thread: threading.Thread | None = None
         self._busy_since: float | None = None
         self._told: set[str] = set()
+        past = Past(view, backlog, lambda: self._pace.piece(self._turns.waiting))
         self._known: dict[str, Callable[[Mapping[str, str]], Answer]] = {
             "status": lambda _: self._status(*health()),
             "config": lambda _: Answer(encode_json(view.config())),
             "schema": lambda _: Answer(encode_json(view.schema())),
             "recordings": lambda _: Answer(encode_json(list(view.recordings()))),
-            "history": self._history,
-            "results": self._results,
+            "history": past.history,
+            "results": past.results,
         }
 
     def start(self, session: zenoh.Session) -> None:
@@ -155,61 +135,6 @@ class Answers:
     @staticmethod
     def _status(mark: Mark, payload: bytes) -> Answer:
         return Answer(payload, mark=mark)
-
-    def _history(self, asked: Mapping[str, str]) -> Answer:
-        session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
-        whole = number_of(asked, "count", MOST_SAMPLES)
-        count = min(whole, MOST_SAMPLES)
-        if "source" not in asked and asked.get("stream") == FRAME:
-            return self._frames(session, first, whole)
-        source, stream = text_of(asked, "source"), text_of(asked, "stream")
-        topic = raw_topic(source, stream)
-        if topic in self._sizes:
-            count = self._fitting(count, self._sizes[topic])
-        batch = join(self._view.history(source, stream, session, first, count), count)
-        if batch is not None:  # it may begin beyond what was asked for, where all of that is gone
-            batch = cut(batch, 0, min(len(batch), max(first + whole - batch.sequence, 0)))
-        if not batch:
-            about = f"{source}/{stream}"
-            raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
-        self._sizes[topic] = _ROW + 8 * len(batch.stream.channels)
-        batch = cut(batch, 0, self._fitting(len(batch), self._sizes[topic]))
-        mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
-        return Answer(encode_batch(batch), ARROW, mark, topic)
-
-    def _fitting(self, count: int, size: int) -> int:
-        """``count`` rows of ``size`` bytes, or as many as one answer may have now; at least one."""
-        return max(int(min(count, self._pace.piece(self._turns.waiting) / size)), 1)
-
-    def _frames(self, session: int, first: int, whole: int) -> Answer:
-        kept = self._backlog.frames(session, first, whole)
-        if not kept:
-            raise NothingKeptError(f"no frames are kept from {first} in session {session}")
-        begin, block = kept[0]
-        count = self._fitting(min(whole, MOST_SAMPLES), _ROW + _CELL * block.values.shape[1])
-        skipped = max(first - begin.sequence, 0)
-        count = min(count, first + whole - begin.sequence - skipped)
-        joined = join([frames for _, frames in kept], skipped + count)
-        assert joined is not None
-        frames = cut(joined, skipped, len(joined))
-        mark = replace(begin, sequence=frames.sequence, count=len(frames), backfill=True)
-        return Answer(encode_frames(frames), ARROW, mark, FRAME)
-
-    def _results(self, asked: Mapping[str, str]) -> Answer:
-        kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
-        whole = number_of(asked, "count", MOST_RESULTS)
-        kept = self._backlog.results(kind, session, number_of(asked, "first", 0), whole)[:MOST_RESULTS]
-        if not kept:
-            raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
-        items, room = [], self._pace.piece(self._turns.waiting)
-        for m, item in kept:
-            items.append(encode_item(item, m))
-            room -= len(items[-1])
-            if room <= 0:
-                break
-        first, last = kept[0][0], kept[len(items) - 1][0]
-        mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
-        return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
 
     # Zenoh ------------------------------------------------------------------------------------------
 

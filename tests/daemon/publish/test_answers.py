@@ -6,11 +6,13 @@ import pyarrow as pa
 import pytest
 
 from cellwatt import CellwattError
-from cellwatt.publish.answers import MOST_RESULTS, MOST_SAMPLES, Answers, QuestionError
+from cellwatt.publish.answers import Answers
 from cellwatt.publish.backlog import RESULTS_KEPT, Backlog
 from cellwatt.publish.encode import ARROW, JSON
 from cellwatt.publish.keys import CellKeys
 from cellwatt.publish.mark import Mark
+from cellwatt.publish.past import MOST_RESULTS, MOST_SAMPLES
+from cellwatt.publish.questions import QuestionError
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 
 NUMBERING = EPOCH + 5

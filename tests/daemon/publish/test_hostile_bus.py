@@ -321,7 +321,7 @@ async def test_an_answer_about_something_else_is_not_taken(cell: Cell, monkeypat
 
 
 def forged_answer() -> Any:
-    from cellwatt.publish.answers import Answer
+    from cellwatt.publish.past import Answer
 
     payload = encode_batch(batch(0, 5))
     return Answer(payload, "application/vnd.apache.arrow.stream", Mark(FUTURE, LEAP, 5, EPOCH, True), RAW)

@@ -281,7 +281,7 @@ async def test_an_answer_that_cannot_be_read_is_a_gap_after_some_patience(
 ) -> None:
     async with cell.subscriber(want=("raw",), patience=0.3) as subscriber:
         await joined(subscriber)
-        monkeypatch.setattr("cellwatt.publish.answers.encode_batch", lambda _: b"not Arrow")
+        monkeypatch.setattr("cellwatt.publish.past.encode_batch", lambda _: b"not Arrow")
         cell.give(0, 4, live=False)
         cell.give(4, 5)
         gap, live = await read(subscriber, 2)

@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from cellwatt.publish import ZenohSettings, ZenohSink
-from cellwatt.publish.answers import MOST_SAMPLES, Answers
+from cellwatt.publish.answers import Answers
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.keys import CellKeys
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mark import Mark
+from cellwatt.publish.past import MOST_SAMPLES
 from cellwatt.publish.turns import Pace, Turns
 from cellwatt.subscriber import Subscriber
 from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames

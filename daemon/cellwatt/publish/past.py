@@ -1,0 +1,101 @@
+"""Answers about the past: recorded samples, frames and results in memory, one bounded piece at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+from cellwatt.blocks import cut, join
+from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.publish.keys import FRAME, raw_topic
+from cellwatt.publish.mark import Mark
+from cellwatt.publish.messages import encode_item
+from cellwatt.publish.questions import NothingKeptError, number_of, short, text_of
+from cellwatt.sink import CellView
+
+MOST_SAMPLES: Final = 2000
+"""Samples in one answer; about 1 MB of sixty channels."""
+MOST_RESULTS: Final = 500
+"""Results in one answer, and cleared alarms."""
+_ROW: Final = 33
+"""Bytes of one sample or frame beside its channels, about."""
+_CELL: Final = 17
+"""Bytes of one channel of a frame: value, quality and bound."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer; ``path`` is its key within the cell as a back-filled message."""
+
+    payload: bytes
+    encoding: str = JSON
+    mark: Mark | None = None
+    path: str | None = None
+
+
+class Past:
+    """What a cell still has of its past; ``piece`` gives the most bytes that one answer may have now."""
+
+    def __init__(self, view: CellView, backlog: Backlog, piece: Callable[[], float]) -> None:
+        self._view, self._backlog, self._piece = view, backlog, piece
+        self._sizes: dict[str, int] = {}
+        """Bytes of one sample of each topic that was answered about."""
+
+    def history(self, asked: Mapping[str, str]) -> Answer:
+        """Recorded samples, or frames in memory. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
+        whole = number_of(asked, "count", MOST_SAMPLES)
+        count = min(whole, MOST_SAMPLES)
+        if "source" not in asked and asked.get("stream") == FRAME:
+            return self._frames(session, first, whole)
+        source, stream = text_of(asked, "source"), text_of(asked, "stream")
+        topic = raw_topic(source, stream)
+        if topic in self._sizes:
+            count = self._fitting(count, self._sizes[topic])
+        batch = join(self._view.history(source, stream, session, first, count), count)
+        if batch is not None:  # it may begin beyond what was asked for, where all of that is gone
+            batch = cut(batch, 0, min(len(batch), max(first + whole - batch.sequence, 0)))
+        if not batch:
+            about = f"{source}/{stream}"
+            raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
+        self._sizes[topic] = _ROW + 8 * len(batch.stream.channels)
+        batch = cut(batch, 0, self._fitting(len(batch), self._sizes[topic]))
+        mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
+        return Answer(encode_batch(batch), ARROW, mark, topic)
+
+    def _fitting(self, count: int, size: int) -> int:
+        """``count`` rows of ``size`` bytes, or as many as one answer may have now; at least one."""
+        return max(int(min(count, self._piece() / size)), 1)
+
+    def _frames(self, session: int, first: int, whole: int) -> Answer:
+        kept = self._backlog.frames(session, first, whole)
+        if not kept:
+            raise NothingKeptError(f"no frames are kept from {first} in session {session}")
+        begin, block = kept[0]
+        count = self._fitting(min(whole, MOST_SAMPLES), _ROW + _CELL * block.values.shape[1])
+        skipped = max(first - begin.sequence, 0)
+        count = min(count, first + whole - begin.sequence - skipped)
+        joined = join([frames for _, frames in kept], skipped + count)
+        assert joined is not None
+        frames = cut(joined, skipped, len(joined))
+        mark = replace(begin, sequence=frames.sequence, count=len(frames), backfill=True)
+        return Answer(encode_frames(frames), ARROW, mark, FRAME)
+
+    def results(self, asked: Mapping[str, str]) -> Answer:
+        """Results or events of one kind. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
+        whole = number_of(asked, "count", MOST_RESULTS)
+        kept = self._backlog.results(kind, session, number_of(asked, "first", 0), whole)[:MOST_RESULTS]
+        if not kept:
+            raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
+        items, room = [], self._piece()
+        for m, item in kept:
+            items.append(encode_item(item, m))
+            room -= len(items[-1])
+            if room <= 0:
+                break
+        first, last = kept[0][0], kept[len(items) - 1][0]
+        mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
+        return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
