@@ -27,6 +27,8 @@ FAR_BETTER: Final = 6.0
 PERSISTENCES: Final = (0.0, 0.2, 0.4, 0.6, 0.8)
 CAREFUL: Final = 0.1
 """Added to the correlation that is most likely: one that is too low makes errors too small."""
+LONGEST: Final = 0.9
+"""Correlation, at most: at 1 no number of weeks would tell a line from what comes and goes."""
 MOST_COURSES: Final = 120
 """Courses that tell it."""
 _SCATTERS: Final = np.concatenate([[1e-3], np.geomspace(0.05, 3.0, 22)])
@@ -68,7 +70,7 @@ def persistence(courses: Sequence[Course]) -> float:
     """Return the correlation from week to week of all courses about their lines, with care: not the lowest likely."""
     long = [course for course in courses if len(course.weeks) >= FEWEST + 2]
     if not long:
-        return PERSISTENCES[-1]
+        return LONGEST
     long = long[:: -(-len(long) // MOST_COURSES)]
 
     def told(rho: float) -> float:
@@ -76,7 +78,7 @@ def persistence(courses: Sequence[Course]) -> float:
 
     best = max(PERSISTENCES, key=told)
     near = [best, *(rho for rho in (best - 0.1, best + 0.1) if rho > 0)]
-    return max(near, key=told) + CAREFUL
+    return min(max(near, key=told) + CAREFUL, LONGEST)
 
 
 def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:

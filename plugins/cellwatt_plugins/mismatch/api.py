@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from cellwatt.files import Place, Places, paths_of
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
-from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.admission import admit
 from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states
 from cellwatt_plugins.robot import Arm
@@ -39,8 +39,8 @@ def explain(
     recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
     with threadpool_limits(1):
         runs = read_runs(recorded, simulated, arm.description, metered)
-        base, notes = examine(runs, arm)
-        found = explain_runs(runs, base, notes=notes, seconds=seconds)
+        admitted = admit(runs, arm)
+        found = explain_runs(runs, admitted.base, notes=admitted.notes, seconds=seconds, states=admitted.states)
     return replace(found, inputs=(*recorded, *simulated, *metered, robot_file(robot), arm.description.urdf))
 
 

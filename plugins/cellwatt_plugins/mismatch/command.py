@@ -8,8 +8,10 @@ from pathlib import Path
 import click
 from threadpoolctl import threadpool_limits
 
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FiniteRange
 from cellwatt.commands.quiet import with_progress
+from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.progress import stage
 from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
@@ -22,7 +24,6 @@ from cellwatt_plugins.mismatch.verdict.findings import Findings
 from cellwatt_plugins.robot import Arm
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
-FILE = click.Path(exists=True, path_type=Path)
 METER = "Power (t, power) that a meter logged on its own clock, one a recording."
 
 
@@ -42,12 +43,12 @@ class _Explain(click.Command):
 
 
 @click.command(cls=_Explain)
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=FILE)
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option(
-    "--simulation", "simulations", multiple=True, type=FILE, help="What the simulation says, one a recording."
+    "--simulation", "simulations", multiple=True, type=INPUT, help="What the simulation says, one a recording."
 )
-@click.option("--meter", "meters", multiple=True, type=FILE, help=METER)
-@click.option("--robot", required=True, type=FILE, help="The robot's YAML description, or the folder that holds it.")
+@click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
+@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 @click.option(
@@ -56,9 +57,9 @@ class _Explain(click.Command):
     type=FiniteRange(min=1.0),
     default=50.0,
     show_default=True,
-    help="Seconds of computing after which nothing more is looked for.",
+    help="Seconds of computing (with --scheduler: on the clock) after which nothing more is looked for.",
 )
-@click.option("--mend", "simulator", type=FILE, help="MJCF or URDF to write anew into OUT, with what was found in it.")
+@click.option("--mend", "simulator", type=INPUT, help="MJCF or URDF to write anew into OUT, with what was found in it.")
 @click.option("--no-report", is_flag=True, help="Leave out report.html.")
 @click.option(
     "--suggest",
@@ -67,6 +68,7 @@ class _Explain(click.Command):
     help="CSV file to write: the motion that would tell what these recordings cannot.",
 )
 @with_progress
+@with_scheduler
 def explain(
     recordings: tuple[Path, ...],
     simulations: tuple[Path, ...],
@@ -112,9 +114,9 @@ def explain(
 
 
 @click.command()
-@click.option("--model", required=True, type=FILE, help="model.yaml of `cellwatt explain`, or its folder.")
-@click.option("--motion", required=True, type=FILE, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
-@click.option("--simulation", type=FILE, help="What the user's simulation says of that motion; the model adds to it.")
+@click.option("--model", required=True, type=INPUT, help="model.yaml of `cellwatt explain`, or its folder.")
+@click.option("--motion", required=True, type=INPUT, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
+@click.option("--simulation", type=INPUT, help="What the user's simulation says of that motion; the model adds to it.")
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Parquet file to write.")
 @click.option("--json", "as_json", is_flag=True, help="Report as JSON.")
 @with_progress

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,10 @@ from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem, torque_problem
+from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.fit.search.budget import now
+from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
@@ -86,19 +87,21 @@ def explain(
     thresholds: Thresholds = DEFAULT,
     notes: Sequence[str] = (),
     seconds: float = np.inf,
+    states: Sequence[States] = (),
 ) -> Explained:
-    """Find where the runs differ from the simulation, name the causes and model them; ``notes`` are of admission.
+    """Find where the runs differ from the simulation, name the causes and model them.
 
-    What is not found after ``seconds`` of this process's time is not looked for.
+    ``notes`` and ``states`` are of admission. What is not found after ``seconds`` is not looked for; see ``now``.
     """
-    until = time.process_time() + seconds
-    states = [base.states(run, i) for i, run in enumerate(runs)]
+    until = now() + seconds
+    states = states or [base.states(run, i) for i, run in enumerate(runs)]
     body = base.arm.body
+    torques = Torques(runs, states)
     with stage("fitting the nominal parameters"):
-        nominal = search(lambda turning: torque_problem(runs, states, turning), body.joints, thresholds, effects=())
+        nominal = search(torques, body.joints, thresholds, effects=())
     with stage("looking for effects in the torques"):
         torque = search(
-            lambda turning: torque_problem(runs, states, turning),
+            torques,
             body.joints,
             thresholds,
             until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
@@ -107,7 +110,7 @@ def explain(
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
-        supply = None if supplied is None else search(lambda _: supplied, 1, thresholds, until=until)
+        supply = None if supplied is None else search(Supply(supplied), 1, thresholds, until=until)
     with stage("judging by data left out"):
         findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
     return Explained(findings, model_of(torque, supply), torque, supply, nominal, tuple(runs))

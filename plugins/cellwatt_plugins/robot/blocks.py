@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,10 +59,11 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Product:
-    """A block's columns over their standard deviation at one channel, and their products."""
+    """A block's columns at one channel, and the products of these over their standard deviation."""
 
     channel: int
     columns: Float
+    """As they are in the block, which has them anyway."""
     cross: Float
     """With the design's columns."""
     gram: Float
@@ -110,7 +112,7 @@ class Design:
             for i, part in acting:
                 span = slice(start, start + part.shape[1])
                 columns = together[:, span]
-                out[i].append(_Product(c, columns, cross[:, span], columns.T @ columns, pull[span]))
+                out[i].append(_Product(c, part, cross[:, span], columns.T @ columns, pull[span]))
                 start = span.stop
         return out
 
@@ -136,15 +138,20 @@ class Regression:
     Raises ``numpy.linalg.LinAlgError`` where data and priors do not determine the coefficients.
     """
 
-    def __init__(self, design: Design, blocks: Sequence[Block], factor: Float) -> None:
+    def __init__(self, design: Design, blocks: Sequence[Block], factor: Float, alike: Regression | None = None) -> None:
+        """``alike`` is a fit of the same blocks with another factor: their products are not made again."""
         self.design, self.blocks, self.factor = design, tuple(blocks), factor
         self.slices = places(self.blocks, design.size)
         self.size = self.slices[-1].stop if self.slices else design.size
-        self._added = design.by_channel(self.blocks, self.slices)
+        self._added: list[_Channel] = design.by_channel(self.blocks, self.slices) if alike is None else alike._added
+        self._crosses: list[Float] = (
+            [fixed.columns.T @ added.columns for fixed, added in zip(design.channels, self._added, strict=True)]
+            if alike is None
+            else alike._crosses
+        )
         information, right = np.zeros((self.size, self.size)), np.zeros(self.size)
-        for fixed, added, f in zip(design.channels, self._added, factor, strict=True):
+        for fixed, added, cross, f in zip(design.channels, self._added, self._crosses, factor, strict=True):
             there = np.concatenate([fixed.places, added.places])
-            cross = fixed.columns.T @ added.columns
             information[np.ix_(there, there)] += np.block([[fixed.gram, cross], [cross.T, added.gram]]) / f
             right[there] += np.concatenate([fixed.pull, added.pull]) / f
         prior = Prior.joined(*(block.prior for block in (*design.blocks, *self.blocks)))
@@ -162,6 +169,11 @@ class Regression:
         """Posterior covariance of all coefficients."""
         return self._fit.covariance
 
+    @cached_property
+    def _weighed(self) -> list[Float]:
+        """Rows of the added blocks' columns at each channel, over their variance."""
+        return [added.columns.T * self.design.root[:, c] for c, added in enumerate(self._added)]
+
     def gain(self, block: Block) -> tuple[float, Float]:
         """Return the log evidence (nats) that a further block adds, and the coefficients (m,) that it would have."""
         return self.gains([block])[0]
@@ -175,9 +187,10 @@ class Regression:
         spans = places(blocks, 0)
         for span, acting in zip(spans, products, strict=True):
             for own in acting:
-                added = self._added[own.channel]
-                mixed[self.design.channels[own.channel].places, span] += own.cross / self.factor[own.channel]
-                mixed[added.places, span] += added.columns.T @ own.columns / self.factor[own.channel]
+                c = own.channel
+                mixed[self.design.channels[c].places, span] += own.cross / self.factor[c]
+                if len(self._added[c].places):
+                    mixed[self._added[c].places, span] += self._weighed[c] @ own.columns / self.factor[c]
         target = np.concatenate([sum(own.pull / self.factor[own.channel] for own in acting) for acting in products])
         pull = target - mixed.T @ self.coefficients
         every = self._fit.solved(mixed)

@@ -34,6 +34,15 @@ def test_weeks_that_remember_are_told_from_weeks_that_do_not():
     assert persistence([wandering(rng, rho=0.8, error=0.003) for _ in range(25)]) >= 0.7
 
 
+def test_weeks_that_walk_at_random_leave_a_line_its_error():
+    rng = np.random.default_rng(12)
+    walks = [Course(WEEKS, np.cumsum(0.05 * rng.standard_normal(26)), 1e-8 * np.eye(26)) for _ in range(25)]
+    rho = persistence(walks)
+    lines = [line(each, rho) for each in walks]
+    assert all(each.free > 0 for each in lines)
+    assert np.mean([abs(each.slope) < 3 * each.error for each in lines]) > 0.9
+
+
 def test_a_step_is_found_in_its_week_and_none_in_a_slope():
     rng = np.random.default_rng(3)
     sound = wandering(rng)

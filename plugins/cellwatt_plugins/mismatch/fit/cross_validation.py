@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from cellwatt_plugins.mismatch.fit.folds import LEFT_OUT, Folds
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
 
@@ -15,8 +16,6 @@ Float = NDArray[np.float64]
 FOLDS = 4
 BLOCK = 4.0
 """s of a block, about."""
-LEFT_OUT = 1e9
-"""Factor on the variance of samples that do not count."""
 
 
 class CrossValidation:
@@ -26,30 +25,25 @@ class CrossValidation:
         self.problem, self.factor = problem, factor
         self.number = blocks_of(problem)
         self.fold = self.number % FOLDS
-        whole = problem.design
-        self._designs = [
-            Design(whole.target, np.where(self.fold[:, None] == k, LEFT_OUT, 1.0) / whole.root**2, whole.blocks)
-            for k in range(FOLDS)
-        ]
 
     def residual(self, terms: Sequence[Term]) -> Float:
         """Residual (N, C) of each row in the fit that did not see it."""
-        out = np.empty_like(self.problem.design.target)
-        for k, fit in enumerate(self.fits(terms)):
-            left = self.fold == k
-            out[left] = fit.residual[left]
-        return out
+        folds = self.problem.kept("folds", lambda: Folds(self.problem.design, self.fold, FOLDS))
+        return folds.residual([self.problem.block(term) for term in terms], self.factor)
 
     def fits(self, terms: Sequence[Term]) -> Iterator[Regression]:
         """The fit without the rows of each fold in turn."""
         blocks: list[Block] = [self.problem.block(term) for term in terms]
-        for design in self._designs:
-            yield Regression(design, blocks, self.factor)
+        whole = self.problem.design
+        for k in range(FOLDS):
+            variance = np.where(self.fold[:, None] == k, LEFT_OUT, 1.0) / whole.root**2
+            yield Regression(Design(whole.target, variance, whole.blocks), blocks, self.factor)
 
     def by_block(self, course: Float) -> Float:
         """Sums (B, C) over each block of what is given for each row, (N, C)."""
         out = np.zeros((int(self.number[-1]) + 1, course.shape[1]))
-        np.add.at(out, self.number, course)
+        for c in range(course.shape[1]):
+            out[:, c] = np.bincount(self.number, course[:, c], len(out))
         return out
 
 

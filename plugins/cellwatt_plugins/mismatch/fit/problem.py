@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
+K = TypeVar("K")
 
 ROWS = 16000
 """Rows that are fitted, about."""
@@ -77,6 +79,8 @@ class Problem:
 
     simulated: dict[tuple[object, ...], list[Float]] = field(default_factory=dict)
     """Columns of terms that depend on the motion alone."""
+    of_design: dict[str, object] = field(default_factory=dict)
+    """See ``kept``."""
 
     def stack(self, parts: Sequence[Float]) -> Float:
         """One array (each run's samples, …) per run to the fitted rows of all runs."""
@@ -120,35 +124,34 @@ class Problem:
     def _ends(self) -> NDArray[np.intp]:
         return np.cumsum([len(states.time) for states in self.states])[:-1]
 
-    def course(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> list[Float]:
-        """Torque (N, n) of each run at all samples: nominal law, nominal parameters off by ``nuisance``, and terms."""
-        out = [s.nominal.copy() for s in self.states]
-        for block, place in zip(self.nuisance, self.design.slices, strict=True):
-            for part, more in zip(
-                out, np.split(block.times(nuisance[place], out[0].shape[1]), self._ends), strict=True
-            ):
-                part += more
+    def course(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> tuple[list[Float], list[Float]]:
+        """Torque (N, n) of each run at all samples, and what of it the links need beyond the nominal.
+
+        It is the nominal law, nominal parameters off by ``nuisance``, and terms.
+        """
+        joints = self.states[0].arm.body.joints
+        carried = [s.regressor @ nuisance[: PER_LINK * joints] for s in self.states]
+        out = [s.nominal + load for s, load in zip(self.states, carried, strict=True)]
+        for block, place in zip(self.nuisance[joints:], self.design.slices[joints:], strict=True):
+            for part, columns in zip(out, np.split(block.columns, self._ends), strict=True):
+                part[:, block.channel or 0] += columns @ nuisance[place]
         for term, coefficients in terms:
-            for part, columns in zip(out, self.columns(term), strict=True):
+            for part, load, columns in zip(out, carried, self.columns(term), strict=True):
+                more = columns @ coefficients
                 if columns.ndim == 3:
-                    part += columns @ coefficients
+                    part += more
+                    load += more if term.effect.acts_on == "links" else 0.0
                 else:
-                    part[:, term.joint or 0] += columns @ coefficients
-        return out
+                    part[:, term.joint or 0] += more
+        return out, carried
 
-    def carried(self, nuisance: Float, terms: Sequence[tuple[Term, Float]]) -> list[Float]:
-        """Torque (N, n) of each run at all samples that the links need beyond the nominal."""
-        links = nuisance[: PER_LINK * self.states[0].arm.body.joints]
-        out = [s.regressor @ links for s in self.states]
-        for term, coefficients in terms:
-            if term.effect.acts_on == "links":
-                for part, columns in zip(out, self.columns(term), strict=True):
-                    part += columns @ coefficients
-        return out
+    def fit(self, blocks: Sequence[Block], factor: Float | None = None, alike: Regression | None = None) -> Regression:
+        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual.
 
-    def fit(self, blocks: Sequence[Block], factor: Float | None = None) -> Regression:
-        """Nuisance and ``blocks`` together; ``factor`` (C,) is the correlation factor of the residual."""
-        return Regression(self.design, blocks, np.full(len(self.floor), 2.0) if factor is None else factor)
+        ``alike`` is a fit of the same blocks with another factor.
+        """
+        given = np.full(len(self.floor), 2.0) if factor is None else factor
+        return Regression(self.design, blocks, given, alike)
 
     def factor(self, residual: Float) -> Float:
         """Correlation factor (C,) of a residual (N, C)."""
@@ -172,6 +175,12 @@ class Problem:
         new = replace(self, states=tuple(s.with_torque(t, c) for s, t, c in triples))
         new.__dict__["design"] = self.design
         return new
+
+    def kept(self, name: str, made: Callable[[], K]) -> K:
+        """What is made once of the design, which stays whatever torque is fitted."""
+        if name not in self.of_design:
+            self.of_design[name] = made()
+        return cast("K", self.of_design[name])
 
 
 def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float | None = None) -> Problem:

@@ -56,8 +56,10 @@ class Baseline:
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
         """The arm along a run, number ``index`` of those explained, as its simulation has it."""
-        torque, power = self.beyond(run)
-        motion = moved(run) if motion is None else motion
+        return self.along(run, index, moved(run) if motion is None else motion, *self.beyond(run))
+
+    def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
+        """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
         return States(run.name, index, run.time, motion, self.arm, run.temperature, torque, power)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:

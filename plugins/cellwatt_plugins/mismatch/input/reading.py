@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
+from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
@@ -44,37 +45,43 @@ def read_runs(
     the recordings in the same place. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the
     description lacks what it needs.
     """
-    runs = []
-    every = [_read(path, meter, robot) for path, meter in steps(with_meters(recordings, meters), "reading recording")]
+    sources = list(with_meters(recordings, meters))
+    every = spread(_read, sources, "reading recordings", shared=robot)
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
     simulator = _simulator(simulations, robot)
     tables = _matched(recordings, () if simulator is not None else simulations)
     pairs = list(zip(_names(recordings), slowed, tables, strict=True))
-    for name, signals, simulation in steps(pairs, "preparing run"):
-        run = Run(
-            name=name,
-            time=signals.time,
-            position=signals.needed("position"),
-            velocity=signals.joints.get("velocity"),
-            torque=motor_torque(signals, robot),
-            power=signals.power,
-            temperature=signals.joints.get("temperature"),
-            gaps=signals.gaps if signals.gaps.any() else None,
-            torque_from="torque" if "torque" in signals.joints else "current",
-            notes=signals.notes,
-        )
-        if simulation is not None:
-            simulated = read_signals(simulation, robot)
-            run = _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
-        elif "target_position" in signals.joints:
-            run = _with_targets(run, signals)
-        runs.append(run if simulator is None else _run_through(simulator, run))
-    return runs
+    runs = spread(_prepared, pairs, "preparing runs", shared=robot)
+    if simulator is None:
+        return runs
+    return [_run_through(simulator, run) for run in steps(runs, "simulating run")]
 
 
-def _read(path: Path, meter: Path | None, robot: RobotDescription) -> Signals:
+def _prepared(told: tuple[str, Signals, Path | None], robot: RobotDescription) -> Run:
+    """The run of a name, what was recorded of it, and the file of its simulation."""
+    name, signals, simulation = told
+    run = Run(
+        name=name,
+        time=signals.time,
+        position=signals.needed("position"),
+        velocity=signals.joints.get("velocity"),
+        torque=motor_torque(signals, robot),
+        power=signals.power,
+        temperature=signals.joints.get("temperature"),
+        gaps=signals.gaps if signals.gaps.any() else None,
+        torque_from="torque" if "torque" in signals.joints else "current",
+        notes=signals.notes,
+    )
+    if simulation is not None:
+        simulated = read_signals(simulation, robot)
+        return _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
+    return _with_targets(run, signals) if "target_position" in signals.joints else run
+
+
+def _read(source: tuple[Path, Path | None], robot: RobotDescription) -> Signals:
     """A recording, with the power of its meter's own file where there is one."""
+    path, meter = source
     signals = read_signals(path, robot)
     if meter is None:
         return signals

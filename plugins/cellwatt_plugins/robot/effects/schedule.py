@@ -39,7 +39,7 @@ def levels(
     paths: list[NDArray[np.bool_]] = []
     for _ in range(12):
         spread = _spread(values, weight, low, high)
-        paths = [_path(v, w, low, high, spread) for v, w in blocks]
+        paths = _paths(blocks, low, high, spread)
         path = np.concatenate(paths)
         if path.all() or not path.any():
             return []
@@ -88,20 +88,28 @@ def _spread(values: Float, weight: Float, low: float, high: float) -> float:
     return float(np.mean(off)) + 1e-12
 
 
-def _path(values: Float, weight: Float, low: float, high: float, spread: float) -> NDArray[np.bool_]:
-    """Most likely path (True: high) with a cost of switching of 12 nats."""
-    cost = np.column_stack([weight * np.square(values - low), weight * np.square(values - high)]) / (2 * spread)
-    cost = np.minimum(cost, 8.0)
+def _paths(blocks: Sequence[tuple[Float, Float]], low: float, high: float, spread: float) -> list[NDArray[np.bool_]]:
+    """Most likely path (True: high) through the values and weights of each run, with a cost of switching of 12 nats.
+
+    All runs go side by side: a step of many takes as long as a step of one.
+    """
+    lengths = np.array([len(values) for values, _ in blocks])
+    cost = np.zeros((int(lengths.max()), len(blocks), 2))
+    for r, (values, weight) in enumerate(blocks):
+        own = np.column_stack([weight * np.square(values - low), weight * np.square(values - high)]) / (2 * spread)
+        cost[: len(values), r] = np.minimum(own, 8.0)
     best = cost[0].copy()
-    came = np.zeros((len(values), 2), np.int8)
-    for i in range(1, len(values)):
-        stay, switch = best, best[::-1] + 12.0
-        came[i] = switch < stay
-        best = np.minimum(stay, switch) + cost[i]
-    path = np.zeros(len(values), np.bool_)
-    state = int(np.argmin(best))
-    for i in range(len(values) - 1, -1, -1):
-        path[i] = bool(state)
-        if came[i, state]:
-            state = 1 - state
-    return path
+    came, state = np.zeros(cost.shape, np.bool_), np.argmin(best, axis=1)
+    ends = set((lengths - 1).tolist())
+    for i in range(1, len(cost)):
+        switch = best[:, ::-1] + 12.0
+        np.less(switch, best, out=came[i])
+        best = np.minimum(best, switch) + cost[i]
+        if i in ends:
+            state = np.where(i < lengths, np.argmin(best, axis=1), state)
+    came &= (np.arange(len(cost))[:, None] < lengths)[:, :, None]
+    path, every = np.zeros(cost.shape[:2], np.bool_), np.arange(len(blocks))
+    for i in range(len(cost) - 1, -1, -1):
+        path[i] = state
+        state = state ^ came[i, every, state]
+    return [path[:length, r] for r, length in enumerate(lengths)]

@@ -20,19 +20,24 @@ Float = NDArray[np.float64]
 
 def candidates(state: SearchState, now: Solution, at: int | None = None) -> list[Candidate]:
     """Return what each effect would add, greatest evidence first; at joint ``at`` only, where it is given."""
-    residual = now.problem.every_sample(now.residual)
     chi2 = now.problem.fast_chi2(now.residual)
-    out = []
-    for effect in steps(state.effects, "trying", lambda effect: effect.name.replace("_", " ")):
-        for joint in _places(state, effect):
-            elsewhere = at is not None and joint is not None and joint != at
-            if elsewhere or not _open(state, now, effect, joint, chi2):
-                continue
-            shapes = effect.shapes(now.problem.states, joint, residual)
-            found = _best_shape(state, now, effect, joint, shapes)
-            if found is not None:
-                out.append(found)
-    return sorted(out, key=lambda c: -c.gain - c.term.effect.relations.plainer)
+    places = [
+        (effect, joint)
+        for effect in state.effects
+        for joint in _places(state, effect)
+        if (at is None or joint is None or joint == at) and _open(state, now, effect, joint, chi2)
+    ]
+    tried = (
+        _tried(state, now, effect, joint)
+        for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " "))
+    )
+    return sorted((c for c in tried if c is not None), key=lambda c: -c.gain - c.term.effect.relations.plainer)
+
+
+def _tried(state: SearchState, now: Solution, effect: Effect, joint: int | None) -> Candidate | None:
+    """An effect at a place with its best shape."""
+    shapes = effect.shapes(now.problem.states, joint, state.every_sample(now))
+    return _best_shape(state, now, effect, joint, shapes)
 
 
 def has_friction(state: SearchState, joint: int | None, terms: Sequence[Term]) -> bool:

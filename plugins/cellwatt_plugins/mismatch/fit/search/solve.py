@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +15,38 @@ from cellwatt_plugins.robot.blocks import Regression
 
 Float = NDArray[np.float64]
 
+KEPT = 6
+"""Solutions that are kept: each term is left out again and again, and tried beside the same others."""
+
 
 def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
     """Fit terms; effects that act on the measured torque see the torque of this fit."""
-    problem = state.problem
+    key = tuple(terms)
+    if key not in state.solved:
+        state.solved[key] = _solved(state.problem, terms)
+        while len(state.solved) > KEPT:
+            del state.solved[next(iter(state.solved))]
+    return replace(state.solved[key], terms=list(terms))
+
+
+def _solved(problem: Problem, terms: Sequence[Term]) -> Solution:
+    if all(t.effect.by_motion_alone for t in terms):
+        return _by_motion_alone(problem, terms)
     factor: Float | None = None
     for _ in range(3 if any(t.effect.acts_on == "reading" for t in terms) else 2):
         fit = problem.fit([problem.block(t) for t in terms], factor)
         factor = _noise_factor(problem, fit)
         problem = _with_fitted_torque(problem, terms, fit)
     fit = problem.fit([problem.block(t) for t in terms], factor)
+    return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
+
+
+def _by_motion_alone(problem: Problem, terms: Sequence[Term]) -> Solution:
+    """The same of terms whose columns stay as they are whatever torque is fitted: only the noise is found anew."""
+    first = problem.fit([problem.block(t) for t in terms])
+    second = problem.fit(first.blocks, _noise_factor(problem, first), first)
+    problem, factor = _with_fitted_torque(problem, terms, second), _noise_factor(problem, second)
+    fit = problem.fit(first.blocks, factor, first)
     return Solution(problem, list(terms), fit, _noise_factor(problem, fit))
 
 
@@ -40,8 +63,7 @@ def reweigh(state: SearchState, now: Solution) -> Solution:
             turning[term.joint] += abs(float(now.coefficients(term)[0]))
     if np.all(np.abs(turning - state.turning) < 0.1 * turning + 1e-12):
         return now
-    state.turning, state.problem = turning, state.make(turning)
-    state.blocks.clear()
+    state.turn(turning.tolist())
     return solve(state, now.terms)
 
 
@@ -62,4 +84,4 @@ def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression
         if term.effect.acts_on != "reading"
     ]
     nuisance = fit.coefficients[: problem.design.size]
-    return problem.with_torque(problem.course(nuisance, mechanical), problem.carried(nuisance, mechanical))
+    return problem.with_torque(*problem.course(nuisance, mechanical))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
-from cellwatt_plugins.mismatch.fit.solution import Thresholds, Trial
+from cellwatt_plugins.mismatch.fit.search.budget import now
+from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds, Trial
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -19,6 +20,13 @@ from cellwatt_plugins.robot.effects.effect import Effect
 Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 """Name of an effect and its joint (0-based), as ``Term.place``."""
+
+
+class Make(Protocol):
+    """Makes the problem."""
+
+    def __call__(self, turning: Float, /) -> Problem:
+        """The problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign."""
 
 
 MOVES = 0.05
@@ -29,8 +37,7 @@ MOVES = 0.05
 class SearchState:
     """One search on one side of the arm."""
 
-    make: Callable[[Float], Problem]
-    """The problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign."""
+    make: Make
     thresholds: Thresholds
     effects: tuple[Effect, ...]
     """Those of this side."""
@@ -40,15 +47,35 @@ class SearchState:
     """Nominal parameters alone; terms are fitted beside them."""
     blocks: dict[Place, list[Block]] = field(default_factory=dict)
     """All shapes of the effects whose columns depend on the motion alone."""
+    solved: dict[tuple[Term, ...], Solution] = field(default_factory=dict)
+    """The last solutions of the present problem."""
     refused: dict[Place, Trial] = field(default_factory=dict)
     """The last reason why a candidate did not enter or a term left."""
 
+    left: tuple[tuple[Term, ...], list[Float]] | None = None
+    """What some terms leave at all samples of each run."""
     until: float = float("inf")
-    """s of this process's time at which nothing more is tried."""
+    """s at which nothing more is tried; see ``now``."""
 
     def spent(self) -> bool:
         """True once the time is up: the search then reports what it has found."""
-        return time.process_time() > self.until
+        return now() > self.until
+
+    def turn(self, turning: Sequence[float]) -> None:
+        """Make the problem anew where another friction (C,) Nm turns over with the sign of the velocity."""
+        if not np.array_equal(turning, self.turning):
+            self.turning = np.array(turning)
+            self.problem = self.make(self.turning)
+            self.blocks.clear()
+            self.solved.clear()
+            self.left = None
+
+    def every_sample(self, now: Solution) -> list[Float]:
+        """What a solution leaves at all samples of each run, (N, C)."""
+        key = tuple(now.terms)
+        if self.left is None or self.left[0] != key:
+            self.left = key, now.problem.every_sample(now.residual)
+        return self.left[1]
 
     @cached_property
     def moving(self) -> list[int]:
@@ -66,9 +93,7 @@ class SearchState:
         self.refused[term.place] = Trial.of(term, gain, False, why)
 
 
-def start(
-    make: Callable[[Float], Problem], channels: int, thresholds: Thresholds, effects: Sequence[Effect], until: float
-) -> SearchState:
+def start(make: Make, channels: int, thresholds: Thresholds, effects: Sequence[Effect], until: float) -> SearchState:
     """A search of ``channels`` in which nothing was tried yet."""
     turning = np.zeros(channels)
     problem = make(turning)

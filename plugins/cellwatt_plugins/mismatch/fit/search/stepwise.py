@@ -7,13 +7,13 @@ throughout.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.progress import steps
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
+from cellwatt_plugins.mismatch.fit.problem import Term, said
 from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_minor,
     drop_needless,
@@ -24,7 +24,7 @@ from cellwatt_plugins.mismatch.fit.search.candidates import candidates
 from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
-from cellwatt_plugins.mismatch.fit.search.state import SearchState, start
+from cellwatt_plugins.mismatch.fit.search.state import Make, SearchState, start
 from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Candidate, Solution, Thresholds, Trial
 from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -33,7 +33,7 @@ Float = NDArray[np.float64]
 
 
 def search(
-    make: Callable[[Float], Problem],
+    make: Make,
     channels: int,
     thresholds: Thresholds = DEFAULT,
     effects: Sequence[Effect] = EFFECTS,
@@ -41,7 +41,7 @@ def search(
 ) -> Solution:
     """The terms of one side that the data ask for.
 
-    Nothing more is tried from ``until`` s of this process's time on.
+    Nothing more is tried from ``until`` s on; see ``budget.now``.
 
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """

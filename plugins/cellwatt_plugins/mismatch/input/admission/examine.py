@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
 from cellwatt.progress import stage, steps
+from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.admission.description import told_otherwise
 from cellwatt_plugins.mismatch.input.admission.factors import usable
 from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
@@ -17,6 +22,10 @@ from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import Moved
+
+Float = NDArray[np.float64]
 
 LEAST_SECONDS = 3.0
 LEAST_SAMPLES = 200
@@ -27,16 +36,34 @@ SLOW_SECONDS, SLOW_SAMPLES = 30.0, 60
 """In as long a time fewer samples do: at a few Hz each of them is an independent one."""
 
 
+@dataclass(frozen=True)
+class Admitted:
+    """Runs that can be explained."""
+
+    base: Baseline
+    notes: tuple[str, ...]
+    """Remarks that are worth knowing before."""
+    states: tuple[States, ...]
+    """The arm along each of the runs, as its simulation has it."""
+
+
 def examine(runs: Sequence[Run], arm: Arm) -> tuple[Baseline, list[str]]:
     """Return the baseline of the runs, and remarks that are worth knowing before they are explained.
 
     Raises ``RecordingError``, one line, at the first run that cannot be used as it is.
     """
+    admitted = admit(runs, arm)
+    return admitted.base, list(admitted.notes)
+
+
+def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
+    """Check the runs, run by run. Raises ``RecordingError``, one line, at the first that cannot be used as it is."""
     if not runs:
         raise RecordingError("no recording given")
     check_length(runs)
     check_moving(runs)
     notes = [note for run in runs for note in run.notes]
+    # Not spread: a run takes as long to be sent as to be checked so.
     for run in steps(runs, "checking run"):
         check_stuck(run)
         notes += check_pairing(run, runs, arm.description)
@@ -46,11 +73,17 @@ def examine(runs: Sequence[Run], arm: Arm) -> tuple[Baseline, list[str]]:
         check_simulated_power(run)
     with stage("simulating the runs"):
         base = baseline(runs, arm)
-    for run in steps(runs, "checking the torque of run"):
-        motion = moved(run)
-        check_torque(run, motion, base.arm)
-        check_power(run, motion)
-    return base, [*notes, *remarks(runs), *told_otherwise(runs, arm, base)]
+    courses = spread(_followed, runs, "checking torques of runs", shared=base)
+    states = [base.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
+    return Admitted(base, (*notes, *remarks(runs), *told_otherwise(runs, arm, base)), tuple(states))
+
+
+def _followed(run: Run, base: Baseline) -> tuple[Moved, Float | None, Float | None]:
+    """The motion of a run, and what its simulation has beyond the law; see ``Baseline.beyond``."""
+    motion = moved(run)
+    check_torque(run, motion, base.arm)
+    check_power(run, motion)
+    return motion, *base.beyond(run)
 
 
 def check_length(runs: Sequence[Run]) -> None:

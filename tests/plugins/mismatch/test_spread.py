@@ -1,0 +1,106 @@
+"""Explaining on the workers of a scheduler: the bytes of serial work, whatever becomes of the workers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import psutil
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt.scheduler import scheduled, spread
+from cellwatt_plugins.mismatch import api
+from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.model import save_model
+from tests.patience import wait_until
+from tests.plugins.mismatch import plant
+
+OFFSET = plant.Missing(read=lambda torque: torque + np.array([0, 0, 1.5]))
+UNHURRIED = 1e6
+"""s: what is found is not to depend on how quick this machine is."""
+
+pytestmark = pytest.mark.leaves_behind  # connections between processes that end with the scheduler
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the robot and three runs whose third joint reads 1.5 Nm too much."""
+    folder = tmp_path_factory.mktemp("cell")
+    plant.write_robot(folder)
+    for seed in (1, 2, 3):
+        recorded, simulated = plant.tables(plant.record(f"run_{seed}", seed, OFFSET, 6.0))
+        pq.write_table(pa.table(recorded), folder / f"run_{seed}.recording.parquet")
+        pq.write_table(pa.table(simulated), folder / f"run_{seed}.simulation.parquet")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[None]:
+    with scheduled("local:2"):
+        spread(abs, [1, 2], "start")
+        yield
+
+
+def explained(cell: Path) -> Explained:
+    recordings, simulations = (sorted(cell.glob(f"*.{kind}.parquet")) for kind in ("recording", "simulation"))
+    return api.explain(recordings, robot=cell, simulation=simulations, seconds=UNHURRIED)
+
+
+def written(found: Explained, folder: Path) -> tuple[str, str]:
+    save_model(found.model, folder / "model.yaml")
+    return repr(found.as_json()), (folder / "model.yaml").read_text()
+
+
+@pytest.fixture(scope="module")
+def serial(cell: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    found = explained(cell)
+    assert [(f.effect, f.joint) for f in found.findings.findings] == [("torque_offset", 3)]
+    return written(found, tmp_path_factory.mktemp("serial"))
+
+
+def test_workers_find_the_same_to_the_last_bit(
+    cell: Path, serial: tuple[str, str], workers: None, tmp_path: Path
+) -> None:
+    assert written(explained(cell), tmp_path) == serial
+
+
+def test_the_first_recording_that_cannot_be_used_is_named_as_in_serial_work(
+    cell: Path, workers: None, tmp_path: Path
+) -> None:
+    """Two simulations have changed places: only the runs together tell."""
+    recordings, simulations = (sorted(cell.glob(f"*.{kind}.parquet")) for kind in ("recording", "simulation"))
+    changed = [shutil.copy(path, tmp_path / f"{i}.parquet") for i, path in zip((1, 0, 2), simulations, strict=True)]
+    with pytest.raises(RecordingError, match="run_1: the recording follows the simulation of run_2, not its own"):
+        api.explain(recordings, robot=cell, simulation=sorted(changed))
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_in_the_middle_changes_nothing(cell: Path, serial: tuple[str, str], tmp_path: Path) -> None:
+    with scheduled("local:2"):
+        spread(abs, [1, 2], "start")
+        first = min(_workers(), key=psutil.Process.create_time)
+        begun = sum(first.cpu_times()[:2])
+
+        def kill() -> None:
+            wait_until(lambda: sum(first.cpu_times()[:2]) > begun + 1.0, "a worker in the middle of its work")
+            os.kill(first.pid, signal.SIGKILL)
+
+        killer = Thread(target=kill)
+        killer.start()
+        found = explained(cell)
+        killer.join()
+    assert written(found, tmp_path) == serial
+
+
+def _workers() -> list[psutil.Process]:
+    """The processes that do the parts: children whose command line is that of a spawned process."""
+    children = psutil.Process().children()
+    return [child for child in children if any("spawn_main" in word for word in child.cmdline())]
