@@ -164,7 +164,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         work = given.work or Path(temporary)
         work.mkdir(parents=True, exist_ok=True)
-        results = [judged(seed, given.arms, given.weeks, work) for seed in range(given.first, given.first + given.seeds)]
+        results = [
+            judged(seed, given.arms, given.weeks, work) for seed in range(given.first, given.first + given.seeds)
+        ]
     told = {"summary": summary(results), "seeds": results}
     print(json.dumps(told if given.json else told["summary"], indent=1))
 
