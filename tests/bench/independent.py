@@ -6,6 +6,8 @@ import ast
 from pathlib import Path
 
 FORBIDDEN = {"cellwatt", "cellwatt_drivers", "cellwatt_plugins", "pinocchio"}
+GIVES_OUT_WORK = {"cellwatt.progress", "cellwatt.scheduler"}
+"""Parts of the product that know nothing of arms: which process does a case, and how far all are."""
 
 
 def assert_shares_no_code(folder: Path) -> None:
@@ -14,4 +16,4 @@ def assert_shares_no_code(folder: Path) -> None:
         for node in ast.walk(ast.parse(file.read_text())):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert not {n.split(".")[0] for n in names} & FORBIDDEN, file
+            assert not {n.split(".")[0] for n in names if n not in GIVES_OUT_WORK} & FORBIDDEN, file

@@ -107,6 +107,7 @@ def _serve(name: str, main: Callable[[Assignment], None], assignment: Assignment
         main(assignment)
         code = 0
     except CellwattError as error:
+        error.__context__ = None  # a group of tasks that holds the error itself: not every pickler takes that
         assignment.control.send(Failed(error))
     except (EOFError, BrokenPipeError):
         log.debug("%s: the supervisor is gone", name)
