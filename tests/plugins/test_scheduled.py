@@ -83,6 +83,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_reference(cell: Path, workers: str, tmp_path: Path) -> None:
     told, _ = both(workers, tmp_path, reference, *sorted(cell.glob("healthy_*")), "--robot", cell, "--json")
     assert [task["name"] for task in json.loads(told)["tasks"]] == ["task_1", "task_2"]

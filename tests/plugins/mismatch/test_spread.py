@@ -66,6 +66,7 @@ def serial(cell: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, s
     return written(found, tmp_path_factory.mktemp("serial"))
 
 
+@pytest.mark.slow
 def test_workers_find_the_same_to_the_last_bit(
     cell: Path, serial: tuple[str, str], workers: None, tmp_path: Path
 ) -> None:

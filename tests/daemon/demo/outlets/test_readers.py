@@ -53,6 +53,7 @@ async def reading(work: Any) -> AsyncIterator[None]:
 
 
 @scrapes
+@pytest.mark.slow
 async def test_prometheus_is_read(tmp_path: Path) -> None:
     assert PROMETHEUS is not None
     sink, said, at = sink_of(), Said("Prometheus"), await asyncio.to_thread(free_endpoint)
@@ -110,6 +111,7 @@ def port_of(address: str) -> int:
     return int(address.rpartition(":")[2])
 
 
+@pytest.mark.slow
 async def test_an_opc_ua_server_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(readers, "_SPACE", f"urn:cellwatt:{SITE}:{CELL}")
     at = await asyncio.to_thread(free_endpoint)

@@ -41,6 +41,7 @@ def test_nobody_reaches_a_cell_and_cells_reach_their_router_alone(tmp_path: Path
         assert_whole(trial.judged(recorder, made), 50)
 
 
+@pytest.mark.slow
 def test_a_line_that_is_cut_loses_nothing_and_the_other_plant_does_not_notice(tmp_path: Path) -> None:
     found = trial.cut_and_catch_up(tmp_path, 1.5, 500.0, before=0.3, after=0.3, patience=PATIENCE)
     cut_off, other = found["plants"]
