@@ -1,4 +1,4 @@
-"""`cellwatt fleet` on emulated fleets of 50 arms over 26 weeks; none of them was used to build it.
+"""`cellwatt fleet` on emulated fleets of 50 arms over 26 weeks; what was seen while it was built: docs/fleet.md.
 
     python bench/fleet.py --seeds 10 --work out --json
     python bench/fleet.py --seeds 1 --arms 20 --weeks 16

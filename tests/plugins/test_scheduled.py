@@ -89,6 +89,7 @@ def test_reference(cell: Path, workers: str, tmp_path: Path) -> None:
     assert [task["name"] for task in json.loads(told)["tasks"]] == ["task_1", "task_2"]
 
 
+@pytest.mark.slow
 def test_faults(cell: Path, workers: str, tmp_path: Path) -> None:
     given = ["judge", cell / "x.parquet", cell / "y.parquet", "--reference", cell / "reference.yaml", "--robot", cell]
     told, _ = both(workers, tmp_path, faults, *given, "--json")

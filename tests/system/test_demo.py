@@ -43,6 +43,7 @@ async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
         assert result["meter"]["window_s"] == pytest.approx(0.1, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 async def test_every_driver_runs_in_one_daemon(tmp_path) -> None:
     command = [sys.executable, "-m", "cellwatt.commands", "demo", "--cell", "all", "--seconds", "3", "--json"]

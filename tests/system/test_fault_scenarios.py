@@ -73,6 +73,7 @@ SLOW = {
 }
 
 
+@pytest.mark.slow
 async def test_two_faulty_joints_are_named_in_the_first_interval_of_polishing(tmp_path: Path) -> None:
     alarms = await alarms_of(QUICK, tmp_path)
     assert {alarm.joint: alarm.kind for alarm in alarms} == JOINTS_2_AND_5

@@ -30,6 +30,7 @@ async def cellwatt(*arguments: str) -> tuple[int, str]:
     return process.returncode, said.decode()
 
 
+@pytest.mark.slow
 async def test_the_second_daemon_says_so_and_stops(tmp_path: Path) -> None:
     second, third = tmp_path / "second.yaml", tmp_path / "third"
     third.mkdir()

@@ -114,13 +114,7 @@ def _judged_together(every: Sequence[_Prepared], chance: float, least: float) ->
     floor = LEAST_LOAD if every[0].group.quantity == "load" else least
     rho = persistence([course for each in every for course in each.own.values()])
     count = max(sum(len(each.own) for each in every), 1)
-    steps = [
-        {
-            place: [s for s in steps_in(course, rho, chance / 2 / count) if abs(each.group.change(s.size)) >= floor]
-            for place, course in each.own.items()
-        }
-        for each in every
-    ]
+    steps = [_steps(each, rho, chance / 2 / count, floor) for each in every]
     lined = [_trends(each.own, each_steps, rho) for each, each_steps in zip(every, steps, strict=True)]
     clear = _holm([trend for trends, _ in lined for trend in trends.values()], chance / 2)
     out = []
@@ -130,6 +124,16 @@ def _judged_together(every: Sequence[_Prepared], chance: float, least: float) ->
         since = _since(each.own, each_steps, rho, {p: trends[p].slope > 0 for p in own}, chance / 2 / count)
         out.append(Judged(each.group, each.common, each.own, each_steps, trends, rho, spread, own, since, each.alone))
     return out
+
+
+def _steps(each: _Prepared, rho: float, chance: float, floor: float) -> dict[Place, list[Step]]:
+    """Steps of a kind's arms; weeks of one arm are not calmer than those of half the others."""
+    scatters = [found.scatter for course in each.own.values() if (found := line(course, rho)) is not None]
+    usual = 0.0 if each.alone or not scatters else float(np.median(scatters))
+    return {
+        place: [s for s in steps_in(course, rho, chance, usual) if abs(each.group.change(s.size)) >= floor]
+        for place, course in each.own.items()
+    }
 
 
 def _trends(

@@ -101,7 +101,7 @@ def line(course: Course, rho: float, steps: Sequence[Step] = ()) -> Line | None:
     if free < 3:
         return None
     _, scatter, found, covariance = _likely(course, matrix, rho)
-    free *= (1 - rho**2) / (1 + rho**2)  # weeks that remember one another tell less of their scatter
+    free = _remembered(free, rho)
     first = float(last[0] - course.weeks.mean())
     start = found[-2] + found[-1] * first
     error = float(np.sqrt(covariance[-1, -1]))
@@ -115,10 +115,13 @@ def bends(course: Course, rho: float) -> float:
     return float(found[2] / np.sqrt(covariance[2, 2]))
 
 
-def steps_in(course: Course, rho: float, chance: float, most: int = 2) -> list[Step]:
-    """Return the steps of a course, each less likely than ``chance`` by accident, in their order."""
+def steps_in(course: Course, rho: float, chance: float, scatter: float = 0.0, most: int = 2) -> list[Step]:
+    """Return the steps of a course, each less likely than ``chance`` by accident, in their order.
+
+    ``scatter`` is the least τ of its weeks: one that is less, beside the step that suits it best, is so by accident.
+    """
     found: list[Step] = []
-    while len(found) < most and (step := _step(course, rho, found)) is not None and step.chance < chance:
+    while len(found) < most and (step := _step(course, rho, found, scatter)) is not None and step.chance < chance:
         found = sorted([*found, step], key=lambda each: each.week)
     return [_sized(course, rho, step, found) for step in found]
 
@@ -157,7 +160,7 @@ def _sized(course: Course, rho: float, step: Step, every: Sequence[Step]) -> Ste
     return replace(step, size=float(found[2]), error=float(np.sqrt(covariance[2, 2])))
 
 
-def _step(course: Course, rho: float, known: Sequence[Step]) -> Step | None:
+def _step(course: Course, rho: float, known: Sequence[Step], scatter: float) -> Step | None:
     """The clearest step beside those that are known."""
     time = _time(course)
     weeks = course.weeks
@@ -174,11 +177,16 @@ def _step(course: Course, rho: float, known: Sequence[Step]) -> Step | None:
     if left[best] >= _left(np.column_stack([base, time**2]), course.values):
         return None
     matrix = np.column_stack([base, weeks >= best])
-    _, _, found, covariance = _likely(course, matrix, rho)
+    _, _, found, covariance = _likely(course, matrix, rho, scatter)
     error = float(np.sqrt(covariance[-1, -1]))
-    free = len(weeks) - matrix.shape[1]
+    free = _remembered(len(weeks) - matrix.shape[1], rho)
     chance = min(1.0, 2 * float(student.sf(abs(found[-1]) / error, free)) * len(places))
     return Step(best, float(found[-1]), error, chance)
+
+
+def _remembered(free: float, rho: float) -> float:
+    """Degrees of freedom of weeks that remember one another: they tell less of their scatter."""
+    return free * (1 - rho**2) / (1 + rho**2)
 
 
 def _left(matrix: Float, values: Float) -> float:
@@ -195,13 +203,14 @@ def _straight(course: Course) -> Float:
     return np.column_stack([np.ones_like(time), time])
 
 
-def _likely(course: Course, matrix: Float, rho: float) -> tuple[float, float, Float, Float]:
-    """Restricted log likelihood at the most likely τ, that τ, the coefficients and their covariance."""
+def _likely(course: Course, matrix: Float, rho: float, least: float = 0.0) -> tuple[float, float, Float, Float]:
+    """Restricted log likelihood at the most likely τ from ``least`` on, that τ, the coefficients, their covariance."""
     count, free = matrix.shape[0], matrix.shape[0] - matrix.shape[1]
     size = max(np.sqrt(_left(matrix, course.values) / max(free, 1)), 1e-9)
     apart = np.abs(course.weeks[:, None] - course.weeks[None, :])
     shape = np.where(apart == 0, 1.0, rho**apart) if rho > 0 else np.eye(count)
-    every = course.covariance[None] + (size * _SCATTERS[:, None, None]) ** 2 * shape[None]
+    scatters = np.maximum(size * _SCATTERS, least)
+    every = course.covariance[None] + scatters[:, None, None] ** 2 * shape[None]
     root = np.linalg.cholesky(every)
     right = np.broadcast_to(np.column_stack([matrix, course.values]), (len(root), count, matrix.shape[1] + 1))
     white = np.linalg.solve(root, right)
@@ -213,4 +222,4 @@ def _likely(course: Course, matrix: Float, rho: float) -> tuple[float, float, Fl
     volume = 2 * np.log(np.einsum("kii->ki", root)).sum(axis=1)
     told = -0.5 * (volume + np.linalg.slogdet(gram)[1] + misfit)
     best = int(np.argmax(told))
-    return float(told[best]), float(size * _SCATTERS[best]), found[best], np.linalg.inv(gram[best])
+    return float(told[best]), float(scatters[best]), found[best], np.linalg.inv(gram[best])

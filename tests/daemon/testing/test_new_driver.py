@@ -18,6 +18,7 @@ def run(*arguments: object):
     return CliRunner().invoke(command, [str(a) for a in arguments], catch_exceptions=False)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(240)
 def test_the_package_installs_is_listed_and_passes_its_tests(tmp_path):
     result = run("torque_sensor", "--folder", tmp_path)

@@ -39,6 +39,7 @@ def drawn(known, generator):
     return replace(known, drive=drive, electronics=known.electronics + electronics, brakes=brakes)
 
 
+@pytest.mark.slow
 def test_parameters_reach_the_groups_as_draws_of_them_do(arm_and_known, stretch):
     arm, known = arm_and_known
     small = replace(known, covariance=known.covariance / 100)  # linear about what was found

@@ -63,6 +63,7 @@ def test_a_joint_fault_is_raised_while_the_joint_moves(reference):
     assert alarms[0].since < alarms[0].time
 
 
+@pytest.mark.slow
 def test_two_faults_are_both_named(reference):
     both = Cycle(faults=(Fault("friction", 1, 25.0), Fault("friction", 2, 25.0)))
     positions, power, starts = run([Cycle()] * 2 + [both] * 3, seed=5)

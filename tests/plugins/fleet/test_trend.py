@@ -58,6 +58,14 @@ def test_a_step_is_found_in_its_week_and_none_in_a_slope():
     assert (after.first, after.last, after.weeks) == (114, 125, 12)
 
 
+def test_weeks_that_are_calm_by_accident_make_no_step_sure():
+    rng = np.random.default_rng(13)
+    calm = wandering(rng, scatter=0.002, error=0.001)
+    small = Course(WEEKS, calm.values + 0.03 * (WEEKS >= 113), calm.covariance)
+    assert [step.week for step in steps_in(small, 0.4, 1e-5)] == [113]
+    assert steps_in(small, 0.4, 1e-5, scatter=0.02) == []
+
+
 def test_too_few_weeks_have_no_line():
     rng = np.random.default_rng(4)
     assert line(wandering(rng, weeks=WEEKS[:5]), 0.4) is None

@@ -109,6 +109,7 @@ async def test_without_a_record_there_is_no_lake(tmp_path: Path) -> None:
 KEYS = {"access_key": "AKID", "secret_key": "s3cret", "region": "eu-central-1"}
 
 
+@pytest.mark.slow
 async def test_a_lake_in_s3(record: Path) -> None:
     growing = Recorded(record)
     await asyncio.to_thread(growing.seconds, 10)

@@ -55,6 +55,7 @@ def called(*words):
     return CliRunner().invoke(train, ["power", *map(str, words)], catch_exceptions=False)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)  # 20 s of an idle core
 def test_a_model_its_report_and_its_predictions(case, tmp_path, monkeypatch):
     monkeypatch.setattr(scg_network, "ITERATIONS", 10)

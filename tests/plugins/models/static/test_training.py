@@ -49,6 +49,7 @@ def call(command, *words):
     return done.stdout
 
 
+@pytest.mark.slow
 def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
     folder, _, report, _ = case
     page = read(folder / "page.html")
