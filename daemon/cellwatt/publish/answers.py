@@ -183,7 +183,7 @@ class Answers:
             names = [n for n in self._known if query.key_expr.intersects(self._keys.question(n))]
             alone = len(names) < 2
             for name in names or [str(query.key_expr).rsplit("/", 1)[-1]]:
-                if alone or name not in ("history", "results"):
+                if alone or name not in _PAST:
                     self._reply_one(query, name)
 
     @contextmanager
