@@ -61,7 +61,7 @@ def compared(lake: Lake, every: Sequence[Week], chance: float = 0.01, least: flo
     for name, cell in cells.items():
         kinds.setdefault(lake.robots[name].robot, {})[name] = cell
     groups = [
-        group for kind, own in kinds.items() for group in courses_of_kind(kind, {n: c.told for n, c in own.items()})[0]
+        group for kind, own in kinds.items() for group in courses_of_kind(kind, {n: c.told for n, c in own.items()})
     ]
     results = judged(groups, chance, least)
     used = sorted({week.week for cell in cells.values() for week in cell.weeks})

@@ -49,16 +49,6 @@ class Usual:
 
 
 @dataclass(frozen=True)
-class Warm:
-    """Temperatures to which friction is brought."""
-
-    slopes: Mapping[Place, float]
-    """Share that friction changes by with each °C."""
-    at: float
-    """°C."""
-
-
-@dataclass(frozen=True)
 class Courses:
     """Courses of one quantity of the arms of one kind that can be compared."""
 
@@ -105,13 +95,12 @@ def told_of(weeks: Sequence[Week], usual: Usual) -> dict[tuple[str, int], Told]:
     return {key: each for key, each in out.items() if len(each.values)}
 
 
-def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Told]]) -> tuple[list[Courses], Warm]:
-    """Return the courses of the arms of a kind from what each cell tells, and how temperature was taken out.
+def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Told]]) -> list[Courses]:
+    """Return the courses of the arms of a kind from what each cell tells, with temperature taken out.
 
     Friction of arms whose joints tell their temperature is brought to one; the others are a group of their own.
     """
     by_quantity: dict[tuple[str, bool], dict[Place, Course]] = {}
-    slopes: dict[Place, float] = {}
     heat = [each.warmth for cell in told.values() for each in cell.values() if each.warmth is not None]
     warm = float(np.median(np.concatenate(heat))) if heat else float("nan")
     for quantity, joint in sorted({key for cell in told.values() for key in cell}):
@@ -122,12 +111,10 @@ def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Told]
         warmer = {place: each for place, each in every.items() if each.warmth is not None}
         found = shrunk([warmth_of(each, PROGRAMS[quantity]) for each in warmer.values()])
         own = dict(zip(warmer, found, strict=True))
-        slopes |= own if quantity == "friction" else {}
         for place, each in every.items():
             course = course_of(each, PROGRAMS[quantity], usual, own.get(place, 0.0), warm)
             by_quantity.setdefault((quantity, own.get(place, 0.0) != 0.0), {})[place] = course
-    groups = [Courses(kind, quantity, heated, by) for (quantity, heated), by in sorted(by_quantity.items())]
-    return groups, Warm(slopes, warm)
+    return [Courses(kind, quantity, heated, by) for (quantity, heated), by in sorted(by_quantity.items())]
 
 
 def _level(week: Week, usual: Usual, joint: int) -> float:

@@ -146,7 +146,7 @@ def test_one_recording_a_week_is_enough():
     week = np.arange(26)
     values = 1.0 + 0.2 * week / 25 + 0.01 * rng.standard_normal(26)
     told = Told(values, week, week, np.zeros(26, int))
-    groups, _ = courses_of_kind("welder", {"weld-1": {("friction", 1): told}})
+    groups = courses_of_kind("welder", {"weld-1": {("friction", 1): told}})
     course = groups[0].by_place[Place("weld-1", 1)]
     assert np.ptp(course.values - values) == pytest.approx(0.0, abs=1e-6)
     assert line(course, 0.1).slope * 25 == pytest.approx(0.2, abs=0.03)
