@@ -11,8 +11,8 @@ import contextlib
 import logging
 import re
 import ssl
-from collections.abc import AsyncIterator, Callable
-from typing import Any, Final
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any, Final, TypeVar
 
 import aiomqtt
 import paho.mqtt.client as mqtt
@@ -44,6 +44,7 @@ _AUTHENTICATION: Final = (134, 135)
 """Reason codes: bad user name or password, not authorised."""
 _library = logging.getLogger("cellwatt.mqtt")
 _library.setLevel(logging.CRITICAL)
+T = TypeVar("T")
 
 
 def tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
@@ -75,8 +76,16 @@ class _Socket(ssl.SSLSocket):
 class _Client(aiomqtt.Client):
     """Looks at the socket when it begins to write, not before: it may be closed by then, and its number another's.
 
-    ``refused`` is told why the broker does not take a message, which the library passes over.
+    ``refused`` is told why the broker does not take a message, which the library passes over. A cancellation always
+    comes through: ``asyncio.wait_for`` of Python 3.11 loses the one that comes together with the broker's answer.
     """
+
+    async def _wait_for(self, fut: Awaitable[T], timeout: float | None) -> T:
+        try:
+            async with asyncio.timeout(self.timeout if timeout is None else timeout):
+                return await fut
+        except TimeoutError:
+            raise aiomqtt.MqttError("Operation timed out") from None
 
     def _on_socket_register_write(self, client: mqtt.Client, userdata: Any, sock: Any) -> None:
         def write() -> None:
