@@ -124,6 +124,7 @@ def test_disaggregate(workers: str, tmp_path: Path) -> None:
     assert len(json.loads(told)["runs"]) == 4
 
 
+@pytest.mark.slow
 def test_predict(workers: str, tmp_path: Path) -> None:
     model = Mlp.random(1, inputs=3, outputs=2)
     model.save(tmp_path / "model.onnx", metadata(rate_hz=None))

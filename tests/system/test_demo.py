@@ -18,6 +18,7 @@ pytestmark = pytest.mark.system
 POWER = {"frames": 9}
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(240)
 async def test_demo_names_the_joint_and_loses_nothing_it_is_sent() -> None:
     command = [sys.executable, "-m", "cellwatt.commands", "demo", "--seconds", "20", "--json"]

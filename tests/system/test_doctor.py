@@ -45,6 +45,7 @@ async def test_good_devices(tmp_path: Path) -> None:
     assert found["board"]["status"]["clocks"]["power"]["bound_ns"] > 0
 
 
+@pytest.mark.slow
 async def test_wrong_places(tmp_path: Path) -> None:
     async with (
         EmulatorProcess("scpi_analyzer", "--listen", "127.0.0.1:0") as meter,

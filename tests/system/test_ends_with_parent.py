@@ -68,6 +68,7 @@ async def line_with(text: str, stream: asyncio.StreamReader | None) -> None:
             assert line, f"it never said {text!r}"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(240)
 async def test_a_demo_leaves_nothing_running_and_tells_what_it_saw(tmp_path: Path) -> None:
     async with running("demo", "--seconds", "600", "--json", "--keep", str(tmp_path)) as demo:

@@ -31,6 +31,7 @@ def packs_told(audience: Audience) -> list[Event]:
     return [e for e in audience.events if e.kind == "evidence" and any("_fault" in a for a in e.data["alarms"])]
 
 
+@pytest.mark.slow
 @pytest.mark.blocks_loop  # it reads a whole pack when the daemon has ended
 async def test_the_minutes_before_an_alarm_are_kept_when_the_record_has_forgotten_them(tmp_path: Path) -> None:
     epoch = time.time()

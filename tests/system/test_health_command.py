@@ -25,6 +25,7 @@ async def health(daemon: Daemon, *more: str) -> tuple[int, str, str]:
     return process.returncode, out.decode(), err.decode()
 
 
+@pytest.mark.slow
 async def test_exit_codes_from_start_to_end(tmp_path: Path) -> None:
     port = free_port()
     source = f"sources:\n  arm: {{driver: ur, host: 127.0.0.1, port: {port}}}\n"

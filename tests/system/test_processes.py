@@ -125,6 +125,7 @@ async def test_what_the_supervisor_leaves_behind_ends_by_itself(tmp_path: Path) 
     assert np.array_equal(sequence, np.arange(len(sequence)))
 
 
+@pytest.mark.slow
 async def test_a_chain_that_others_replaced_is_not_missed(tmp_path: Path) -> None:
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
         text = f"sources:\n{ur('arm', device.address)}stages: {{segment: {{}}}}\n"

@@ -145,6 +145,7 @@ def compare(recording: Recording, audience: Audience) -> None:
         assert (np.diff(recorded.time) > 0).all(), f"{topic}: time stepped back"
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 async def test_all_faults_together(tmp_path: Path) -> None:
     await storm(tmp_path, 12, seed=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_info
 
 from cellwatt import ConfigError
-from cellwatt.scheduler import spread
+from cellwatt.scheduler import scheduled, spread
 from cellwatt.scheduler.ambient import cluster
 from tests.patience import wait_until
 
@@ -96,6 +97,13 @@ def waits(item: Item) -> int:
     (item.folder / "begun").touch()
     wait_until((item.folder / "over").exists, "the end of the test")
     return item.number
+
+
+def command() -> None:
+    """The work of a command: the arguments are the scheduler's address and a folder."""
+    address, folder = sys.argv[1:]
+    with scheduled(address):
+        spread(waits, [Item(number, Path(folder)) for number in range(8)], "numbers")
 
 
 def content(path: Path) -> tuple[str, bytes]:

@@ -42,6 +42,11 @@ class Scheduler:
         kept = ["--host", "127.0.0.1", "--local-directory", str(self._folder), *more, *options]
         return self._started("dask_worker", self.address, *kept, path=path)
 
+    def python(self, program: str, *arguments: object) -> subprocess.Popen[bytes]:
+        """Start a program that gives work; its standard error is a pipe."""
+        command = [sys.executable, "-c", program, *map(str, arguments)]
+        return subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, preexec_fn=ends_with_parent())
+
     def _told(self) -> Any:
         try:
             return json.loads(self._about.read_text())
