@@ -11,8 +11,11 @@ from cellwatt.files import Place, Places, paths_of
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
 from cellwatt_plugins.mismatch.input.admission import admit
-from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
+from cellwatt_plugins.mismatch.input.reading import read_motion, read_sources
+from cellwatt_plugins.mismatch.input.selection import select
+from cellwatt_plugins.mismatch.input.sources import simulator_file, sources
 from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_states
+from cellwatt_plugins.mismatch.verdict.others import compare, with_others
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.description import robot_file
 
@@ -30,7 +33,8 @@ def explain(
     ``recordings`` are Parquet, CSV or cellwatt's own: t (s), q_i (rad), qd_i (rad/s), tau_i (Nm) and power (W);
     ``simulation`` the same of the simulator, one a recording, or a simulator's own file (MJCF, URDF). Without one,
     ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion. ``meter`` are tables of power on a clock
-    of their own, one a recording. After ``seconds`` of computing nothing more is looked for. The result has
+    of their own, one a recording. Of many recordings those are looked at closely whose motions differ most; the others
+    are compared with what is found there. After ``seconds`` of computing nothing more is looked for. The result has
     ``findings``, the augmented ``model``, ``as_json`` and ``report``.
 
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
@@ -38,9 +42,14 @@ def explain(
     arm = Arm.load(robot)
     recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
     with threadpool_limits(1):
-        runs = read_runs(recorded, simulated, arm.description, metered)
+        simulator = simulator_file(simulated)
+        selection = select(sources(recorded, simulated, metered), arm.description)
+        runs = read_sources(selection.close, arm.description, simulator)
         admitted = admit(runs, arm)
         found = explain_runs(runs, admitted.base, notes=admitted.notes, seconds=seconds, states=admitted.states)
+        rate = 1 / min(run.step for run in runs)
+        others = compare(selection.others, found.findings, found.model, simulator, rate)
+        found = replace(found, findings=with_others(found.findings, others, len(runs)))
     return replace(found, inputs=(*recorded, *simulated, *metered, robot_file(robot), arm.description.urdf))
 
 

@@ -17,15 +17,14 @@ from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
-from cellwatt_plugins.mismatch.simulators import Simulator, is_simulator, load_simulator
+from cellwatt_plugins.mismatch.input.sources import Source, run_name, simulator_file, sources
+from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
-from cellwatt_plugins.robot.meter import power_beside, with_meters
+from cellwatt_plugins.robot.meter import power_beside
 from cellwatt_plugins.robot.motion import Moved, Plan, exact
 
 Float = NDArray[np.float64]
 
-ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulation")
-"""Taken off a file's name, from the end, to have the run's."""
 SAME_CLOCK = 0.5
 """Recording and simulation that share less of the shorter one have different clocks."""
 RATE, SAMPLES = 250.0, 100_000
@@ -40,29 +39,37 @@ def read_runs(
 ) -> list[Run]:
     """The recordings as runs; each with a plan where it has a simulation, or target columns of its own.
 
-    Simulations belong to the recordings of the same name (``run_01.recording``, ``run_01.simulation``), else to those
-    in the same place of the list; a simulator's own file (MJCF, URDF) is run on each. ``meters`` logged the power of
-    the recordings in the same place. Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the
-    description lacks what it needs.
+    ``sources`` says which files belong together; a simulator's own file (MJCF, URDF) is run on each recording. Raises
+    ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
-    sources = list(with_meters(recordings, meters))
-    every = spread(_read, sources, "reading recordings", shared=robot)
+    return read_sources(sources(recordings, simulations, meters), robot, simulator_file(simulations))
+
+
+def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Path | None = None) -> list[Run]:
+    """The same of files that belong together."""
+    every = spread(read_source, files, "reading recordings", shared=robot)
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
-    simulator = _simulator(simulations, robot)
-    tables = _matched(recordings, () if simulator is not None else simulations)
-    pairs = list(zip(_names(recordings), slowed, tables, strict=True))
-    runs = spread(_prepared, pairs, "preparing runs", shared=robot)
+    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=robot)
     if simulator is None:
         return runs
-    return [_run_through(simulator, run) for run in steps(runs, "simulating run")]
+    loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
+    return [_run_through(loaded, run) for run in steps(runs, "simulating run")]
 
 
-def _prepared(told: tuple[str, Signals, Path | None], robot: RobotDescription) -> Run:
-    """The run of a name, what was recorded of it, and the file of its simulation."""
-    name, signals, simulation = told
+def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
+    """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_runs``."""
+    run = _prepared((source, read_source(source, robot).slower(rate)), robot)
+    if simulator is None:
+        return run
+    return _run_through(load_simulator(simulator, [joint.name for joint in robot.joints]), run)
+
+
+def _prepared(told: tuple[Source, Signals], robot: RobotDescription) -> Run:
+    """The run of its files and of what was recorded."""
+    source, signals = told
     run = Run(
-        name=name,
+        name=source.name,
         time=signals.time,
         position=signals.needed("position"),
         velocity=signals.joints.get("velocity"),
@@ -73,29 +80,18 @@ def _prepared(told: tuple[str, Signals, Path | None], robot: RobotDescription) -
         torque_from="torque" if "torque" in signals.joints else "current",
         notes=signals.notes,
     )
-    if simulation is not None:
-        simulated = read_signals(simulation, robot)
+    if source.simulation is not None:
+        simulated = read_signals(source.simulation, robot)
         return _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
     return _with_targets(run, signals) if "target_position" in signals.joints else run
 
 
-def _read(source: tuple[Path, Path | None], robot: RobotDescription) -> Signals:
-    """A recording, with the power of its meter's own file where there is one."""
-    path, meter = source
-    signals = read_signals(path, robot)
-    if meter is None:
+def read_source(source: Source, robot: RobotDescription) -> Signals:
+    """A recording, with the power of its meter's own file where there is one. Raises ``RecordingError``."""
+    signals = read_signals(source.recording, robot)
+    if source.meter is None:
         return signals
-    return replace(signals, power=power_beside(meter, signals.time, signals.needed("position")))
-
-
-def _simulator(simulations: Sequence[Path], robot: RobotDescription) -> Simulator | None:
-    """The simulator that a file of one describes; None where tables are given."""
-    files = [path for path in simulations if is_simulator(path)]
-    if not files:
-        return None
-    if len(simulations) > 1:
-        raise RecordingError(f"{files[0]}: a simulator runs on every recording: give it without other simulations")
-    return load_simulator(files[0], [joint.name for joint in robot.joints])
+    return replace(signals, power=power_beside(source.meter, signals.time, signals.needed("position")))
 
 
 def _run_through(simulator: Simulator, run: Run) -> Run:
@@ -125,41 +121,6 @@ def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) ->
     if "acceleration" not in signals.joints:
         return run, None
     return replace(run, plan=None), exact(position, *signals.derivatives("position", "velocity", "acceleration"))
-
-
-def run_name(path: Path) -> str:
-    """A file's name without its endings: ``run_01`` of ``run_01.recording.parquet``."""
-    name = path.name
-    while (shorter := next((name.removesuffix(e) for e in ENDINGS if name.endswith(e)), "")) != "":
-        name = shorter
-    return name
-
-
-def _names(recordings: Sequence[Path]) -> list[str]:
-    """One name a run; files of the same name in several folders carry the folder's."""
-    names = [run_name(path) for path in recordings]
-    if len(set(names)) < len(names):
-        names = [f"{path.resolve().parent.name}/{name}" for path, name in zip(recordings, names, strict=True)]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingError(f"two recordings are called {twice}: give each once, under a name of its own")
-    return names
-
-
-def _matched(recordings: Sequence[Path], simulations: Sequence[Path]) -> list[Path | None]:
-    """The simulation of each recording."""
-    if not simulations:
-        return [None] * len(recordings)
-    by_name = {run_name(path): path for path in simulations}
-    names = [run_name(path) for path in recordings]
-    if len(by_name) == len(simulations) and len(set(names)) == len(names) and set(by_name) <= set(names):
-        return [by_name.get(name) for name in names]
-    if len(simulations) != len(recordings):
-        raise RecordingError(
-            f"{len(recordings)} recordings but {len(simulations)} simulations: give one for each in the same order, "
-            "or under the same names (run_01.recording.parquet, run_01.simulation.parquet)"
-        )
-    return list(simulations)
 
 
 def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:

@@ -17,12 +17,15 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     Finding,
     Findings,
     Improvement,
+    Other,
     UnexplainedChannel,
     Where,
 )
 
 MOST_TRIALS = 16
 """Shown at once; the rest is folded."""
+MOST_OTHERS = 12
+"""Recordings shown at once; the rest is folded."""
 STATES = (("simulation", "simulation"), ("refit", "retuned"), ("model", "model"))
 
 
@@ -132,6 +135,30 @@ def _place(ratio: float, top: float) -> float:
 
 def _ratio(value: float, floor: float) -> float:
     return value / floor if math.isfinite(value) and math.isfinite(floor) and floor > 0 else math.nan
+
+
+def others_table(others: Sequence[Other]) -> list[Block]:
+    """Recordings that nothing was fitted to, those first that the model fits worst."""
+    order = sorted(others, key=lambda o: (o.explained is not None, o.explained is True, -_ratio(o.error, o.usual)))
+    shown, folded = order[:MOST_OTHERS], order[MOST_OTHERS:]
+    more = [Folded(f"{len(folded)} more", [_others(folded)])] if folded else []
+    return [_others(shown), *more] if shown else []
+
+
+def _others(some: Sequence[Other]) -> Table:
+    rows = []
+    for other in some:
+        if other.explained is None:
+            rows.append([other.recording, "", "", "", f"not compared: {other.why}"])
+            continue
+        error = f"{fixed(other.error, decimals_for(other.usual))} {unit(other.unit)}"
+        state = Html(f"<span class=tag>{'explained' if other.explained else 'differs'}</span>")
+        ratio = times(_ratio(other.error, other.usual))
+        rows.append([other.recording, capital(words.channel_name(other.channel)), error, ratio, state])
+    kinds = ["kept" if other.explained else "refused" for other in some]
+    return Table(
+        "Other recordings", ("recording", "channel furthest off", "error, rms", "of the usual", ""), rows, kinds
+    )
 
 
 def trials(tried: Sequence[Trial]) -> list[Block]:

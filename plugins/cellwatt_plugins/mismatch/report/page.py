@@ -17,6 +17,7 @@ from cellwatt_plugins.mismatch.verdict.findings import Findings
 MOST_NAMES = 6
 """Recordings named at the top; more are counted."""
 TRIED = "Evidence that each candidate adds, in nats (5 nats are odds of 150 to 1); bars on a logarithmic scale."
+OTHERS = "Nothing was fitted to these; the usual error is that in data left out of the fit. Worst first."
 BESIDE = Html(
     "<p>Beside this page: <b>findings.json</b>, the same for programs; <b>model.yaml</b>, the model, "
     "run with <code>cellwatt simulate --model model.yaml</code>.</p>"
@@ -50,6 +51,7 @@ def report(
             Section("What was found", cards.found(findings)),
             Section("Channels", cards.fit_table(findings.fit), "Held-out rms error; dots on a scale of noise floors."),
             *figures.sections(findings, [t for t in traces if len(t.time)], floors),
+            Section("Other recordings", cards.others_table(findings.others), OTHERS),
             Section("What was tried", cards.trials(findings.tried), TRIED),
             Section("What the data could not tell", [Notes(findings.notes)]),
         ],

@@ -97,6 +97,21 @@ class ChannelFit:
 
 
 @dataclass(frozen=True)
+class Other:
+    """A recording that nothing was fitted to, beside the model: the channel that is furthest off."""
+
+    recording: str
+    explained: bool | None
+    """None where it could not be compared, with the reason in ``why``."""
+    channel: str = ""
+    unit: str = ""
+    error: float = 0.0
+    """Rms error of the model; ``usual`` is that in the data left out of the fit."""
+    usual: float = 0.0
+    why: str = ""
+
+
+@dataclass(frozen=True)
 class Findings:
     """Everything that ``explain`` found."""
 
@@ -107,6 +122,8 @@ class Findings:
     tried: tuple[Trial, ...] = ()
     notes: tuple[str, ...] = field(default=())
     """Remarks on what the data could not tell, e.g. effects that this motion cannot show."""
+    others: tuple[Other, ...] = ()
+    """Recordings beyond those that were looked at closely."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

@@ -8,7 +8,8 @@ import pytest
 from cellwatt.errors import ConfigError, RecordingError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.record import Header, Recorder, RecordSettings
-from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs, run_name
+from cellwatt_plugins.mismatch.input.reading import read_motion, read_runs
+from cellwatt_plugins.mismatch.input.sources import run_name
 from tests.plugins.mismatch.recorded_arm import CONSTANT, JOINTS, load, write_robot
 
 RATE = 125.0

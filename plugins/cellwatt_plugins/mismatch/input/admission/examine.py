@@ -65,17 +65,33 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
     notes = [note for run in runs for note in run.notes]
     # Not spread: a run takes as long to be sent as to be checked so.
     for run in steps(runs, "checking run"):
-        check_stuck(run)
-        notes += check_pairing(run, runs, arm.description)
-        check_limits(run, arm)
-        check_velocity(run, arm.description)
-        check_simulated(run, arm)
-        check_simulated_power(run)
+        notes += _check(run, runs, arm)
     with stage("simulating the runs"):
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     states = [base.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
     return Admitted(base, (*notes, *remarks(runs), *told_otherwise(runs, arm, base)), tuple(states))
+
+
+def check_run(run: Run, arm: Arm) -> Moved:
+    """The motion of a run that is looked at by itself. Raises as ``admit``; ``arm`` is the simulation's."""
+    check_length((run,))
+    _check(run, (run,), arm)
+    motion = moved(run)
+    check_torque(run, motion, arm)
+    check_power(run, motion)
+    return motion
+
+
+def _check(run: Run, runs: Sequence[Run], arm: Arm) -> list[str]:
+    """Remarks on one of the runs, by all that needs no other look at its motion."""
+    check_stuck(run)
+    notes = check_pairing(run, runs, arm.description)
+    check_limits(run, arm)
+    check_velocity(run, arm.description)
+    check_simulated(run, arm)
+    check_simulated_power(run)
+    return notes
 
 
 def _followed(run: Run, base: Baseline) -> tuple[Moved, Float | None, Float | None]:

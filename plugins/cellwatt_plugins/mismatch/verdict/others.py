@@ -1,0 +1,102 @@
+"""Recordings that nothing was fitted to: does the model that was found in others explain them, too?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+from cellwatt.scheduler import spread
+from cellwatt_plugins.mismatch.input.admission import check_run
+from cellwatt_plugins.mismatch.input.reading import read_one
+from cellwatt_plugins.mismatch.input.sources import Source
+from cellwatt_plugins.mismatch.model import Model, predict_states
+from cellwatt_plugins.mismatch.verdict.findings import Findings, Other
+from cellwatt_plugins.robot.meter import held
+
+Float = NDArray[np.float64]
+
+FACTOR = 2.0
+"""Error over that in the data left out of the fit from which on a recording is not explained."""
+NAMED = 5
+"""Recordings that notes name; ``findings.json`` and the report have all."""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What the recordings are compared with."""
+
+    model: Model
+    simulator: Path | None
+    rate: float
+    """Hz."""
+    usual: dict[str, float]
+    """Rms error of each channel in data left out of the fit."""
+
+
+def compare(
+    files: Sequence[Source], findings: Findings, model: Model, simulator: Path | None, rate: float
+) -> tuple[Other, ...]:
+    """Each recording beside the model, at ``rate`` Hz."""
+    usual = {fit.channel: max(fit.model, fit.noise_floor) for fit in findings.fit}
+    known = _Known(model, simulator, rate, usual)
+    return tuple(spread(_compared, files, "comparing the other recordings", shared=known))
+
+
+def with_others(findings: Findings, others: Sequence[Other], close: int) -> Findings:
+    """The findings in ``close`` recordings, and how the others go with them."""
+    if not others:
+        return findings
+    odd = [other for other in others if other.explained is False]
+    told = (_summary(len(others), len(odd), close), *(_odd(other) for other in odd[:NAMED]))
+    left_out = tuple(f"{other.recording} was not compared: {other.why}" for other in others if other.explained is None)
+    verdict = findings.verdict
+    if odd:
+        verdict = "partly_explained" if any(f.effect != "unknown" for f in findings.findings) else "unexplained"
+    return replace(findings, verdict=verdict, others=tuple(others), notes=(*findings.notes, *told, *left_out[:NAMED]))
+
+
+def _summary(others: int, odd: int, close: int) -> str:
+    return f"{close} of {close + others} recordings, those whose motions differ most, were looked at closely; " + (
+        f"{odd} of the others differ{'s' * (odd == 1)} from what was found in them"
+        if odd
+        else "the others agree with them"
+    )
+
+
+def _odd(other: Other) -> str:
+    return (
+        f"{other.recording}: {other.channel} is off by {other.error:.3g} {other.unit.replace('*', '')} rms, "
+        f"{other.error / other.usual:.1f} times as much as elsewhere: explain this recording by itself"
+    )
+
+
+def _compared(file: Source, known: _Known) -> Other:
+    """The channel of a recording that is furthest off."""
+    model = known.model
+    try:
+        run = read_one(file, model.robot, known.simulator, known.rate)
+        states = model.baseline.states(run, -1, check_run(run, model.arm()))
+    except RecordingError as error:
+        return Other(file.name, None, why=str(error))
+    predicted = predict_states(model, states)
+    counts = slice(None) if run.gaps is None else ~run.gaps
+    parts = [(f"tau_{i + 1}", "N*m", run.torque[counts, i], predicted.torque[counts, i]) for i in range(run.joints)]
+    if run.power is not None and held([(run.time, run.power)]) is None:
+        parts.append(("power", "W", run.power[counts], predicted.power[counts]))
+    found = [
+        Other(file.name, _explained(error, known.usual[name], measured, model), name, unit, error, known.usual[name])
+        for name, unit, measured, said in parts
+        if name in known.usual
+        for error in [float(np.sqrt(np.mean(np.square(measured - said))))]
+    ]
+    return max(found, key=lambda other: (other.explained is False, other.error / other.usual))
+
+
+def _explained(error: float, usual: float, measured: Float, model: Model) -> bool:
+    """True unless a channel is off by more than usual, and by a share of what it measured that is of use to anybody."""
+    return error < max(FACTOR * usual, model.robot.tolerances.unexplained * float(np.std(measured)))
