@@ -41,7 +41,7 @@ def report(
     return Report(
         name=robot,
         subject="simulation and recordings",
-        facts=_facts(traces),
+        facts=_facts(traces, len(findings.others)),
         verdict=words.verdict(findings),
         tone=TONES[findings.verdict],
         badge=findings.verdict.replace("_", " "),
@@ -70,11 +70,12 @@ def _floors(traces: Sequence[Trace], noise_floor: Float) -> dict[str, float]:
     return {c: float(f) if np.isfinite(f) and f > 0 else float("nan") for c, f in floors}
 
 
-def _facts(traces: Sequence[Trace]) -> list[str]:
-    """Number, length and rate of the recordings."""
+def _facts(traces: Sequence[Trace], others: int) -> list[str]:
+    """Number, length and rate of the recordings that were looked at closely, and the number of ``others``."""
     names = [t.name for t in traces]
     shown = ", ".join(names[:MOST_NAMES]) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
     rates = sorted({round(1 / t.step, 1) for t in traces if t.step > 0})
     facts = [f"{len(names)} recording{'s' * (len(names) != 1)} ({shown})"] if names else []
     facts += [f"{sum(len(t.time) * t.step for t in traces):.0f} s"] if rates else []
-    return facts + ([f"{' and '.join(f'{r:g}' for r in rates)} Hz"] if rates else [])
+    facts += [f"{' and '.join(f'{r:g}' for r in rates)} Hz"] if rates else []
+    return facts + ([f"{others} more compared with the model"] if others else [])

@@ -85,5 +85,7 @@ def test_the_report_lists_them(found: Explained, tmp_path: Path) -> None:
     found.report(tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text()
     section = page[page.index("<h2>Other recordings</h2>") :]
+    assert "6 recordings (" in page
+    assert "3 more compared with the model" in page
     order = [section.index(f">{name}<") for name in ("turned", "pushed", "same")]
     assert order == sorted(order)
