@@ -118,13 +118,13 @@ class Plant:
 
     async def run(self) -> None:
         """Follow the site until cancelled. Raises ``SinkError`` if the link cannot be opened."""
-        async with self._opened():
-            try:
+        try:
+            async with self._opened():
                 while True:
                     await asyncio.sleep(LOOK)
                     await self._look()
-            finally:
-                await self._followed.close()
+        finally:
+            await self._followed.close()  # a cell may be looked at as soon as it is heard, before the link is all open
 
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[None]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,12 +16,15 @@ import pytest
 from cellwatt.publish import ZenohSettings, ZenohSink
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.sinks.page import plant as plant_module
+from cellwatt.sinks.page.archive import Desk
+from cellwatt.sinks.page.browsers import Browsers
+from cellwatt.sinks.page.plant import Plant
 from cellwatt.sinks.page.settings import PageSettings
 from cellwatt.sinks.page.viewing import view
 from tests.daemon.publish.fake_cell import FakeView, frames
 from tests.daemon.publish.processes import free_port
 from tests.daemon.sinks.page.cell import ENERGY, EPOCH, MS, Stream, alarm, client, csrf, status
-from tests.patience import eventually
+from tests.patience import eventually, wait_until
 
 SITE = "plant-1"
 
@@ -221,6 +224,26 @@ async def test_there_is_a_limit_of_cells_that_are_followed(router: str, monkeypa
         for where in (f"{SITE}/weld-9", "plant-2/weld-1"):
             async with browser.get(f"{url}/api/cells/{where}/state") as response:
                 assert response.status == 404
+
+
+async def test_a_cell_that_is_looked_at_before_the_link_is_open_is_left_at_the_end(
+    router: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opening(plant: Plant, stopped: Callable[[], bool]) -> None:
+        plant._loop.call_soon_threadsafe(plant._of, "weld-1")
+        wait_until(stopped, "the end")
+
+    monkeypatch.setattr(Plant, "_open", opening)
+    desk = Desk()
+    plant = Plant(LinkSettings(mode="client", connect=(router,)), SITE, Browsers(1), desk)
+    running = asyncio.create_task(plant.run())
+    await eventually(lambda: plant.cells, "the cell")
+    await plant.room(SITE, "weld-1")
+    running.cancel()
+    with suppress(asyncio.CancelledError):
+        await running
+    assert not [task for task in asyncio.all_tasks() if "watch" in repr(task.get_coro())]
+    await asyncio.to_thread(desk.close)
 
 
 async def test_nonsense_in_a_cells_name_costs_only_that_cell(router: str, tmp_path: Path) -> None:
