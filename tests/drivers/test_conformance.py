@@ -35,7 +35,7 @@ RATED = [200.0, 200.0, 100.0, 2.0, 2.0, 2.0]
 ARM = {"pulses_per_degree": [1000.0] * 6, "rated_torque": RATED, "status_rate": "10 Hz", "silence": "500 ms"}
 PULSES = {"pulses_per_degree": ",".join(["1000"] * 6), "rated_torque": ",".join(map(str, RATED)), "answer_ms": "0"}
 LINK = {"link": "{folder}/port"}
-OPC_UA = {"model": "opc_40010", "rate": "20 Hz", "publish": "50 ms", "timeout": "1 s"}
+OPC_UA = {"model": "opc_40010", "rate": "20 Hz", "publish": "50 ms", "timeout": "3 s"}
 METER = {"meter": "eastron_sdm630", "rate": "20 Hz", "timeout": "200 ms", "silence": "1 s"}
 
 
