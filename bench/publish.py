@@ -69,6 +69,9 @@ class View:
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
         return self.recorded[source][first : first + count]
 
+    def frame_history(self, session: int, first: int, count: int) -> list[Any]:
+        return []
+
 
 def make_batch(source: int, sequence: int, n: int, arrival: int = 0) -> Batch:
     times = np.arange(sequence, sequence + n)

@@ -8,6 +8,7 @@ from typing import Any
 
 from cellwatt.batch import Batch
 from cellwatt.errors import CellwattError
+from cellwatt.frames import Frames
 from cellwatt.publish.answers import Answers
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import ARROW, decode
@@ -43,6 +44,10 @@ class _View(CellView):
         if (source, stream, session) != ("arm", "rtde", SESSION):
             return []
         return [b for b in (batch(0, 4), batch(4, 3), batch(9, 2)) if b.sequence < first + count]
+
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        assert 0 <= count <= MOST_SAMPLES
+        return [f for f in (frames(0, 4), frames(4, 2)) if session == SESSION and f.sequence < first + count]
 
 
 def _answers() -> Answers:

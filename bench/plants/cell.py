@@ -52,6 +52,9 @@ class View:
         asked = source, stream, session, first, count
         return self.made.history(*asked) or self.made.later(*asked)
 
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        return self.made.frames(session, first, count)
+
 
 class Cell:
     """Samples whose first value is their number; frames and alarms likewise."""

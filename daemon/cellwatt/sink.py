@@ -78,6 +78,13 @@ class CellView(Protocol):
         """
         ...
 
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        """Recorded frames ``first`` … ``first + count`` that are still kept, in order, numbered as they were given.
+
+        If none of them is, as many of the first that are kept after them.
+        """
+        ...
+
     def acknowledge(self, alarm_id: str, name: str, note: str) -> None:
         """Note that a person knows of an alarm. Raises ``CellwattError`` where it is not up, or nobody is named."""
         ...

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from datetime import datetime, tzinfo
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,19 @@ def called(command: click.Command, *words: object) -> str:
     done = CliRunner().invoke(command, [str(word) for word in words], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.stdout
+
+
+@pytest.fixture
+def one_moment(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let models be made at the same time, which they carry."""
+
+    class Standing(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> datetime:
+            return datetime(2026, 1, 1, tzinfo=tz)
+
+    for module in ("cellwatt_plugins.models.metadata", "cellwatt_plugins.models.static.exported"):
+        monkeypatch.setattr(f"{module}.datetime", Standing)
 
 
 def both(workers: str, folder: Path, command: click.Command, *words: object) -> tuple[str, Path]:
@@ -150,14 +164,14 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_train_static(poses: Path, workers: str, tmp_path: Path) -> None:
+def test_train_static(poses: Path, workers: str, one_moment: None, tmp_path: Path) -> None:
     told, _ = both(workers, tmp_path, train, "static", poses / "samples.parquet", "--robot", poses, "--json")
     assert json.loads(told)["poses"] == 24
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_train_power(workers: str, tmp_path: Path) -> None:
+def test_train_power(workers: str, one_moment: None, tmp_path: Path) -> None:
     robot, table, _ = write_case(tmp_path, "six axes", 3, moves=3, unseen=1)
     told, folder = both(workers, tmp_path, train, "power", table, "--robot", robot, "--json")
     assert (folder / "scg.onnx").exists(), told

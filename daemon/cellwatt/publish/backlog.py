@@ -31,15 +31,19 @@ class _Numbering:
 
 
 class Backlog:
-    """Numbers results, events and frames, and keeps the last of each and the alarms that are active now.
+    """Numbers results and events, and keeps the last of each, of the frames, and the alarms that are active now.
 
     ``session`` is the start of this numbering, UTC ns: a sink that is made anew begins a new one, so that a number
-    is never given twice; with a ``journal`` it goes on with the numbering there. Frames are kept up to
-    ``frame_bytes``. Called from several threads.
+    is never given twice; with a ``journal`` it goes on with the numbering there. Frames have the cell's own numbers,
+    in the cell's session ``numbered``, which is ``session`` by default; they are kept up to ``frame_bytes``. Called
+    from several threads.
     """
 
-    def __init__(self, session: int, frame_bytes: float, journal: Journal | None = None) -> None:
+    def __init__(
+        self, session: int, frame_bytes: float, journal: Journal | None = None, numbered: int | None = None
+    ) -> None:
         self.session = session
+        self._numbered = session if numbered is None else numbered
         self._lock = threading.Lock()
         self._topics: dict[str, _Numbering] = {}
         self._alarms: dict[str, tuple[Mark, Alarm]] = {}
@@ -68,10 +72,10 @@ class Backlog:
         return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
 
     def add_frames(self, frames: Frames) -> Mark:
-        """Keep frames under their own numbers; where those jump, a new numbering begins."""
+        """Keep frames under their own numbers; where those go back, a new numbering begins."""
         with self._lock:
-            numbering = self._topics.setdefault(FRAME, _Numbering(self.session, frames.sequence))
-            if frames.sequence != numbering.following:
+            numbering = self._topics.setdefault(FRAME, _Numbering(self._numbered))
+            if frames.sequence < numbering.following:
                 numbering.session += 1
                 self._frames.clear()
                 self._frame_bytes = 0
@@ -86,7 +90,7 @@ class Backlog:
     def succeed(self, before: Backlog) -> None:
         """Keep the frames, and go on with their numbering, of another one that takes no more."""
         with before._lock, self._lock:
-            if FRAME in before._topics and before.session == self.session:
+            if FRAME in before._topics and before._numbered == self._numbered:
                 self._topics[FRAME] = before._topics[FRAME]
                 self._frames, self._frame_bytes = before._frames, before._frame_bytes
 
@@ -117,6 +121,12 @@ class Backlog:
             return [
                 (m, f) for m, f in self._frames if m.session == session and m.end > first < first + count > m.sequence
             ]
+
+    def recorded(self, session: int) -> bool:
+        """True if a session's frames are recorded under their own numbers: not where these went back."""
+        with self._lock:
+            numbering = self._topics.get(FRAME)
+            return session != self._numbered or numbering is None or numbering.session == session
 
     def _set_alarm(self, mark: Mark, alarm: Alarm) -> tuple[str, ...]:
         before = self._alarms.pop(alarm.id, (mark, alarm))[1]

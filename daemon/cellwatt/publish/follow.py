@@ -20,7 +20,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.publish.asking import Question
 from cellwatt.publish.doubt import Doubts
-from cellwatt.publish.keys import ALARM
+from cellwatt.publish.keys import ALARM, FRAME
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Follower, Gap, Hole, Part
 from cellwatt.results import Alarm, Event, Result
@@ -229,7 +229,7 @@ class Following:
     def _unchecked(self, name: str, state: _Topic) -> bool:
         """True if a recorded topic enters a session that other sessions may have preceded."""
         follower = state.follower
-        return follower.over and name.startswith("raw/") and (name, follower.newest) not in self._checked
+        return follower.over and _recorded(name) and (name, follower.newest) not in self._checked
 
     @property
     def complete(self) -> bool:
@@ -264,7 +264,7 @@ class Following:
         """Start a topic at its current position, or after the join at its first number."""
         if not self.joined:
             return self._begin(topic, session, number)
-        return self._begin(topic, self._since or session if topic.startswith("raw/") else session, 0)
+        return self._begin(topic, self._since or session if _recorded(topic) else session, 0)
 
     def _begin(self, topic: str, session: int, following: int) -> _Topic:
         if topic not in self._topics and len(self._topics) >= _MOST_TOPICS:
@@ -286,6 +286,11 @@ class Following:
 
 def _key(hole: Hole) -> tuple[int, int, bool]:
     return hole.session, hole.first, hole.certain
+
+
+def _recorded(topic: str) -> bool:
+    """True for topics that the record holds under their numbers."""
+    return topic == FRAME or topic.startswith("raw/")
 
 
 def _goes_on(state: _Topic, part: Part) -> bool:

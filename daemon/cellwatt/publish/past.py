@@ -1,12 +1,14 @@
-"""Answers about the past: recorded samples, frames and results in memory, one bounded piece at a time."""
+"""Answers about the past: recorded samples and frames, results in memory, one bounded piece at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
-from cellwatt.blocks import cut, join
+from cellwatt.batch import Batch
+from cellwatt.blocks import Block, cut, join
+from cellwatt.frames import Frames
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
 from cellwatt.publish.keys import FRAME, raw_topic
@@ -19,6 +21,8 @@ MOST_SAMPLES: Final = 2000
 """Samples in one answer; about 1 MB of sixty channels."""
 MOST_RESULTS: Final = 500
 """Results in one answer, and cleared alarms."""
+_EVER: Final = 2**62
+"""Count of a question that has none: all there is."""
 _ROW: Final = 33
 """Bytes of one sample or frame beside its channels, about."""
 _CELL: Final = 17
@@ -44,44 +48,54 @@ class Past:
         """Bytes of one sample of each topic that was answered about."""
 
     def history(self, asked: Mapping[str, str]) -> Answer:
-        """Recorded samples, or frames in memory. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
+        """Recorded samples, or frames. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
         session, first = number_of(asked, "session", self._view.session), number_of(asked, "first", 0)
-        whole = number_of(asked, "count", MOST_SAMPLES)
-        count = min(whole, MOST_SAMPLES)
+        whole = number_of(asked, "count", _EVER)
         if "source" not in asked and asked.get("stream") == FRAME:
-            return self._frames(session, first, whole)
+            frames = self._cut_out(FRAME, first, whole, lambda count: self._frames(session, first, whole, count))
+            if not frames:
+                raise NothingKeptError(f"no frames are kept from {first} in session {session}")
+            mark = Mark(session, frames.sequence, len(frames), int(frames.time[-1]), backfill=True)
+            return Answer(encode_frames(frames), ARROW, mark, FRAME)
         source, stream = text_of(asked, "source"), text_of(asked, "stream")
         topic = raw_topic(source, stream)
-        if topic in self._sizes:
-            count = self._fitting(count, self._sizes[topic])
-        batch = join(self._view.history(source, stream, session, first, count), count)
-        if batch is not None:  # it may begin beyond what was asked for, where all of that is gone
-            batch = cut(batch, 0, min(len(batch), max(first + whole - batch.sequence, 0)))
+        batch = self._cut_out(
+            topic, first, whole, lambda count: self._view.history(source, stream, session, first, count)
+        )
         if not batch:
             about = f"{source}/{stream}"
             raise NothingKeptError(f"nothing is recorded of {about:.120} from {first} in session {session}")
-        self._sizes[topic] = _ROW + 8 * len(batch.stream.channels)
-        batch = cut(batch, 0, self._fitting(len(batch), self._sizes[topic]))
         mark = Mark(session, batch.sequence, len(batch), batch.arrival, backfill=True)
         return Answer(encode_batch(batch), ARROW, mark, topic)
+
+    def _cut_out(self, topic: str, first: int, whole: int, look: Callable[[int], Sequence[Block]]) -> Block | None:
+        """The first of ``first`` … ``first + whole``, as many as one answer may have; ``look`` is given a count."""
+        count = min(whole, MOST_SAMPLES)
+        if topic in self._sizes:
+            count = self._fitting(count, self._sizes[topic])
+        block = join(look(count), count)
+        if block is not None:  # it may begin beyond what was asked for, where all of that is gone
+            block = cut(block, 0, min(len(block), max(first + whole - block.sequence, 0)))
+        if not block:
+            return None
+        self._sizes[topic] = _size(block)
+        return cut(block, 0, self._fitting(len(block), self._sizes[topic]))
 
     def _fitting(self, count: int, size: int) -> int:
         """``count`` rows of ``size`` bytes, or as many as one answer may have now; at least one."""
         return max(int(min(count, self._piece() / size)), 1)
 
-    def _frames(self, session: int, first: int, whole: int) -> Answer:
-        kept = self._backlog.frames(session, first, whole)
-        if not kept:
-            raise NothingKeptError(f"no frames are kept from {first} in session {session}")
-        begin, block = kept[0]
-        count = self._fitting(min(whole, MOST_SAMPLES), _ROW + _CELL * block.values.shape[1])
-        skipped = max(first - begin.sequence, 0)
-        count = min(count, first + whole - begin.sequence - skipped)
-        joined = join([frames for _, frames in kept], skipped + count)
-        assert joined is not None
-        frames = cut(joined, skipped, len(joined))
-        mark = replace(begin, sequence=frames.sequence, count=len(frames), backfill=True)
-        return Answer(encode_frames(frames), ARROW, mark, FRAME)
+    def _frames(self, session: int, first: int, whole: int, count: int) -> Sequence[Frames]:
+        """Frames from memory on, and where memory begins later, from the record."""
+        kept = [frames for _, frames in self._backlog.frames(session, first, whole)]
+        begin = kept[0].sequence if kept else first + whole
+        if begin <= first:
+            return [cut(kept[0], first - begin, len(kept[0])), *kept[1:]]
+        if self._backlog.recorded(session):
+            recorded = self._view.frame_history(session, first, min(count, begin - first))
+            if recorded and recorded[0].sequence < begin:
+                return recorded
+        return kept
 
     def results(self, asked: Mapping[str, str]) -> Answer:
         """Results or events of one kind. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
@@ -99,3 +113,8 @@ class Past:
         first, last = kept[0][0], kept[len(items) - 1][0]
         mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
         return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
+
+
+def _size(block: Batch | Frames) -> int:
+    """Bytes of one row in an answer, about."""
+    return _ROW + (8 * len(block.stream.channels) if isinstance(block, Batch) else _CELL * len(block.layout.channels))

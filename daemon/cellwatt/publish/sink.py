@@ -51,7 +51,8 @@ class ZenohSettings(LinkSettings):
     queue: PositiveInt = 4096
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
     frame_memory: Bytes = 16e6
-    """Memory for frames that a consumer may ask for after a cut; raw samples it gets from the record."""
+    """Memory for frames that a consumer may ask for after a cut; older ones it gets from the record, if they are
+    recorded (``record: frames``), and raw samples always."""
     backfill: BytesPerSecond | None = None
     """Most that answers about the past take of the line, all consumers together; by default no limit. Set it below
     what the line carries, less the live data."""
@@ -96,9 +97,8 @@ class ZenohSink(Sink[ZenohSettings]):
         super().__init__(name, settings, view)
         self._keys = CellKeys(view.site, view.cell)
         self._outbox = Outbox(settings.queue, self.account)
-        self._backlog = Backlog(
-            time.time_ns() if view.journal is None else view.session, settings.frame_memory, view.journal
-        )
+        numbering = time.time_ns() if view.journal is None else view.session
+        self._backlog = Backlog(numbering, settings.frame_memory, view.journal, view.session)
         self._seal = Seal(self._keys.root, settings.sign)
         self._answers = Answers(
             view, self._keys, self._backlog, self._outbox.count, self._health, self._seal, settings.backfill

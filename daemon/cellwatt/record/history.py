@@ -12,16 +12,17 @@ from dataclasses import dataclass, replace
 from io import FileIO
 from itertools import islice
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import cut
+from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
 from cellwatt.files import open_file
+from cellwatt.frames import Frames
 from cellwatt.record import decoder, seal
 from cellwatt.record.container import Chunk, Chunks, Contents
 from cellwatt.record.decoder import Track, tracks_of
-from cellwatt.record.encoder import topic_of
+from cellwatt.record.encoder import FRAME_TOPIC, topic_of
 from cellwatt.record.opening import survey
 from cellwatt.record.reader import chunk_data
 from cellwatt.record.retention import Kept, listing
@@ -52,6 +53,17 @@ class Known:
     """Signature of the cell for it, see ``record.seal``."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Topic(Generic[Block]):
+    """A topic and the kind of the blocks that are filed under it."""
+
+    name: str
+    kind: type[Block]
+
+
+_FRAMES = _Topic(FRAME_TOPIC, Frames)
+
+
 class History:
     """Serves what is in ``folder`` of the recorder's cell, and the file it is writing. Any thread may ask."""
 
@@ -67,21 +79,21 @@ class History:
 
         Reads files and may wait for a flush: never call it on the event loop.
         """
-        topic, stop = topic_of(source, stream), first + count
-        with self._lock:
-            found = self._settled(lambda: self._find(topic, session, first, stop))
-            if _end(found, first) < stop and self._recorder.flush(FLUSH_TIMEOUT):
-                found = self._settled(lambda: self._find(topic, session, first, stop))
-            return found
+        return self._within(_Topic(topic_of(source, stream), Batch), session, first, count)
 
     def later(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
         """The first ``count`` recorded samples of a stream from ``first`` on, wherever these begin.
 
         Reads files: never call it on the event loop.
         """
-        topic = topic_of(source, stream)
-        with self._lock:
-            return self._settled(lambda: self._find_later(topic, session, first, count))
+        return self._later(_Topic(topic_of(source, stream), Batch), session, first, count)
+
+    def frames(self, session: int, first: int, count: int) -> list[Frames]:
+        """Recorded frames ``first`` … ``first + count``, in order; if none is left, the first ``count`` after them.
+
+        Reads files and may wait for a flush: never call it on the event loop.
+        """
+        return self._within(_FRAMES, session, first, count) or self._later(_FRAMES, session, first, count)
 
     def recordings(self) -> list[dict[str, Any]]:
         """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
@@ -99,6 +111,18 @@ class History:
                 }
                 for known in self._settled(self._files)
             ]
+
+    def _within(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+        stop = first + count
+        with self._lock:
+            found = self._settled(lambda: self._find(topic, session, first, stop))
+            if _end(found, first) < stop and self._recorder.flush(FLUSH_TIMEOUT):
+                found = self._settled(lambda: self._find(topic, session, first, stop))
+            return found
+
+    def _later(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+        with self._lock:
+            return self._settled(lambda: self._find_later(topic, session, first, count))
 
     def _files(self) -> list[Known]:
         """All files of the cell in order, read again only where they changed."""
@@ -131,41 +155,44 @@ class History:
         except FileNotFoundError:
             return []
 
-    def _find(self, topic: str, session: int, first: int, stop: int) -> list[Batch]:
-        files = [f for f in self._files() if f.kept.name.session == session and topic in f.firsts]
-        begins = [f.firsts[topic][1] for f in files]
-        found: list[Batch] = []
+    def _find(self, topic: _Topic[Block], session: int, first: int, stop: int) -> list[Block]:
+        files = [f for f in self._files() if f.kept.name.session == session and topic.name in f.firsts]
+        begins = [f.firsts[topic.name][1] for f in files]
+        found: list[Block] = []
         for at in range(max(bisect_right(begins, first) - 1, 0), len(files)):
             if begins[at] >= stop:
                 break
             found += self._from_file(files[at], topic, first, stop)
         return found
 
-    def _find_later(self, topic: str, session: int, first: int, count: int) -> list[Batch]:
+    def _find_later(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
         for known in self._files():
-            if known.kept.name.session == session and topic in known.firsts:
+            if known.kept.name.session == session and topic.name in known.firsts:
                 begin = self._begin_in(known, topic, first)
                 if begin is not None:
                     return self._find(topic, session, begin, begin + count)
         return []
 
-    def _begin_in(self, known: Known, topic: str, first: int) -> int | None:
-        """Number of the first sample of a file from ``first`` on; ``None`` if it has none."""
-        if known.firsts[topic][1] >= first:
-            return known.firsts[topic][1]
+    def _begin_in(self, known: Known, topic: _Topic[Block], first: int) -> int | None:
+        """Number of the first sample or frame of a file from ``first`` on; ``None`` if it has none."""
+        begin = known.firsts[topic.name][1]
+        if begin >= first:
+            return begin
         found = self._from_file(known, topic, first, sys.maxsize, most=1)
         return found[0].sequence if found else None
 
-    def _from_file(self, known: Known, topic: str, first: int, stop: int, most: int | None = None) -> list[Batch]:
-        channel = known.firsts[topic][0]
+    def _from_file(
+        self, known: Known, topic: _Topic[Block], first: int, stop: int, most: int | None = None
+    ) -> list[Block]:
+        channel = known.firsts[topic.name][0]
         try:
             chunks, tracks = self._listed(known)
             with open_file(known.kept.path) as file:
                 holding = chunks.holding(channel)
                 places = range(len(holding))
                 start = bisect_right(places, first, key=lambda i: _first_from(file, holding, i, tracks, channel))
-                batches = _between(file, _from(holding, max(start - 1, 0)), tracks, channel, first, stop)
-                return list(islice(batches, most))
+                blocks = _blocks(file, _from(holding, max(start - 1, 0)), tracks, channel, topic.kind)
+                return list(islice(_between(blocks, first, stop), most))
         except (OSError, RecordingError):
             # Renamed, which is noticed and tried again, or removed to make room: what is left is asked for.
             return []
@@ -185,8 +212,8 @@ class History:
         return self._chunks[path]
 
 
-def _end(batches: Sequence[Batch], first: int) -> int:
-    return batches[-1].sequence + len(batches[-1]) if batches else first
+def _end(blocks: Sequence[Batch | Frames], first: int) -> int:
+    return blocks[-1].sequence + len(blocks[-1]) if blocks else first
 
 
 def _tracks(contents: Contents) -> dict[int, Track]:
@@ -215,21 +242,24 @@ def _known(kept: Kept, contents: Contents, state: str) -> Known:
     return Known(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
 
 
-def _batches(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], channel: int) -> list[Batch]:
-    """One stream's batches in a chunk; none where it is damaged."""
-    try:
-        found = list(decoder.items(chunk_data(file, chunk), tracks, {channel}))
-    except ValueError:
-        return []
-    return [item for item in found if isinstance(item, Batch)]
+def _blocks(
+    file: FileIO, chunks: Iterable[Chunk], tracks: Mapping[int, Track], channel: int, kind: type[Block]
+) -> Iterator[Block]:
+    """The blocks of one topic in some chunks; of a damaged chunk none."""
+    for chunk in chunks:
+        try:
+            found = list(decoder.items(chunk_data(file, chunk), tracks, {channel}))
+        except ValueError:
+            continue
+        yield from (item for item in found if isinstance(item, kind))
 
 
 def _first_from(file: FileIO, chunks: Sequence[Chunk], at: int, tracks: Mapping[int, Track], channel: int) -> int:
-    """The sequence number with which a stream goes on in the first chunk from ``at`` on that can be read."""
+    """The sequence number with which a topic goes on in the first chunk from ``at`` on that can be read."""
     for chunk in _from(chunks, at):
         try:
             for item in decoder.items(chunk_data(file, chunk), tracks, {channel}):
-                if isinstance(item, Batch):
+                if isinstance(item, Batch | Frames):
                     return item.sequence
         except ValueError:
             continue
@@ -241,19 +271,16 @@ def _from(chunks: Sequence[Chunk], at: int) -> Iterator[Chunk]:
     return (chunks[place] for place in range(at, len(chunks)))
 
 
-def _between(
-    file: FileIO, chunks: Iterable[Chunk], tracks: Mapping[int, Track], channel: int, first: int, stop: int
-) -> Iterator[Batch]:
-    for chunk in chunks:
-        for batch in _batches(file, chunk, tracks, channel):
-            if batch.sequence >= stop:
-                return
-            part = trim(batch, first, stop)
-            if part is not None:
-                yield part
+def _between(blocks: Iterable[Block], first: int, stop: int) -> Iterator[Block]:
+    for block in blocks:
+        if block.sequence >= stop:
+            return
+        part = trim(block, first, stop)
+        if part is not None:
+            yield part
 
 
-def trim(batch: Batch, first: int, stop: int) -> Batch | None:
-    """The part of a batch with sequence numbers from ``first`` to before ``stop``."""
-    low, high = max(first - batch.sequence, 0), min(stop - batch.sequence, len(batch))
-    return cut(batch, low, high) if low < high else None
+def trim(block: Block, first: int, stop: int) -> Block | None:
+    """The part of a block with sequence numbers from ``first`` to before ``stop``."""
+    low, high = max(first - block.sequence, 0), min(stop - block.sequence, len(block))
+    return cut(block, low, high) if low < high else None

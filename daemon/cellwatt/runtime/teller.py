@@ -280,6 +280,10 @@ class Teller:
         asked = source, stream, session, first, count
         return self._history.history(*asked) or self._history.later(*asked)
 
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        """See ``CellView.frame_history``."""
+        return self._history.frames(session, first, count) if self._history is not None else ()
+
 
 def _record(recorder: Recorder, item: Item) -> None:
     match item:

@@ -1,7 +1,9 @@
-"""A publishing cell as a process: a ``ZenohSink`` over a record in memory, ordered about in JSON lines.
+"""A publishing cell as a process: a ``ZenohSink`` over a record in memory or in a ``folder``, ordered about in JSON
+lines.
 
 Orders: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from where it is,
-``{"offer_only": n}`` / ``{"record_only": n}`` samples that only go there. Health goes out each 0.2 s.
+``{"offer_only": n}`` / ``{"record_only": n}`` samples that only go there, ``{"frames": n}`` publishes frames at once.
+Health goes out each 0.2 s.
 """
 
 from __future__ import annotations
@@ -10,15 +12,47 @@ import asyncio
 import contextlib
 import json
 import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from cellwatt import Batch, Frames
 from cellwatt.publish import ZenohSettings, ZenohSink
-from tests.daemon.publish.fake_cell import EPOCH, STATUS, FakeView, alarm, batch, frames
+from cellwatt.record import Header, History, Recorder, RecordSettings
+from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames
+from tests.patience import PATIENCE
+
+FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH = 10, 500
+
+
+class RecordingView(FakeView):
+    """The cell with a record on disk, in small files."""
+
+    def __init__(self, session: int, folder: Path) -> None:
+        super().__init__(session)
+        self.recorder = Recorder(RecordSettings(folder=folder, file_size=10e3), Header(SITE, CELL, session))
+        self.recorder.start()
+        self._history = History(folder, self.recorder)
+
+    def record(self, item: Batch | Frames, session: int | None = None) -> None:
+        assert self.recorder.frames(item) if isinstance(item, Frames) else self.recorder.batch(item)
+
+    def recordings(self) -> Sequence[Mapping[str, Any]]:
+        return self._history.recordings()
+
+    def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
+        asked = source, stream, session, first, count
+        return self._history.history(*asked) or self._history.later(*asked)
+
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        return self._history.frames(session, first, count)
 
 
 class Cell:
     def __init__(self, settings: dict[str, Any]) -> None:
-        self.view = FakeView(settings.pop("session", EPOCH))
+        session, folder = settings.pop("session", EPOCH), settings.pop("folder", None)
+        self.recorded = None if folder is None else RecordingView(session, Path(folder))
+        self.view = self.recorded or FakeView(session)
         for session, count in settings.pop("recorded", {}).items():
             self.view.record(batch(0, count), int(session))
         self.sink = ZenohSink("zenoh", ZenohSettings(**settings), self.view)
@@ -32,11 +66,27 @@ class Cell:
             await asyncio.sleep(start + i * block / rate - loop.time())
             self.offer(batch(self.samples, block))
             if frames_too:
-                self.sink.offer(frames(self.frames, 1))
-                self.frames += 1
+                self.offer_frames(1)
             if every and i % every == 0:
                 self.sink.offer(alarm(self.alarms, active=self.alarms % 2 == 0))
                 self.alarms += 1
+        self.say_published()
+
+    def offer_frames(self, count: int) -> None:
+        self.view.record(frames(self.frames, count))
+        self.sink.offer(frames(self.frames, count))
+        self.frames += count
+
+    async def burst(self, count: int) -> None:
+        """Frames at once, in blocks; they are on disk when it says so."""
+        end = self.frames + count
+        while self.frames < end:
+            self.offer_frames(FRAMES_OF_A_BLOCK)
+            if self.recorded is not None and (self.frames == end or self.frames % FRAMES_OF_A_FLUSH == 0):
+                assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
+        self.say_published()
+
+    def say_published(self) -> None:
         say({"published": {"samples": self.samples, "frames": self.frames, "alarms": self.alarms}})
 
     def offer(self, item: Any, live: bool = True, record: bool = True) -> None:
@@ -59,6 +109,8 @@ class Cell:
                 order = json.loads(line)
                 if "stream" in order:
                     group.create_task(self.stream(**order["stream"]))
+                elif "frames" in order:
+                    group.create_task(self.burst(order["frames"]))
                 elif "record_only" in order:
                     self.offer(batch(self.samples, order["record_only"]), live=False)
                 elif "offer_only" in order:
@@ -85,6 +137,8 @@ async def main() -> None:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await task
+        if cell.recorded is not None:
+            await cell.recorded.recorder.close()
         say({"account": cell.sink.account.snapshot()})
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from cellwatt import Alarm, Batch, Frames
 from cellwatt.publish.link import LinkSettings
 from cellwatt.subscriber import Gap, Message, Subscriber
+from tests.daemon.publish.fake_cell import frames
 
 _one_at_a_time = threading.Lock()
 
@@ -26,11 +27,20 @@ def summary(message: Message) -> dict[str, Any]:
     about |= {"count": message.count, "backfilled": message.backfilled}
     if isinstance(content, Batch | Frames):
         about["values"] = content.values[:, 0].tolist()
+        if isinstance(content, Frames):
+            about["as_offered"] = same_frames(content, frames(content.sequence, len(content)))
     elif isinstance(content, Alarm):
         about |= {"id": content.id, "active": content.active}
     elif isinstance(content, Gap):
         about["gap"] = content.reason
     return about
+
+
+def same_frames(a: Frames, b: Frames) -> bool:
+    """Equal to the last bit."""
+    arrays = "time", "values", "quality", "bound"
+    alike = all(getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in arrays)
+    return alike and (a.layout, a.sequence, len(a)) == (b.layout, b.sequence, len(b))
 
 
 def main() -> None:

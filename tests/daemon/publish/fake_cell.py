@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
-from cellwatt.blocks import cut
+from cellwatt.blocks import Block, cut
 
 SITE, CELL = "plant-1", "weld-3"
 EPOCH = 1_800_000_000_000_000_000
@@ -100,11 +100,15 @@ class FakeView:
         self.forgotten = 0
         self._lock = threading.Lock()
         self._recorded: dict[tuple[int, str, str], list[Batch]] = {}
+        self._frames: dict[int, list[Frames]] = {}
 
-    def record(self, item: Batch, session: int | None = None) -> None:
-        key = (session or self.session, item.source, item.stream.name)
+    def record(self, item: Batch | Frames, session: int | None = None) -> None:
+        session = session or self.session
         with self._lock:
-            self._recorded.setdefault(key, []).append(item)
+            if isinstance(item, Frames):
+                self._frames.setdefault(session, []).append(item)
+            else:
+                self._recorded.setdefault((session, item.source, item.stream.name), []).append(item)
 
     def status(self) -> Mapping[str, Any]:
         return STATUS
@@ -122,11 +126,17 @@ class FakeView:
 
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> Sequence[Batch]:
         with self._lock:
-            kept = list(self._recorded.get((session, source, stream), ()))
-        end = (kept[-1].sequence + len(kept[-1]) - self.lag) if kept else 0
+            return self._kept(self._recorded.get((session, source, stream), ()), first, count)
+
+    def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
+        with self._lock:
+            return self._kept(self._frames.get(session, ()), first, count)
+
+    def _kept(self, blocks: Sequence[Block], first: int, count: int) -> list[Block]:
+        end = (blocks[-1].sequence + len(blocks[-1]) - self.lag) if blocks else 0
         begin, end = max(first, self.forgotten), min(max(first, self.forgotten) + count, end)
         return [
             cut(b, begin - b.sequence, end - b.sequence)
-            for b in kept
+            for b in blocks
             if b.sequence < end and b.sequence + len(b) > begin
         ]

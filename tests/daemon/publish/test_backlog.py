@@ -2,8 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
 from cellwatt import Interval, Prediction
 from cellwatt.publish.backlog import RESULTS_KEPT, Backlog
 from tests.daemon.publish.fake_cell import EPOCH, alarm, frames
@@ -70,14 +68,31 @@ def test_frames_are_kept_up_to_a_number_of_bytes() -> None:
     assert kept.frames(EPOCH + 1, 0, 99) == []
 
 
-@pytest.mark.parametrize("jump", [0, 15])
-def test_frames_whose_numbers_jump_begin_a_new_numbering(jump: int) -> None:
+def test_frames_that_never_came_are_a_hole_in_their_numbers() -> None:
+    kept = backlog()
+    kept.add_frames(frames(0, 10))
+    mark = kept.add_frames(frames(15, 5))
+    assert (mark.session, mark.sequence) == (EPOCH, 15)
+    assert [m.sequence for m, _ in kept.frames(EPOCH, 0, 99)] == [0, 15]
+    assert kept.frames(EPOCH, 10, 5) == []
+    assert kept.recorded(EPOCH)
+
+
+def test_frames_whose_numbers_go_back_begin_a_new_numbering() -> None:
     kept = backlog()
     assert kept.add_frames(frames(0, 10)).session == EPOCH
-    mark = kept.add_frames(frames(jump, 5))
-    assert (mark.session, mark.sequence) == (EPOCH + 1, jump)
+    mark = kept.add_frames(frames(5, 5))
+    assert (mark.session, mark.sequence) == (EPOCH + 1, 5)
     assert kept.frames(EPOCH, 0, 99) == []
     assert len(kept.frames(EPOCH + 1, 0, 99)) == 1
+    assert not kept.recorded(EPOCH)  # two frames may have one number there
+    assert kept.recorded(EPOCH - 1)
+
+
+def test_frames_have_the_numbers_of_the_cell_also_where_results_begin_anew() -> None:
+    kept = Backlog(EPOCH + 7, 1e6, numbered=EPOCH)
+    assert kept.add(alarm(0))[0].session == EPOCH + 7
+    assert kept.add_frames(frames(3, 2)).session == EPOCH
 
 
 def test_numbers_of_frames_begin_where_the_cell_is() -> None:

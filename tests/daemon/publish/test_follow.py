@@ -10,10 +10,12 @@ from cellwatt.publish.asking import Question
 from cellwatt.publish.follow import GRACE, Following
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Gap, Part
-from tests.daemon.publish.fake_cell import alarm, batch
+from tests.daemon.publish.fake_cell import alarm, batch, frames
 
 RAW = "raw/arm/samples"
 WANTED = ("raw", "alarm")
+RECORDED = {RAW: batch, "frame": frames}
+TOPICS = (*RECORDED, "alarm")
 
 
 def mark(session: int, first: int, count: int = 1) -> Mark:
@@ -142,20 +144,20 @@ def test_resume_goes_on_from_there() -> None:
 class World:
     """A cell and the link to a consumer, in virtual time; ``step`` is a tenth of a second."""
 
-    following: Following = field(default_factory=lambda: Following(WANTED))
+    following: Following = field(default_factory=lambda: Following((*WANTED, "frame")))
     session: int = 1
     up: bool = True
     now: float = 0.0
-    made: dict[str, dict[int, int]] = field(default_factory=lambda: {RAW: {}, "alarm": {}})
-    given_out: dict[str, list[Part]] = field(default_factory=lambda: {RAW: [], "alarm": []})
+    made: dict[str, dict[int, int]] = field(default_factory=lambda: {topic: {} for topic in TOPICS})
+    given_out: dict[str, list[Part]] = field(default_factory=lambda: {topic: [] for topic in TOPICS})
     joined: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def make(self, topic: str, count: int, arrives: bool) -> None:
         first = self.made[topic].get(self.session, 0)
         self.made[topic][self.session] = first + count
-        for n, c in [(first, count)] if topic == RAW else [(first + i, 1) for i in range(count)]:
+        for n, c in [(first, count)] if topic in RECORDED else [(first + i, 1) for i in range(count)]:
             if self.up and arrives:
-                content = batch(n, c) if topic == RAW else alarm(n)
+                content = RECORDED[topic](n, c) if topic in RECORDED else alarm(n)
                 self.given_out[topic] += self.following.message(topic, mark(self.session, n, c), content)
 
     @property
@@ -178,7 +180,8 @@ class World:
         if self.following.asks_told(self.now):
             self.tell()
         if self.following.asks_sessions(self.now):
-            self.following.sessions(sorted(self.made[RAW]) if self.up else None, self.now)
+            recorded = sorted({session for topic in RECORDED for session in self.made[topic]})
+            self.following.sessions(recorded if self.up else None, self.now)
         for question in self.following.questions(self.now):
             if not self.up:
                 self.following.unanswered(question, self.now)
@@ -187,8 +190,8 @@ class World:
             count = min(made.get(hole.session, 0) - hole.first, 3, hole.count or 3)
             if count <= 0:
                 self.given_out[question.topic] += self.following.nothing(question, "nothing", self.now)
-            elif question.topic == RAW:
-                found = [(mark(hole.session, hole.first, count), batch(hole.first, count))]
+            elif question.topic in RECORDED:
+                found = [(mark(hole.session, hole.first, count), RECORDED[question.topic](hole.first, count))]
                 self.given_out[question.topic] += self.following.filled(question, found)
             else:
                 alarms = [(mark(hole.session, hole.first + i), alarm(hole.first + i)) for i in range(count)]
@@ -196,7 +199,7 @@ class World:
 
 
 STEPS = st.one_of(
-    st.tuples(st.just("make"), st.sampled_from([RAW, "alarm"]), st.integers(1, 4), st.booleans()),
+    st.tuples(st.just("make"), st.sampled_from(TOPICS), st.integers(1, 4), st.booleans()),
     st.sampled_from([("beat",), ("answer",), ("cut",), ("restore",), ("restart",)]),
 )
 
@@ -217,8 +220,8 @@ def test_cuts_losses_and_restarts_lose_and_double_nothing(steps: list[tuple]) ->
         else:
             getattr(world, name)()
     world.up = True
-    world.make(RAW, 1, arrives=True)
-    world.make("alarm", 1, arrives=True)
+    for topic in TOPICS:
+        world.make(topic, 1, arrives=True)
     for _ in range(300):
         world.beat()
         world.answer()
@@ -228,5 +231,5 @@ def test_cuts_losses_and_restarts_lose_and_double_nothing(steps: list[tuple]) ->
         known = {session for session, _ in seen}
         assert world.session in known
         # Results are not recorded: of a session in which a cut let nothing through there is nobody left to tell.
-        owed = [s for s in sorted(sessions) if topic == RAW or s in known]
+        owed = [s for s in sorted(sessions) if topic in RECORDED or s in known]
         assert seen == [(s, n) for s in owed for n in range(sessions[s])]

@@ -9,7 +9,7 @@ from cellwatt.record.history import trim
 from cellwatt.record.opening import survey
 from tests.patience import PATIENCE, eventually
 
-from .making import HEADER, SESSION, batch_of, name_of, same_batch, stream_of, write_chunks
+from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, stream_of, write_chunks
 
 SUPPLY = stream_of(2, "meter")
 
@@ -126,6 +126,48 @@ async def test_a_hole_in_the_numbers_is_a_hole_in_the_answer(recorder, tmp_path)
         assert recorder.batch(batch_of(first, 10))
     found = await ask(History(tmp_path, recorder), "arm", "rtde", SESSION, 5, 50)
     assert numbers(found) == [*range(5, 20), *range(40, 55)]
+
+
+@pytest.fixture
+async def framed(recorder, tmp_path):
+    """1500 frames beside samples, in several closed files and an open one, some still in memory."""
+    for n in range(150):
+        assert recorder.batch(batch_of(n * 10, 10))
+        assert recorder.frames(frames_of(n * 10, 10))
+        if n % 10 == 0:
+            assert await asyncio.to_thread(recorder.flush, PATIENCE)
+    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 3)
+    return History(tmp_path, recorder)
+
+
+async def ask_frames(history, first, count, session=SESSION):
+    return await asyncio.to_thread(history.frames, session, first, count)
+
+
+@pytest.mark.parametrize(("first", "count"), [(0, 1), (7, 3), (1, 1498), (995, 20), (1499, 1)])
+async def test_just_the_frames_that_were_asked_for(framed, first, count):
+    found = await ask_frames(framed, first, count)
+    assert numbers(found) == list(range(first, first + count))
+    for frames in found:
+        truth = trim(frames_of(frames.sequence // 10 * 10, 10), frames.sequence, frames.sequence + len(frames))
+        assert frames.layout == truth.layout
+        for name in ("time", "values", "quality", "bound"):
+            assert bits(getattr(frames, name)) == bits(getattr(truth, name))
+
+
+async def test_frames_that_are_left_are_found_however_far(framed, tmp_path):
+    assert await ask_frames(framed, 5, 10, SESSION + 1) == []
+    assert await ask_frames(framed, 1500, 10) == []
+    assert numbers(await ask_frames(framed, 1495, 10)) == list(range(1495, 1500))
+    sorted(tmp_path.glob("*.mcap"))[0].unlink()
+    (begin,) = {f.sequence for f in await ask_frames(framed, 0, 1)}
+    assert begin > 100
+    assert numbers(await ask_frames(framed, 0, 100)) == list(range(begin, begin + 100))
+    assert numbers(await ask_frames(framed, 50, begin)) == list(range(begin, begin + 50))
+
+
+async def test_no_frames_where_none_are_recorded(history):
+    assert await ask_frames(history, 0, 10) == []
 
 
 async def test_the_files_are_listed(history, recorder, tmp_path):

@@ -174,6 +174,15 @@ async def test_history_of_a_cell_that_records(tmp_path):
         assert [int(v) for b in found for v in b.values[:, 0]] == list(range(5, 15))
 
 
+async def test_recorded_frames_have_the_numbers_they_were_given_with(tmp_path):
+    async with running(config_of(record=tmp_path)) as cell:
+        DEVICES["arm"].tell(answer, give(30))
+        await DEVICES["arm"].done()
+        given = list(RECEIVERS["bus"].frames)
+        found = await asyncio.to_thread(cell.view.frame_history, cell.session, 0, len(given))
+        assert given and [n for f in found for n in range(f.sequence, f.sequence + len(f))] == given
+
+
 # what cannot start ------------------------------------------------------------------------------------
 
 

@@ -86,6 +86,8 @@ class Cell:
     def history(self, *_: Any) -> list[Any]:
         return []
 
+    frame_history = history
+
     def acknowledge(self, *_: Any) -> None: ...
 
     def shelve(self, *_: Any) -> None: ...
