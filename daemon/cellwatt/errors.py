@@ -3,6 +3,7 @@
     CellwattError                 root; its text is one line for the person at the cell
     ├── ConfigError               the YAML file, or what it names, is wrong (carries every problem found)
     ├── RecordingError            a recording cannot be read or written
+    │   └── RepairingError        it is being repaired, and can be read in a while
     ├── ModelError                a model or reference file is refused
     ├── SinkError                 a sink cannot be opened
     └── SourceError               a device; the daemon retries with back-off
@@ -29,6 +30,7 @@ __all__ = [
     "Problem",
     "ProtocolError",
     "RecordingError",
+    "RepairingError",
     "SinkError",
     "SourceError",
     "WrongDeviceError",
@@ -76,6 +78,10 @@ class ConfigError(CellwattError):
 
 class RecordingError(CellwattError):
     """A recording cannot be read or written."""
+
+
+class RepairingError(RecordingError):
+    """What was asked for may be in a recording that is being repaired: it can be had in a while."""
 
 
 class ModelError(CellwattError):

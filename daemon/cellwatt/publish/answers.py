@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from cellwatt.errors import CellwattError
+from cellwatt.errors import CellwattError, RepairingError
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import JSON
 from cellwatt.publish.keys import ALARM, CellKeys, alarm_path
@@ -195,6 +195,8 @@ class Answers:
             yield
         except zenoh.ZError:
             raise
+        except RepairingError:  # without an answer it is asked again; with one it would be given up
+            self._count("questions left open: a recording is being repaired")
         except CellwattError as error:
             if isinstance(error, QuestionError) and not isinstance(error, NothingKeptError):
                 self._count("questions refused: wrong")

@@ -16,7 +16,7 @@ from typing import Any, Generic, TypeVar
 
 from cellwatt.batch import Batch
 from cellwatt.blocks import Block, cut
-from cellwatt.errors import RecordingError
+from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
 from cellwatt.frames import Frames
 from cellwatt.record import decoder, seal
@@ -77,21 +77,21 @@ class History:
     def history(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
         """Recorded samples ``first`` … ``first + count`` of a stream, in order, what is left of them.
 
-        Reads files and may wait for a flush: never call it on the event loop.
+        Reads files and may wait for a flush: never call it on the event loop. Raises ``RepairingError``.
         """
         return self._within(_Topic(topic_of(source, stream), Batch), session, first, count)
 
     def later(self, source: str, stream: str, session: int, first: int, count: int) -> list[Batch]:
         """The first ``count`` recorded samples of a stream from ``first`` on, wherever these begin.
 
-        Reads files: never call it on the event loop.
+        Reads files: never call it on the event loop. Raises ``RepairingError``.
         """
         return self._later(_Topic(topic_of(source, stream), Batch), session, first, count)
 
     def frames(self, session: int, first: int, count: int) -> list[Frames]:
         """Recorded frames ``first`` … ``first + count``, in order; if none is left, the first ``count`` after them.
 
-        Reads files and may wait for a flush: never call it on the event loop.
+        Reads files and may wait for a flush: never call it on the event loop. Raises ``RepairingError``.
         """
         return self._within(_FRAMES, session, first, count) or self._later(_FRAMES, session, first, count)
 
@@ -113,16 +113,18 @@ class History:
             ]
 
     def _within(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
-        stop = first + count
+        stop, repairing = first + count, self._recorder.repairing(session)
         with self._lock:
             found = self._settled(lambda: self._find(topic, session, first, stop))
             if _end(found, first) < stop and self._recorder.flush(FLUSH_TIMEOUT):
                 found = self._settled(lambda: self._find(topic, session, first, stop))
-            return found
+        return _certain(found, first, repairing)
 
     def _later(self, topic: _Topic[Block], session: int, first: int, count: int) -> list[Block]:
+        repairing = self._recorder.repairing(session)
         with self._lock:
-            return self._settled(lambda: self._find_later(topic, session, first, count))
+            found = self._settled(lambda: self._find_later(topic, session, first, count))
+        return _certain(found, first, repairing)
 
     def _files(self) -> list[Known]:
         """All files of the cell in order, read again only where they changed."""
@@ -210,6 +212,13 @@ class History:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(path)
         return self._chunks[path]
+
+
+def _certain(found: list[Block], first: int, repairing: bool) -> list[Block]:
+    """What was found from ``first`` on. Raises ``RepairingError`` where a repair may bring what lies before it."""
+    if repairing and (not found or found[0].sequence > first):
+        raise RepairingError(f"what was recorded from {first} on is being repaired: ask again in a while")
+    return found
 
 
 def _end(blocks: Sequence[Batch | Frames], first: int) -> int:

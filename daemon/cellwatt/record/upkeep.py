@@ -14,6 +14,7 @@ from typing import Any
 
 from cellwatt.errors import ConfigError
 from cellwatt.record import seal
+from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile, sync_folder
 from cellwatt.record.recovery import Recovery, left_open, recover
 from cellwatt.record.retention import listing, remove, remove_oldest, surplus
@@ -41,7 +42,7 @@ class Upkeep:
         self._worker = ThreadPoolExecutor(1, "recording-upkeep")
         self._repairs = ThreadPoolExecutor(1, "recording-repair")
         self._syncing: Future[None] | None = None
-        self._repairing: list[Future[Recovery | None]] = []
+        self._repairing: dict[Future[Recovery | None], Path] = {}
         self._left: set[Path] = set()
         self._recovered: list[Recovery] = []
         self._removed_files = self._removed_bytes = 0
@@ -62,6 +63,11 @@ class Upkeep:
         """Return the recoveries of the files left open, once all are dealt with."""
         await asyncio.gather(*map(asyncio.wrap_future, self._repairing), return_exceptions=True)
         return list(self._recovered)
+
+    def repairing(self, session: int) -> bool:
+        """True while a recording of a session is being repaired, or is about to be."""
+        names = [FileName.parse(part.name) for done, part in list(self._repairing.items()) if not done.done()]
+        return any(name is not None and name.session == session for name in names)
 
     def stats(self) -> dict[str, Any]:
         """Figures for health messages."""
@@ -137,7 +143,7 @@ class Upkeep:
         return gone is not None
 
     def _repair(self, parts: Iterable[Path]) -> None:
-        self._repairing += [self._repairs.submit(self._recover, part) for part in parts]
+        self._repairing |= {self._repairs.submit(self._recover, part): part for part in parts}
 
     def _recover(self, part: Path) -> Recovery | None:
         try:

@@ -138,6 +138,10 @@ class Recorder:
         file = self._files.open
         return None if file is None else (file.part, file.contents)
 
+    def repairing(self, session: int) -> bool:
+        """True while a recording of a session, left open by an earlier run, is being repaired."""
+        return self._upkeep.repairing(session)
+
     def stats(self) -> dict[str, Any]:
         """Figures for health messages; ages in s, sizes in bytes."""
         files = self._files

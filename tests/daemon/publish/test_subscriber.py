@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cellwatt import Alarm, Batch, ConfigError, SinkError
+from cellwatt.errors import RepairingError
 from cellwatt.publish import ZenohSettings, ZenohSink
 from cellwatt.publish.encode import encode_batch
 from cellwatt.publish.link import open_session
@@ -184,6 +186,29 @@ async def test_what_was_never_recorded_is_a_gap_after_some_patience(cell: Cell) 
     assert (gap.count, live.sequence) == (4, 4)
 
 
+async def test_what_is_being_repaired_is_asked_for_until_it_is_there(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history, asked = cell.view.history, 0
+
+    def repairing(*question: Any) -> Sequence[Batch]:
+        nonlocal asked
+        asked += 1
+        if asked < 3:
+            raise RepairingError("it is being repaired")
+        return history(*question)
+
+    monkeypatch.setattr(cell.view, "history", repairing)
+    async with cell.subscriber(want=("raw",), patience=0.0) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        await read(subscriber, 1)
+        cell.give(5, 20, live=False)
+        (late,) = await read(subscriber, 1)
+    assert (late.sequence, late.count, late.backfilled) == (5, 20, True)
+    assert cell.sink.account.counters["questions left open: a recording is being repaired"] == 2
+
+
 async def test_resume_goes_on_where_an_earlier_run_stopped(cell: Cell) -> None:
     async with cell.subscriber(want=("raw", "alarm")) as subscriber:
         await joined(subscriber)
@@ -191,7 +216,7 @@ async def test_resume_goes_on_where_an_earlier_run_stopped(cell: Cell) -> None:
         await read(subscriber, 1)
         positions = subscriber.positions
     assert positions[RAW] == (EPOCH, 5)
-    cell.give(5, 20)
+    cell.give(5, 20, live=False)
     cell.sink.offer(alarm(1))
     async with cell.subscriber(want=("raw", "alarm"), resume=positions) as subscriber:
         messages = {m.topic: m for m in await read(subscriber, 2)}

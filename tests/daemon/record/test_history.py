@@ -1,12 +1,17 @@
 import asyncio
+import threading
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cellwatt.errors import RepairingError
 from cellwatt.record import History, Recorder, Recording, RecordSettings
 from cellwatt.record.header import PART
 from cellwatt.record.history import trim
 from cellwatt.record.opening import survey
+from cellwatt.record.upkeep import Upkeep
 from tests.patience import PATIENCE, eventually
 
 from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, stream_of, write_chunks
@@ -168,6 +173,37 @@ async def test_frames_that_are_left_are_found_however_far(framed, tmp_path):
 
 async def test_no_frames_where_none_are_recorded(history):
     assert await ask_frames(history, 0, 10) == []
+
+
+async def test_what_is_being_repaired_is_not_said_to_be_gone(tmp_path, monkeypatch):
+    """A daemon that was killed left the second of two files open; the next one is asked before it is repaired."""
+    write_chunks(tmp_path, [[batch_of(0, 10)]], number=1)
+    write_chunks(tmp_path, [[batch_of(10, 10), frames_of(0, 10)]], number=2, close=False)
+    begin, repair = threading.Event(), Upkeep._recover
+
+    def late(upkeep: Upkeep, part: Path) -> object:
+        begin.wait(PATIENCE)
+        return repair(upkeep, part)
+
+    monkeypatch.setattr(Upkeep, "_recover", late)
+    recorder = Recorder(RecordSettings(folder=tmp_path), replace(HEADER, session=SESSION + 1))
+    recorder.start()
+    try:
+        history = History(tmp_path, recorder)
+        later = lambda first: asyncio.to_thread(history.later, "arm", "rtde", SESSION, first, 10)  # noqa: E731
+        assert numbers(await ask(history, "arm", "rtde", SESSION, 5, 10)) == list(range(5, 10))
+        for asking in (ask(history, "arm", "rtde", SESSION, 10, 10), later(10), ask_frames(history, 0, 10)):
+            with pytest.raises(RepairingError, match="is being repaired: ask again"):
+                await asking
+        assert await ask(history, "arm", "rtde", SESSION + 1, 0, 10) == []
+        begin.set()
+        await recorder.recovered()
+        assert numbers(await ask(history, "arm", "rtde", SESSION, 10, 10)) == list(range(10, 20))
+        assert numbers(await ask_frames(history, 0, 10)) == list(range(10))
+        assert await later(20) == []
+    finally:
+        begin.set()
+        await recorder.close()
 
 
 async def test_the_files_are_listed(history, recorder, tmp_path):
