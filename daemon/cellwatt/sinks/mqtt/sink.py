@@ -87,6 +87,10 @@ class MqttSink(Sink[MqttSettings]):
             session.status = status
             self._outbox.wake.set()
 
+    def starting(self) -> bool:
+        """True while no broker has taken the connection."""
+        return self._session is None
+
     def trouble(self) -> str | None:
         """Reason why something is not sent: no primary host, an unreadable record, channels that there are not."""
         session = self._session
