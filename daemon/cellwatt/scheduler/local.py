@@ -22,8 +22,9 @@ _SETTINGS: Final = {
     "distributed.nanny.pre-spawn-environ.DASK_LOGGING__DISTRIBUTED": "critical",
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
+    "distributed.worker.profile.enabled": False,
 }
-"""Settings of dask: workers write nothing to the terminal, and show nothing to a browser."""
+"""Settings of dask: workers write nothing to the terminal, show nothing to a browser, and keep no profile."""
 _TRIES: Final = 1
 """Workers that may die of an item before it is looked at alone."""
 

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Any, Final
 from weakref import WeakValueDictionary
 
+from cellwatt.scheduler.memory import keep_freed_memory
 from cellwatt.scheduler.parcel import pack, pack_error, unpack
 from cellwatt.scheduler.quiet import distributed
 from cellwatt.scheduler.threads import one_thread
@@ -60,6 +61,7 @@ def call(parcel: bytes, folder: str, shared: str | None = None) -> tuple[str, An
         return MISSING, distributed.get_worker().address
     with suppress(OSError):  # not there: a relative path is not either, which the function tells
         os.chdir(folder)
+    keep_freed_memory()
     try:
         function, item = unpack(parcel)
         with one_thread():

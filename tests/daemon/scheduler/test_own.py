@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -63,6 +64,12 @@ def test_results_are_those_of_serial_work(own: Scheduler) -> None:
     with scheduled(own.address):
         found = spread(parts.spectrum, range(20), "spectra")
     assert found == [parts.spectrum(seed) for seed in range(20)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc alone fetches memory anew for each array")
+def test_a_worker_keeps_the_memory_that_an_array_has_freed(own: Scheduler) -> None:
+    with scheduled(own.address):
+        assert max(spread(parts.pages, [400, 400], "arrays")) < 0.3
 
 
 def test_a_worker_that_dies_changes_nothing(
