@@ -66,7 +66,9 @@ def _read(path: Path) -> None:
 
 def _ask(path: Path) -> None:
     """As a running daemon answers from its folder."""
-    recorder: Any = SimpleNamespace(cell=CELL, live=lambda: None, flush=lambda timeout: False)
+    recorder: Any = SimpleNamespace(
+        cell=CELL, live=lambda: None, flush=lambda timeout: False, repairing=lambda session: False
+    )
     history = History(path.parent, recorder)
     assert len(history.recordings()) == 1
     for first in (0, 3):

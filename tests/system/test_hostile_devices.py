@@ -46,6 +46,7 @@ async def shout(emulator: UrEmulator) -> None:
         await asyncio.sleep(0.01)
 
 
+@pytest.mark.slow
 async def test_twenty_thousand_messages_a_second_silence_nobody(tmp_path: Path) -> None:
     loud = UrEmulator(ArmSignals(), "127.0.0.1:0")
     quiet = YaskawaEmulator(ArmSignals(), "127.0.0.1:0")

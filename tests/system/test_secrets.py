@@ -23,6 +23,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 SECRET = "hunter2-night-shift"
 
 
+@pytest.mark.slow
 async def test_a_password_in_the_file_is_told_nowhere(tmp_path: Path) -> None:
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:
         text = (

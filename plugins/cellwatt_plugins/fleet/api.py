@@ -12,7 +12,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.files import Place as FilePlace
 from cellwatt.scheduler import spread
 from cellwatt_plugins.fleet.adjusted import Told
-from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, told_of, usual_of
+from cellwatt_plugins.fleet.courses import Courses, Place, Usual, courses_of_kind, known_median, told_of, usual_of
 from cellwatt_plugins.fleet.findings import CellSummary, Fleet, Shared, Weekly
 from cellwatt_plugins.fleet.judge import LONG_ENOUGH, Judged, judged
 from cellwatt_plugins.fleet.kinds import FEWEST
@@ -113,11 +113,9 @@ def _shared(
 
 def _values(cell: _Cell) -> CellValues:
     repetitions = [repetition for week in cell.weeks for repetition in week.repetitions]
-    gains = np.array([repetition.gain for repetition in repetitions])
-    known = np.isfinite(gains)
-    gain = [float(np.median(c[k])) if k.any() else float("nan") for c, k in zip(gains.T, known.T, strict=True)]
-    loads = [repetition.load for repetition in repetitions if np.isfinite(repetition.load)]
-    return CellValues(cell.usual, np.array(gain), float(np.median(loads)) if loads else float("nan"))
+    gain = known_median(np.array([repetition.gain for repetition in repetitions]))
+    (load,) = known_median(np.array([[repetition.load] for repetition in repetitions] or [[np.nan]]))
+    return CellValues(cell.usual, gain, float(load))
 
 
 def _summary(

@@ -70,7 +70,7 @@ class Courses:
 
 def usual_of(weeks: Sequence[Week]) -> Usual:
     """Return a cell's usual speed, and its friction there. Weeks that hold nothing are passed over."""
-    columns = [_median(np.array([getattr(w, name) for w in weeks])) for name in ("speed", "coulomb", "viscous")]
+    columns = [known_median(np.array([getattr(w, name) for w in weeks])) for name in ("speed", "coulomb", "viscous")]
     return Usual(*columns)
 
 
@@ -125,7 +125,7 @@ def _log(value: float | None) -> float:
     return float(np.log(value)) if value is not None and value > 0 else float("nan")
 
 
-def _median(table: Float) -> Float:
+def known_median(table: Float) -> Float:
     """Median (n,) of the rows of ``table`` (W, n) that are known; NaN where none is."""
     known = np.isfinite(table)
     return np.array([np.median(c[k]) if k.any() else np.nan for c, k in zip(table.T, known.T, strict=True)])

@@ -45,6 +45,7 @@ def offered(tmp_path):
     return ask
 
 
+@pytest.mark.slow
 def test_bash_offers_commands_names_and_files(offered):
     commands = offered("cellwatt e_")
     assert {"emulate", "export", "explain"} <= set(commands) and all(name[0] == "e" for name in commands)

@@ -36,7 +36,9 @@ class Recorded(FakeView):
 
     def __init__(self, folder: Path, session: int = SESSION) -> None:
         super().__init__(session)
-        recorder: Any = SimpleNamespace(cell=CELL, live=lambda: None, flush=lambda timeout: False)
+        recorder: Any = SimpleNamespace(
+            cell=CELL, live=lambda: None, flush=lambda timeout: False, repairing=lambda session: False
+        )
         self._made = History(folder, recorder)
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:

@@ -65,9 +65,9 @@ async def read(emulator: UrEmulator, batches: list[Batch]) -> AsyncIterator[Sour
     try:
         yield source
     finally:
-        reading.cancel()
-        serving.cancel()
-        await asyncio.gather(reading, serving, return_exceptions=True)
+        for task in (reading, serving):  # the arm last: else a connection that is just being made has no end
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
 
 
 @pytest.mark.parametrize("lie", [sometimes, drifting, lambda: lambda: 0.385, lambda: lambda: 0.0])

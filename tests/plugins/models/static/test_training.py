@@ -74,6 +74,7 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_report(case):
     assert ["page", str(folder / "page.html")] in page.tables["Settings"]
 
 
+@pytest.mark.slow
 def test_poses_never_collected_are_predicted(case, tmp_path):
     folder, (q, came, torque), report, _ = case
     assert [method["name"] for method in report["methods"]] == ["gravity", "network", "hybrid", "best"]
