@@ -75,13 +75,10 @@ CASES = {
 
 LONG, WAITED = 20.0, 72.0
 """s of a recording within which clocks are compared, and that the arm may have kept us waiting before a shorter one."""
-USUAL = ("made",)
-"""The emulated arm; real ones are among the slow tests."""
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[] if case in USUAL else [pytest.mark.slow]) for case in CASES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES)
 async def test_what_arrives_is_what_is_in_the_file(tmp_path: Path, case: str) -> None:
     find, fields = CASES[case]
     path = await asyncio.to_thread(find, tmp_path)
