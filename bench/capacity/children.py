@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,15 @@ SCRIPT = Path(__file__).resolve().parent.parent / "capacity.py"
 
 
 class Child:
-    """A process that answers ``"ready"`` first (``ready`` waits for it), and ends with its input."""
+    """A Python program that says something first (``ready`` waits for it), and ends with its input."""
 
-    def __init__(self, role: str, **arguments: Any) -> None:
+    def __init__(self, words: Sequence[str], environment: Mapping[str, str] | None = None) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, str(SCRIPT), "--role", role, json.dumps(arguments)],
+            [sys.executable, *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            env=environment,
         )
         self.pid = self._process.pid
 
@@ -63,13 +64,22 @@ class Child:
 
 
 @contextmanager
-def child(role: str, **arguments: Any) -> Iterator[Child]:
-    """A process of the benchmark for as long as the context lasts."""
-    made = Child(role, **arguments)
+def running(made: Child) -> Iterator[Child]:
+    """A process for as long as the context lasts."""
     try:
         yield made
     finally:
         made.end()
+
+
+def begun(role: str, **arguments: Any) -> Child:
+    """A process of the benchmark, to be ended."""
+    return Child([str(SCRIPT), "--role", role, json.dumps(arguments)])
+
+
+def child(role: str, **arguments: Any) -> AbstractContextManager[Child]:
+    """The same for as long as the context lasts."""
+    return running(begun(role, **arguments))
 
 
 def say(what: Any) -> None:

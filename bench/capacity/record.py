@@ -24,7 +24,7 @@ from mcap.reader import make_reader
 
 from capacity.bus import SITE, free_port
 from capacity.cells import KINDS, Kind, daemon, size_of
-from capacity.children import Child
+from capacity.children import Child, begun
 from capacity.figures import Figures, Numbers, spread
 from capacity.made import CELL, minutes
 from capacity.model import DAY, MB
@@ -66,7 +66,7 @@ async def _run(kind: Kind, seconds: float) -> tuple[dict[str, float], Figures]:
                 sinks["mqtt"] = {"broker": f"mqtt://127.0.0.1:{mqtt.port}"}
             async with daemon(kind, folder, {"listen": [f"tcp/127.0.0.1:{port}"]}, sinks):
                 link = {"connect": [f"tcp/127.0.0.1:{bus.port}"]}
-                reader = await asyncio.to_thread(Child, "read", link=link, keys=[f"cellwatt/{SITE}/**"], sessions=1)
+                reader = await asyncio.to_thread(begun, "read", link=link, keys=[f"cellwatt/{SITE}/**"], sessions=1)
                 try:
                     await asyncio.to_thread(reader.ready)
                     found, topics = await _window(folder, seconds, reader, (bus, mqtt, influx))

@@ -16,11 +16,12 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import psutil
+from capacity.children import Child
 from capacity.figures import Figures, computed, spread
 
 from cellwatt.sinks.opc_ua.settings import OpcUaSinkSettings
 from cellwatt.sinks.opc_ua.sink import OpcUaSink
-from outlet.children import Child, child
+from outlet.children import child
 from outlet.loop import off_loop, served, until
 from outlet.opc_ua_plain import due
 from outlet.rows import BLOCK, CHANNELS, RATE, View, frames

@@ -15,9 +15,9 @@ from typing import Any
 
 from asyncua import Server, ua
 from capacity.bus import free_port
+from capacity.children import say
 
 from cellwatt.ticker import Ticker
-from outlet.children import say
 from outlet.opc_ua_reader import SPACE
 from outlet.rows import CELL, LAYOUT, START, frames
 

@@ -6,8 +6,9 @@ none of those: the more was recorded, the less would be seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,8 @@ def select(files: Sequence[Source], robot: RobotDescription) -> Selection:
     seconds = np.array([length for length, _ in looked])
     if SAMPLES / seconds.sum() >= SLOWEST:
         return Selection(tuple(files))
-    order = furthest_first(np.stack([motion for _, motion in looked]))
+    enough = LEAST + int(SAMPLES / SLOWEST / seconds.min())
+    order = list(islice(furthest_first(np.stack([motion for _, motion in looked])), enough))
     best, most = np.searchsorted(np.cumsum(seconds[order]), [SAMPLES / RATE, SAMPLES / SLOWEST], side="right").tolist()
     close = set(order[: max(LEAST, best, min(FEW, most))])
     return Selection(
@@ -55,20 +57,21 @@ def select(files: Sequence[Source], robot: RobotDescription) -> Selection:
     )
 
 
-def furthest_first(places: Float) -> list[int]:
-    """Order of the rows (N, m): first the one furthest from their mean, then always the one furthest from all before.
+def furthest_first(places: Float) -> Iterator[int]:
+    """Numbers of the rows (N, m): first the one furthest from their mean, then always the one furthest from all before.
 
     Each column counts in units of its standard deviation (Gonzalez 1985).
     """
     size = np.std(places, axis=0)
     scaled = (places - np.mean(places, axis=0)) / np.where(size > 0, size, 1.0)
-    order = [int(np.argmax(np.sum(scaled**2, axis=1)))]
-    away = np.full(len(scaled), np.inf)
-    while len(order) < len(scaled):
-        away = np.minimum(away, np.sum((scaled - scaled[order[-1]]) ** 2, axis=1))
-        away[order] = -1.0
-        order.append(int(np.argmax(away)))
-    return order
+    away = np.sum(scaled**2, axis=1)
+    taken = np.zeros(len(scaled), bool)
+    for turn in range(len(scaled)):
+        last = int(np.argmax(np.where(taken, -1.0, away)))
+        taken[last] = True
+        yield last
+        near = np.sum((scaled - scaled[last]) ** 2, axis=1)
+        away = np.minimum(away, near) if turn else near
 
 
 def _look(file: Source, robot: RobotDescription) -> tuple[float, Float]:

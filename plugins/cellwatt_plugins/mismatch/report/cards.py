@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     UnexplainedChannel,
     Where,
 )
+
+T = TypeVar("T")
 
 MOST_TRIALS = 16
 """Shown at once; the rest is folded."""
@@ -140,9 +143,7 @@ def _ratio(value: float, floor: float) -> float:
 def others_table(others: Sequence[Other]) -> list[Block]:
     """Recordings that nothing was fitted to, those first that the model fits worst."""
     order = sorted(others, key=lambda o: (o.explained is not None, o.explained is True, -_ratio(o.error, o.usual)))
-    shown, folded = order[:MOST_OTHERS], order[MOST_OTHERS:]
-    more = [Folded(f"{len(folded)} more", [_others(folded)])] if folded else []
-    return [_others(shown), *more] if shown else []
+    return _first(order, MOST_OTHERS, _others)
 
 
 def _others(some: Sequence[Other]) -> Table:
@@ -165,9 +166,14 @@ def trials(tried: Sequence[Trial]) -> list[Block]:
     """Candidates by evidence, each with the reason why it was kept or refused."""
     order = sorted(tried, key=lambda t: (-t.kept, -t.gain if math.isfinite(t.gain) else math.inf))
     top = max([1.0, *(t.gain for t in tried if math.isfinite(t.gain))])
-    shown, folded = order[:MOST_TRIALS], order[MOST_TRIALS:]
-    more = [Folded(f"{len(folded)} more", [_trials(folded, top)])] if folded else []
-    return [_trials(shown, top), *more] if shown else []
+    return _first(order, MOST_TRIALS, lambda some: _trials(some, top))
+
+
+def _first(rows: Sequence[T], most: int, table: Callable[[Sequence[T]], Table]) -> list[Block]:
+    """A table of the first rows, and one of the rest, folded."""
+    shown, folded = rows[:most], rows[most:]
+    more = [Folded(f"{len(folded)} more", [table(folded)])] if folded else []
+    return [table(shown), *more] if shown else []
 
 
 def _trials(some: Sequence[Trial], top: float) -> Table:

@@ -93,7 +93,7 @@ def test_more_are_looked_at_where_they_are_short(
 def test_each_next_one_is_furthest_from_all_before() -> None:
     places = np.random.default_rng(3).normal(size=(40, 5))
     places[7] = places[3]
-    order = furthest_first(places)
+    order = list(furthest_first(places))
     assert sorted(order) == list(range(40))
     assert order[-1] in (3, 7)
     scaled = places / places.std(axis=0)

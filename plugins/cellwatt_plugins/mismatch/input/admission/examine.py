@@ -77,10 +77,7 @@ def check_run(run: Run, arm: Arm) -> Moved:
     """The motion of a run that is looked at by itself. Raises as ``admit``; ``arm`` is the simulation's."""
     check_length((run,))
     _check(run, (run,), arm)
-    motion = moved(run)
-    check_torque(run, motion, arm)
-    check_power(run, motion)
-    return motion
+    return _moved(run, arm)
 
 
 def _check(run: Run, runs: Sequence[Run], arm: Arm) -> list[str]:
@@ -96,10 +93,15 @@ def _check(run: Run, runs: Sequence[Run], arm: Arm) -> list[str]:
 
 def _followed(run: Run, base: Baseline) -> tuple[Moved, Float | None, Float | None]:
     """The motion of a run, and what its simulation has beyond the law; see ``Baseline.beyond``."""
+    return _moved(run, base.arm), *base.beyond(run)
+
+
+def _moved(run: Run, arm: Arm) -> Moved:
+    """The motion of a run, with which its torque and power must go."""
     motion = moved(run)
-    check_torque(run, motion, base.arm)
+    check_torque(run, motion, arm)
     check_power(run, motion)
-    return motion, *base.beyond(run)
+    return motion
 
 
 def check_length(runs: Sequence[Run]) -> None:
