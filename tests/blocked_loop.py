@@ -1,4 +1,4 @@
-"""Fails a test that holds up its event loop, by a call that blocks or by computing."""
+"""Fails a test in which the daemon holds up its event loop, by a call that blocks or by computing."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -19,6 +20,7 @@ from blockbuster import BlockBuster, BlockingError, blockbuster
 LIMIT = 0.15
 """s of computing that one step on a loop may take: of its own thread, so that a busy machine changes nothing."""
 
+LOOP = str(Path(asyncio.__file__).parent)
 OURS = tuple(str(Path(__file__).parents[1] / folder) for folder in ("daemon", "drivers", "plugins"))
 SHORT = [
     ("time.sleep", "franka/emulator.py", "_keep_apart"),  # below a millisecond, which the loop's own timers cannot
@@ -31,10 +33,10 @@ SHORT = [
 ]
 
 _held_up: list[str] = []
-_step: tuple[Any, int] | None = None
-"""What runs on a loop now, and in which thread."""
+_step: tuple[Any, int, float] | None = None
+"""What runs on a loop now, in which thread, and since when."""
 _seen: tuple[Any, str] | None = None
-"""What was seen to run for long, and its stack then."""
+"""The step in which the daemon was seen to compute for long, and its stack then."""
 _handle_run = asyncio.Handle._run  # type: ignore[attr-defined]
 _collecting = [0.0, 0.0]
 """s of computing when a collection of garbage began, s of all of them."""
@@ -50,7 +52,7 @@ def _calls_that_block() -> BlockBuster:
         if name.startswith(("os.", "io.")):
             function.can_block_in("logging/__init__.py", {"emit", "flush"})
             may = function.can_block_predicate
-            function.can_block_predicate = lambda *a, may=may, **k: may(*a, **k) or not _we_await()
+            function.can_block_predicate = lambda *a, may=may, **k: may(*a, **k) or not _ours(inspect.currentframe())
     return found
 
 
@@ -90,37 +92,41 @@ class _Told(BlockingError):
         _held_up.append(f"{self}, called from\n" + "".join(traceback.format_stack(limit=6)[:-2]))
 
 
-def _we_await() -> bool:
-    """Whether the innermost coroutine that runs is of the daemon: not of a test, nor of an emulator, which is alone."""
-    frame = inspect.currentframe()
-    while frame and not frame.f_code.co_flags & (inspect.CO_COROUTINE | inspect.CO_ASYNC_GENERATOR):
-        frame = frame.f_back
-    file = frame.f_code.co_filename if frame else ""
+def _ours(frame: FrameType | None) -> bool:
+    """Whether what the loop runs is of the daemon: not of a test, nor of an emulator, which is alone.
+
+    The innermost coroutine says so, or else what the loop has called.
+    """
+    file = ""
+    while frame and frame.f_code is not _timed.__code__:
+        coroutine = frame.f_code.co_flags & (inspect.CO_COROUTINE | inspect.CO_ASYNC_GENERATOR)
+        if coroutine or not frame.f_code.co_filename.startswith(LOOP):
+            file = frame.f_code.co_filename
+        frame = None if coroutine else frame.f_back
     return file.startswith(OURS) and not file.endswith("emulator.py") and "/cellwatt/testing/" not in file
 
 
 def _timed(handle: Any) -> None:
     global _step
     modules, collected, began = len(sys.modules), _collecting[1], time.thread_time()
-    _step = handle, threading.get_ident()
+    _step = handle, threading.get_ident(), time.monotonic()
     _handle_run(handle)
     _step = None
     took = time.thread_time() - began - (_collecting[1] - collected)
     # Who comes first imports what all others find imported; garbage may be that of all others.
-    if took > LIMIT and len(sys.modules) == modules:
-        stack = _seen[1] if _seen and _seen[0] is handle else repr(handle._callback)
-        _held_up.append(f"computing for {took:.2f} s, at\n{stack}")
+    if took > LIMIT and len(sys.modules) == modules and _seen and _seen[0] is handle:
+        _held_up.append(f"computing for {took:.2f} s, at\n{_seen[1]}")
 
 
 def _look(over: threading.Event) -> None:
-    """Notes where a step is that goes on from one look to the next."""
+    """Notes where the daemon is in a step that goes on."""
     global _seen
-    before = None
     while not over.wait(LIMIT / 4):
         step = _step
-        if step and step is before and (frame := sys._current_frames().get(step[1])):
-            _seen = step[0], "".join(traceback.format_stack(frame, limit=4))
-        before = step
+        if step and time.monotonic() - step[2] > LIMIT / 4:
+            frame = sys._current_frames().get(step[1])
+            if _step is step and _ours(frame):
+                _seen = step[0], "".join(traceback.format_stack(frame, limit=4))
 
 
 def _count(phase: str, _: dict[str, int]) -> None:
