@@ -72,6 +72,9 @@ class View:
     def frame_history(self, session: int, first: int, count: int) -> list[Any]:
         return []
 
+    def result_history(self, series: str, session: int, first: int, count: int) -> list[Any]:
+        return []
+
 
 def make_batch(source: int, sequence: int, n: int, arrival: int = 0) -> Batch:
     times = np.arange(sequence, sequence + n)

@@ -10,7 +10,7 @@ from typing import Any
 
 from cellwatt.errors import CellwattError, ProtocolError
 from cellwatt.publish import messages, received
-from cellwatt.publish.keys import CellKeys, alarm_path, parse, prediction_topic, raw_topic
+from cellwatt.publish.keys import CellKeys, alarm_path, parse, raw_topic, topic_of_series
 from cellwatt.publish.mark import Mark
 from fuzz.items import MESSAGES, SESSION
 from fuzz.target import Target
@@ -76,7 +76,7 @@ def seeds() -> Iterable[bytes]:
     health = messages.health(mark, SESSION, {raw_topic("arm", "rtde"): (SESSION, 90)}, {"state": "ok"})
     yield keys.live("health").encode() + b"\n" + mark.encode(health)[:MARK] + health
     yield keys.live(alarm_path("error", "joint fault", "a1")).encode() + b"\n" + bytes(MARK) + b'[{"session":5}]'
-    yield keys.live(prediction_topic("p#1")).encode() + b"\n" + bytes(MARK) + b'{"error":"no"}'
+    yield keys.live(topic_of_series("prediction/p#1")).encode() + b"\n" + bytes(MARK) + b'{"error":"no"}'
 
 
 TARGET = Target(run, seeds, 2048)

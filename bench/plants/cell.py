@@ -24,6 +24,7 @@ import numpy as np
 from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.publish import ZenohSettings, ZenohSink
 from cellwatt.record import Header, History, Recorder, RecordSettings
+from cellwatt.results import Event, Result
 
 HOUR = 3600 * 10**9
 FRAME_RATE = 50.0
@@ -54,6 +55,9 @@ class View:
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         return self.made.frames(session, first, count)
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        return [(kept.sequence, kept.item) for kept in self.made.results(series, session, first, count)]
 
 
 class Cell:

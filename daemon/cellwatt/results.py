@@ -128,3 +128,9 @@ class Event:
     kind: str
     text: str
     data: Mapping[str, Any] = field(default_factory=dict)
+
+
+def series_of(item: Result | Event) -> str:
+    """Series in which an item is numbered: its kind, and of predictions their model (``prediction/power``)."""
+    kind = type(item).__name__.lower()
+    return f"{kind}/{item.model}" if isinstance(item, Prediction) else kind

@@ -30,14 +30,14 @@ Item = Batch | Frames | Result | Event
 
 
 class Journal(Protocol):
-    """Results and events published in this session, also by a predecessor of this process."""
+    """Results and events told in this session, also by a predecessor of this process."""
 
     def put(self, item: Result | Event) -> int:
-        """Add an item; return its number among those of its kind."""
+        """Add an item; return its number in its series. The item that was added last keeps its number."""
         ...
 
     def past(self) -> Iterator[tuple[int, Result | Event]]:
-        """The last items with their numbers, each kind in order."""
+        """The last items with their numbers, each series in order."""
         ...
 
 
@@ -53,7 +53,10 @@ class CellView(Protocol):
     session: int
     """UTC ns at which this daemon started: with it, sequence numbers are unique for ever."""
     journal: Journal | None
-    """Items published so far, if the process that publishes may be started again within a session."""
+    """Items told so far, if the process that tells may be started again within a session.
+
+    It numbers them from the start of ``session`` on.
+    """
 
     def status(self) -> Mapping[str, Any]:
         """Health of every part with its figures, JSON-ready."""
@@ -82,6 +85,13 @@ class CellView(Protocol):
         """Recorded frames ``first`` … ``first + count`` that are still kept, in order, numbered as they were given.
 
         If none of them is, as many of the first that are kept after them.
+        """
+        ...
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        """Recorded results or events ``first`` … ``first + count`` of a series that are still kept, with their numbers.
+
+        If none of them is, as many of the first that are kept after them. Alarms have no numbers in the record.
         """
         ...
 

@@ -66,7 +66,7 @@ class Backlog:
         """``number`` is the item's, ``None`` for the next of its topic."""
         topic = topic_of(item)
         numbering = self._topics.setdefault(topic, _Numbering(self.session))
-        mark = Mark(numbering.session, numbering.following if number is None else number, 1, _time_of(item))
+        mark = Mark(numbering.session, numbering.following if number is None else number, 1, time_of(item))
         numbering.following = mark.end
         numbering.kept.append((mark, item))
         return mark, self._set_alarm(mark, item) if isinstance(item, Alarm) else (topic,)
@@ -140,7 +140,7 @@ def _size(frames: Frames) -> int:
     return numbers + _OVERHEAD
 
 
-def _time_of(item: Result | Event) -> int:
+def time_of(item: Result | Event) -> int:
     """Time at which a result was known, UTC ns."""
     time = getattr(item, "time", None)
     if isinstance(time, tuple):

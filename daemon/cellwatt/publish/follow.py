@@ -20,7 +20,7 @@ from cellwatt.errors import ProtocolError
 from cellwatt.frames import Frames
 from cellwatt.publish.asking import Question
 from cellwatt.publish.doubt import Doubts
-from cellwatt.publish.keys import ALARM, FRAME
+from cellwatt.publish.keys import ALARM, HEALTH
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Follower, Gap, Hole, Part
 from cellwatt.results import Alarm, Event, Result
@@ -290,7 +290,7 @@ def _key(hole: Hole) -> tuple[int, int, bool]:
 
 def _recorded(topic: str) -> bool:
     """True for topics that the record holds under their numbers."""
-    return topic == FRAME or topic.startswith("raw/")
+    return topic not in (ALARM, HEALTH)
 
 
 def _goes_on(state: _Topic, part: Part) -> bool:

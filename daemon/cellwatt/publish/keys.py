@@ -49,9 +49,15 @@ def raw_topic(source: str, stream: str) -> str:
     return f"raw/{escape(source)}/{escape(stream)}"
 
 
-def prediction_topic(model: str) -> str:
-    """Topic of a model's output."""
-    return f"prediction/{escape(model)}"
+def topic_of_series(series: str) -> str:
+    """Topic of the results or events of a series, see ``results.series_of``."""
+    kind, _, model = series.partition("/")
+    return f"{kind}/{escape(model)}" if model else kind
+
+
+def series_of_topic(topic: str) -> str:
+    """The series whose topic it is."""
+    return unquote(topic)
 
 
 def alarm_path(severity: str, kind: str, alarm: str | None = None) -> str:

@@ -17,9 +17,9 @@ import pydantic_core
 from pydantic import TypeAdapter, ValidationError
 
 from cellwatt.errors import ProtocolError
-from cellwatt.publish.keys import ALARM, EVENT, prediction_topic
+from cellwatt.publish.keys import ALARM, EVENT, topic_of_series
 from cellwatt.publish.mark import Mark
-from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task, series_of
 
 TYPES: Final[Mapping[str, type[Result | Event]]] = {
     "interval": Interval,
@@ -39,9 +39,7 @@ _NUMBER_LISTS: Final = ("displacement", "pose", "peak_speed")
 
 def topic_of(item: Result | Event) -> str:
     """The topic whose numbering an item belongs to."""
-    if isinstance(item, Prediction):
-        return prediction_topic(item.model)
-    return next(topic for topic, kind in TYPES.items() if isinstance(item, kind))
+    return topic_of_series(series_of(item))
 
 
 def encode_item(item: Result | Event, mark: Mark) -> bytes:

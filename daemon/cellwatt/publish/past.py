@@ -1,4 +1,4 @@
-"""Answers about the past: recorded samples and frames, results in memory, one bounded piece at a time."""
+"""Answers about the past: what is in memory, and older than that in the record, one bounded piece at a time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Final
 from cellwatt.batch import Batch
 from cellwatt.blocks import Block, cut, join
 from cellwatt.frames import Frames
-from cellwatt.publish.backlog import Backlog
+from cellwatt.publish.backlog import Backlog, time_of
 from cellwatt.publish.encode import ARROW, JSON, encode_batch, encode_frames
-from cellwatt.publish.keys import FRAME, raw_topic
+from cellwatt.publish.keys import ALARM, FRAME, raw_topic, series_of_topic
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.messages import encode_item
 from cellwatt.publish.questions import NothingKeptError, number_of, short, text_of
+from cellwatt.results import Event, Result
 from cellwatt.sink import CellView
 
 MOST_SAMPLES: Final = 2000
@@ -100,8 +101,7 @@ class Past:
     def results(self, asked: Mapping[str, str]) -> Answer:
         """Results or events of one kind. Raises ``QuestionError``, ``NothingKeptError`` where none are left."""
         kind, session = text_of(asked, "kind"), number_of(asked, "session", self._backlog.session)
-        whole = number_of(asked, "count", MOST_RESULTS)
-        kept = self._backlog.results(kind, session, number_of(asked, "first", 0), whole)[:MOST_RESULTS]
+        kept = self._results(kind, session, number_of(asked, "first", 0), number_of(asked, "count", _EVER))
         if not kept:
             raise NothingKeptError(f"no results {short(kind)} are kept from there in session {session}")
         items, room = [], self._piece()
@@ -113,6 +113,16 @@ class Past:
         first, last = kept[0][0], kept[len(items) - 1][0]
         mark = Mark(session, first.sequence, last.end - first.sequence, last.arrival, backfill=True)
         return Answer(b"[" + b",".join(items) + b"]", JSON, mark, kind)
+
+    def _results(self, kind: str, session: int, first: int, whole: int) -> Sequence[tuple[Mark, Result | Event]]:
+        """Results from memory on, and where memory begins later, from the record."""
+        kept = self._backlog.results(kind, session, first, whole)[:MOST_RESULTS]
+        begin = kept[0][0].sequence if kept else first + whole
+        if begin <= first or kind == ALARM:
+            return kept
+        asked = series_of_topic(kind), session, first, min(begin - first, MOST_RESULTS)
+        recorded = [(number, item) for number, item in self._view.result_history(*asked) if number < begin]
+        return [(Mark(session, number, 1, time_of(item)), item) for number, item in recorded] or kept
 
 
 def _size(block: Batch | Frames) -> int:

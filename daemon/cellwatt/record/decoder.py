@@ -26,30 +26,36 @@ _LONGEST = 200  # characters of what is wrong with a declaration
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Reader of one channel: ``rows`` of blocks that begin at sequence number ``first``, or JSON of a ``kind``."""
+    """Reader of one channel: ``rows`` of blocks that begin at sequence number ``first``, or JSON of a ``kind``.
+
+    ``series`` is what the numbers run over: the topic, of results and events their series; None: they have no numbers.
+    """
 
     topic: str
     rows: SampleRows | FrameRows | None = None
     kind: type[messages.Message] | None = None
     first: int = 0
+    series: str | None = None
 
 
 def track_of(channel: Channel) -> Track | None:
     """Return the reader of a channel; ``None`` if it is not one of ours. Raises ``ValueError`` if it is damaged."""
-    kind = _KINDS.get(channel.topic)
-    if kind is not None:
-        return Track(channel.topic, kind=kind)
-    if "declaration" not in channel.metadata:
+    topic, said = channel.topic, channel.metadata
+    kind = _KINDS.get(topic)
+    if kind is None and "declaration" not in said:
         return None
     try:
-        declared, first = channel.metadata["declaration"], int(channel.metadata["first"])
+        if kind is not None and "series" not in said:
+            return Track(topic, kind=kind)
+        first = int(said["first"])
         if not 0 <= first < _LATEST_FIRST:
             raise ValueError(f"begins at number {first}")
-        if channel.topic == FRAME_TOPIC:
-            return Track(channel.topic, FrameRows(_LAYOUT.validate_json(declared)), first=first)
-        return Track(
-            channel.topic, SampleRows(channel.metadata["source"], _STREAM.validate_json(declared)), first=first
-        )
+        if kind is not None:
+            return Track(topic, kind=kind, first=first, series=said["series"])
+        if topic == FRAME_TOPIC:
+            return Track(topic, FrameRows(_LAYOUT.validate_json(said["declaration"])), first=first, series=topic)
+        stream = _STREAM.validate_json(said["declaration"])
+        return Track(topic, SampleRows(said["source"], stream), first=first, series=topic)
     except (KeyError, ValueError) as error:
         why = " ".join(str(error).split())[:_LONGEST]
         raise ValueError(f"{channel.topic} is declared in a way this version does not know: {why}") from error
@@ -75,9 +81,14 @@ def items(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> I
 
     Raises ``ValueError`` where a record does not fit its channel.
     """
+    return (item for _, item in numbered(data, tracks, wanted))
+
+
+def numbered(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> Iterator[tuple[int, Item]]:
+    """The same with their numbers, of blocks that of the first row. Raises ``ValueError``."""
     at, end = 0, len(data)
     while at + FRAMED_MESSAGE.size <= end:
-        opcode, length, channel, _, _, _ = FRAMED_MESSAGE.unpack_from(data, at)
+        opcode, length, channel, sequence, _, _ = FRAMED_MESSAGE.unpack_from(data, at)
         if at + 9 + length > end:
             raise ValueError("a record in a chunk is cut")
         track = tracks.get(channel) if opcode == Opcode.MESSAGE and channel in wanted else None
@@ -85,9 +96,10 @@ def items(data: bytes, tracks: Mapping[int, Track], wanted: Container[int]) -> I
             at += 9 + length
         elif track.rows is not None:
             item, at = track.rows.decode(data, at, length, track.first)
-            yield item
+            yield item.sequence, item
         else:
             assert track.kind is not None
             body = data[at + FRAMED_MESSAGE.size : at + 9 + length]
             at += 9 + length
-            yield messages.decode(track.kind, body)
+            # The file has the lowest 32 bits of a number.
+            yield track.first + (sequence - track.first & 0xFFFFFFFF), messages.decode(track.kind, body)

@@ -18,6 +18,7 @@ from cellwatt.record import messages, protobuf
 from cellwatt.record.header import stream_to_dict
 from cellwatt.record.openfile import OpenFile
 from cellwatt.record.rows import FRAME_FIELDS, SAMPLE_FIELDS, FrameRows, SampleRows, value_fields
+from cellwatt.results import Event, Result, series_of
 
 Item = Batch | Frames | messages.Message
 
@@ -43,8 +44,8 @@ class Encoder:
         self._messages: dict[str, tuple[int, int]] = {}
         self._names: list[str] = []
 
-    def add(self, item: Item) -> None:
-        """Take one item into the file's chunk, wholly or not at all.
+    def add(self, item: Item, number: int | None = None) -> None:
+        """Take one item into the file's chunk, wholly or not at all; ``number`` is that of a result or event.
 
         Raises ``Redeclared``, or ``ValueError`` where its contents cannot be written.
         """
@@ -54,7 +55,7 @@ class Encoder:
             case Frames():
                 self._add_frames(item)
             case _:
-                self._add_message(item)
+                self._add_message(item, number)
 
     def _add_batch(self, batch: Batch) -> None:
         topic = topic_of(batch.source, batch.stream.name)
@@ -112,14 +113,18 @@ class Encoder:
         self._rows[topic] = (number, rows)
         self._file.add_rows(number, block)
 
-    def _add_message(self, message: messages.Message) -> None:
+    def _add_message(self, message: messages.Message, given: int | None) -> None:
+        """Under its number; where it was given none, in a channel of its own, as the next of it."""
         kind = type(message)
         topic, data, time = messages.TOPICS[kind], messages.encode(message), messages.time_of(message)
-        number, sequence = self._messages.get(topic, (0, 0))
+        series = series_of(message) if given is not None and isinstance(message, Result | Event) else None
+        number, following = self._messages.get(series or topic, (0, 0))
+        sequence = following if given is None else given
         if not number:
             schema = Schema(0, messages.schema(kind), "jsonschema", f"{PACKAGE}.{kind.__name__}")
-            number = self._file.define(topic, "json", schema, {})
-        self._messages[topic] = (number, sequence + 1)
+            metadata = {} if series is None else {"series": series, "first": str(sequence)}
+            number = self._file.define(topic, "json", schema, metadata)
+        self._messages[series or topic] = (number, sequence + 1)
         self._file.add_message(number, sequence, time, data)
 
 

@@ -29,6 +29,7 @@ RETAIN_EVERY = 60.0
 class Entry(NamedTuple):
     """An item on its way to disk: its ``size`` in memory, and the ``n`` messages it becomes under ``topic``.
 
+    ``number`` is that of a result or event in its series.
     A header stands for: what follows belongs into a new file under this header.
     """
 
@@ -36,6 +37,7 @@ class Entry(NamedTuple):
     size: int
     topic: str
     n: int
+    number: int | None = None
 
 
 class Files:
@@ -123,7 +125,7 @@ class Files:
             if file.waiting > CHUNK:
                 break
             try:
-                encoder.add(entry.item)
+                encoder.add(entry.item, entry.number)
                 counts[entry.topic] += entry.n
             except Redeclared:
                 if not taken:

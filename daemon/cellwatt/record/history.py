@@ -8,26 +8,27 @@ import threading
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import FileIO
 from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from cellwatt.batch import Batch
-from cellwatt.blocks import Block, cut
+from cellwatt.blocks import cut
 from cellwatt.errors import RecordingError, RepairingError
 from cellwatt.files import open_file
 from cellwatt.frames import Frames
-from cellwatt.record import decoder, seal
-from cellwatt.record.container import Chunk, Chunks, Contents
-from cellwatt.record.decoder import Track, tracks_of
+from cellwatt.record import decoder
+from cellwatt.record.container import Chunk, Chunks
+from cellwatt.record.decoder import Track
 from cellwatt.record.encoder import FRAME_TOPIC, topic_of
+from cellwatt.record.known import Known, known_as, look_at, tracks_in
 from cellwatt.record.opening import survey
 from cellwatt.record.reader import chunk_data
-from cellwatt.record.retention import Kept, listing
-from cellwatt.record.summary import Survey, read_summary
+from cellwatt.record.retention import listing
 from cellwatt.record.writer import Recorder
+from cellwatt.results import Event, Result
 
 FLUSH_TIMEOUT = 1.0
 """Longest wait for the newest samples to reach the file, s."""
@@ -40,22 +41,22 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
-    """Index of a file: ``firsts`` maps topics to their channel and first sequence number."""
+class Numbered:
+    """A result or event with its number: a block of one."""
 
-    kept: Kept
-    state: str
-    start: int
-    end: int
-    messages: int
-    firsts: Mapping[str, tuple[int, int]]
-    seal: Mapping[str, Any] | None = None
-    """Signature of the cell for it, see ``record.seal``."""
+    sequence: int
+    item: Result | Event
+
+    def __len__(self) -> int:
+        return 1
+
+
+Block = TypeVar("Block", bound=Batch | Frames | Numbered)
 
 
 @dataclass(frozen=True, slots=True)
 class _Topic(Generic[Block]):
-    """A topic and the kind of the blocks that are filed under it."""
+    """A topic or series and the kind of the blocks that are filed under it."""
 
     name: str
     kind: type[Block]
@@ -95,6 +96,11 @@ class History:
         """
         return self._within(_FRAMES, session, first, count) or self._later(_FRAMES, session, first, count)
 
+    def results(self, series: str, session: int, first: int, count: int) -> list[Numbered]:
+        """Recorded results or events of a series, as ``frames``. Raises ``RepairingError``."""
+        topic = _Topic(series, Numbered)
+        return self._within(topic, session, first, count) or self._later(topic, session, first, count)
+
     def recordings(self) -> list[dict[str, Any]]:
         """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
         with self._lock:
@@ -133,11 +139,11 @@ class History:
         for kept in listing(self._folder, self._recorder.cell):
             old = self._known.get(kept.path)
             if live is not None and kept.path == live[0]:
-                fresh[kept.path] = _known(kept, live[1], "open")
+                fresh[kept.path] = known_as(kept, live[1], "open")
             elif old is not None and old.state != "open" and old.kept == kept:
                 fresh[kept.path] = old
             else:
-                fresh[kept.path] = _look(kept)
+                fresh[kept.path] = look_at(kept)
         self._known = fresh
         return list(fresh.values())
 
@@ -176,7 +182,7 @@ class History:
         return []
 
     def _begin_in(self, known: Known, topic: _Topic[Block], first: int) -> int | None:
-        """Number of the first sample or frame of a file from ``first`` on; ``None`` if it has none."""
+        """Number of the first row of a file from ``first`` on; ``None`` if it has none."""
         begin = known.firsts[topic.name][1]
         if begin >= first:
             return begin
@@ -204,10 +210,10 @@ class History:
         path = known.kept.path
         live = self._recorder.live()
         if live is not None and path == live[0]:
-            return live[1].chunks, _tracks(live[1])
+            return live[1].chunks, tracks_in(live[1])
         if path not in self._chunks:
             contents = survey(path).contents
-            self._chunks[path] = contents.chunks, _tracks(contents)
+            self._chunks[path] = contents.chunks, tracks_in(contents)
             while len(self._chunks) > CACHED_FILES:
                 self._chunks.popitem(last=False)
         self._chunks.move_to_end(path)
@@ -221,34 +227,8 @@ def _certain(found: list[Block], first: int, repairing: bool) -> list[Block]:
     return found
 
 
-def _end(blocks: Sequence[Batch | Frames], first: int) -> int:
+def _end(blocks: Sequence[Batch | Frames | Numbered], first: int) -> int:
     return blocks[-1].sequence + len(blocks[-1]) if blocks else first
-
-
-def _tracks(contents: Contents) -> dict[int, Track]:
-    return tracks_of(dict(contents.channels))[0]
-
-
-def _look(kept: Kept) -> Known:
-    """Read what a file says of itself; one that its writer left open waits for its repair."""
-    nothing = Known(kept, "unreadable", 0, 0, 0, {})
-    try:
-        if kept.path.suffix == ".mcap":
-            found: Survey = survey(kept.path, chunks=False)
-            known = _known(kept, found.contents, "closed" if not found.damage and found.closed else "damaged")
-            return replace(known, seal=seal.read(kept.path))
-        if not kept.closed:
-            with open_file(kept.path) as file:
-                summary = read_summary(file, chunks=False)
-            return _known(kept, summary, "closing") if summary else Known(kept, "left open", 0, 0, 0, {})
-    except (OSError, ValueError, RecordingError):
-        pass
-    return nothing
-
-
-def _known(kept: Kept, contents: Contents, state: str) -> Known:
-    firsts = {t.topic: (number, t.first) for number, t in _tracks(contents).items() if t.rows is not None}
-    return Known(kept, state, contents.start, contents.end, sum(dict(contents.counts).values()), firsts)
 
 
 def _blocks(
@@ -257,19 +237,19 @@ def _blocks(
     """The blocks of one topic in some chunks; of a damaged chunk none."""
     for chunk in chunks:
         try:
-            found = list(decoder.items(chunk_data(file, chunk), tracks, {channel}))
+            found = list(decoder.numbered(chunk_data(file, chunk), tracks, {channel}))
         except ValueError:
             continue
-        yield from (item for item in found if isinstance(item, kind))
+        blocks = (Numbered(n, item) if isinstance(item, Result | Event) else item for n, item in found)
+        yield from (block for block in blocks if isinstance(block, kind))
 
 
 def _first_from(file: FileIO, chunks: Sequence[Chunk], at: int, tracks: Mapping[int, Track], channel: int) -> int:
     """The sequence number with which a topic goes on in the first chunk from ``at`` on that can be read."""
     for chunk in _from(chunks, at):
         try:
-            for item in decoder.items(chunk_data(file, chunk), tracks, {channel}):
-                if isinstance(item, Batch | Frames):
-                    return item.sequence
+            for number, _ in decoder.numbered(chunk_data(file, chunk), tracks, {channel}):
+                return number
         except ValueError:
             continue
     return sys.maxsize
@@ -292,4 +272,6 @@ def _between(blocks: Iterable[Block], first: int, stop: int) -> Iterator[Block]:
 def trim(block: Block, first: int, stop: int) -> Block | None:
     """The part of a block with sequence numbers from ``first`` to before ``stop``."""
     low, high = max(first - block.sequence, 0), min(stop - block.sequence, len(block))
-    return cut(block, low, high) if low < high else None
+    if low >= high:
+        return None
+    return block if isinstance(block, Numbered) else cut(block, low, high)

@@ -103,13 +103,13 @@ class Recorder:
         size = frames.values.nbytes + frames.bound.nbytes + frames.quality.nbytes + OVERHEAD
         return self._put(frames, size, FRAME_TOPIC, len(frames))
 
-    def result(self, result: Result) -> bool:
-        """Record what a stage found."""
-        return self._put(result, 2000, TOPICS[type(result)])
+    def result(self, result: Result, number: int | None = None) -> bool:
+        """Record what a stage found, under its number in its series."""
+        return self._put(result, 2000, TOPICS[type(result)], number=number)
 
-    def event(self, event: Event) -> bool:
-        """Record what happened to a source or the daemon."""
-        return self._put(event, 1000, TOPICS[Event])
+    def event(self, event: Event, number: int | None = None) -> bool:
+        """Record what happened to a source or the daemon, under its number."""
+        return self._put(event, 1000, TOPICS[Event], number=number)
 
     def health(self, time: int, status: Mapping[str, Any]) -> bool:
         """Record the daemon's health at ``time``, UTC ns."""
@@ -159,14 +159,14 @@ class Recorder:
             **self._upkeep.stats(),
         }
 
-    def _put(self, item: Item, size: int, topic: str, n: int = 1) -> bool:
+    def _put(self, item: Item, size: int, topic: str, n: int = 1, number: int | None = None) -> bool:
         with self._wake:
             if not self._running or (self._bytes and self._bytes + size > self.settings.queue):
                 self._drops[topic] += n
                 return False
             if not self._queue:
                 self._first_at = time.monotonic()
-            self._queue.append(Entry(item, size, topic, n))
+            self._queue.append(Entry(item, size, topic, n, number))
             self._bytes += size
             self._accepted += 1
             # Woken for the first, to note when it must be written, and for a full chunk; not in between.

@@ -44,8 +44,8 @@ class Skipped:
 Item = Batch | Frames | messages.Message | Status | Mark
 
 
-def number_of(kind: type[messages.Message]) -> int:
-    """The channel of a kind of message, the same in every ring."""
+def kind_of(kind: type[messages.Message]) -> int:
+    """The number of a kind of message, the same in every ring."""
     return _KINDS[kind]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import json
 import logging
 from collections import deque
@@ -13,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from cellwatt.errors import why
-from cellwatt.files import read_bytes
+from cellwatt.files import read_bytes, replace_text
 from cellwatt.frames import Frames, Layout
 
 log = logging.getLogger(__name__)
@@ -21,6 +23,8 @@ log = logging.getLogger(__name__)
 FILE: Final = "energy.json"
 MEASURED: Final = ("supply.power", "bus.power")
 """Channels that tell what an arm draws; the first that any source has counts, of all sources that have it."""
+PERIOD: Final = 10.0
+"""s, at which the energy of today is written."""
 SPAN: Final = 10**9
 """ns over which the power of now is a mean."""
 
@@ -88,11 +92,18 @@ class Consumption:
             return
         self._day, self._joule, self._time = kept.day, kept.joule, kept.time
 
-    def text(self) -> str:
-        """What ``read`` reads; empty before anything was measured."""
-        if self._day is None:
-            return ""
-        return json.dumps({"day": self._day.isoformat(), "joule": self._joule, "time": self._time})
+    async def keep(self, folder: Path) -> None:
+        """Write the energy of today again and again, for ``read``."""
+        while True:
+            await asyncio.sleep(PERIOD)
+            await self.write(folder)
+
+    async def write(self, folder: Path) -> None:
+        """Write the energy of today, if anything was measured."""
+        if self._day is not None:
+            text = json.dumps({"day": self._day.isoformat(), "joule": self._joule, "time": self._time})
+            with contextlib.suppress(OSError):  # the recorder tells of a disk that refuses
+                await asyncio.to_thread(replace_text, folder / FILE, text)
 
 
 _QUARTER: Final = 900 * 10**9  # ns

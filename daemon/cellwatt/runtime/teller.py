@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,12 +13,10 @@ from cellwatt.alarms import AlarmBook, Damping, withdrawn
 from cellwatt.batch import Batch, Tick
 from cellwatt.channel import Stream
 from cellwatt.config import CellConfig, SinkConfig, public_config
-from cellwatt.files import replace_text
 from cellwatt.frames import Frames, Layout
 from cellwatt.record import Header, History, Recorder
 from cellwatt.registry import sink as find_sink
-from cellwatt.results import Alarm, Event, Result
-from cellwatt.runtime import consumption
+from cellwatt.results import Alarm, Event, Result, series_of
 from cellwatt.runtime.consumption import Consumption
 from cellwatt.runtime.delivery import Delivery
 from cellwatt.runtime.evidence import Keeper
@@ -30,8 +28,6 @@ from cellwatt.sink import Journal
 
 log = logging.getLogger(__name__)
 
-ENERGY: Final = 10.0
-"""Period, s, at which the energy of today is written."""
 WORDS: Final = 0.5
 """Period, s, at which it is looked whether an alarm about which people said something has changed."""
 
@@ -60,6 +56,8 @@ class Teller:
         self._layout = Layout((), config.frames.rate)
         self._results = 0
         self.journal = journal
+        self.behind = False
+        """The record lacks some of what the journal has: results and events wait there until ``catch_up``."""
         self.alarms = AlarmBook(Damping())
         self.record_folder = None if config.record is None else config.record.folder
         self._consumption = Consumption()
@@ -86,7 +84,7 @@ class Teller:
             await asyncio.to_thread(self._words.read, folder)
             await asyncio.to_thread(self._consumption.read, folder)
             tasks.spawn("words", self._keep_words(folder))
-            tasks.spawn("energy", self._keep_energy(folder))
+            tasks.spawn("energy", self._consumption.keep(folder))
             tasks.spawn("recovery", self._report_recovery(self.recorder))
             known = [standing.alarm for standing in self.alarms.raised]
             self.evidence = Keeper(self._config.record, self.cell, self._now, self.take, known)
@@ -120,7 +118,7 @@ class Teller:
         await tasks.end(["evidence", "words", "energy"])
         if self._config.record is not None:
             await self._words.keep(self._config.record.folder)
-            await self._write_energy(self._config.record.folder)
+            await self._consumption.write(self._config.record.folder)
         if self.recorder is not None:
             await self.recorder.close()
         if self.evidence is not None:
@@ -146,17 +144,6 @@ class Teller:
                 async with asyncio.timeout(WORDS):
                     await self._words.said.wait()
 
-    async def _keep_energy(self, folder: Path) -> None:
-        """Keep the energy of today on disk."""
-        while True:
-            await asyncio.sleep(ENERGY)
-            await self._write_energy(folder)
-
-    async def _write_energy(self, folder: Path) -> None:
-        if text := self._consumption.text():
-            with contextlib.suppress(OSError):  # the recorder tells of a disk that refuses
-                await asyncio.to_thread(replace_text, folder / consumption.FILE, text)
-
     def _start_sink(self, tasks: Tasks, config: SinkConfig, before: Delivery | None = None) -> None:
         sink = find_sink(config.name)(config.name, config.settings, self)
         delivery = self.sinks[config.name] = Delivery(config.name, sink)
@@ -170,14 +157,37 @@ class Teller:
 
     def take(self, item: Item) -> None:
         """Record one item and hand it to the sinks; never blocks."""
-        self.record(item)
+        number = None
+        if isinstance(item, Result | Event) and not isinstance(item, Alarm):  # of alarms what the book makes of them
+            number = self._number(item)
+        self.record(item, number)
         if not isinstance(item, Tick):
             self.tell(item)
 
-    def record(self, item: Item) -> None:
-        """Record one item, where anything is recorded."""
-        if self.recorder is not None:
-            _record(self.recorder, item)
+    def record(self, item: Item, number: int | None = None) -> None:
+        """Record one item, where anything is recorded; a result or event under its number."""
+        if self.recorder is not None and (number is None or not self.behind):
+            _record(self.recorder, item, number)
+
+    def told(self) -> Iterator[tuple[int, Result | Event]]:
+        """What the journal has and the record should have, with its numbers, each series in order."""
+        for number, item in self.journal.past() if self.journal is not None else ():
+            if not isinstance(item, Alarm):
+                yield number, item
+
+    def catch_up(self, items: Iterable[tuple[int, Result | Event]]) -> None:
+        """Record what the record lacks of what is told by now, and go on."""
+        self.behind = False
+        for number, item in items:
+            self.record(item, number)
+
+    def _number(self, item: Result | Event) -> int | None:
+        """The number under which an item is told and recorded; None where there is no journal, or it cannot hold it."""
+        try:
+            return None if self.journal is None else self.journal.put(item)
+        except ValueError as error:
+            log.warning("a message of %s cannot be told again: %s", series_of(item), error)
+            return None
 
     def tell(self, item: Batch | Event | Frames | Result) -> None:
         """Hand one item to the sinks; of an alarm what the alarm book makes of it."""
@@ -206,6 +216,8 @@ class Teller:
                 self.evidence.alarm(alarm)
 
     def _offer(self, item: Batch | Event | Frames | Result) -> None:
+        if isinstance(item, Alarm):
+            self._number(item)
         for sink in self.sinks.values():
             sink.offer(item)
 
@@ -284,8 +296,13 @@ class Teller:
         """See ``CellView.frame_history``."""
         return self._history.frames(session, first, count) if self._history is not None else ()
 
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        """See ``CellView.result_history``."""
+        found = self._history.results(series, session, first, count) if self._history is not None else ()
+        return [(kept.sequence, kept.item) for kept in found]
 
-def _record(recorder: Recorder, item: Item) -> None:
+
+def _record(recorder: Recorder, item: Item, number: int | None) -> None:
     match item:
         case Batch():
             recorder.batch(item)
@@ -294,6 +311,6 @@ def _record(recorder: Recorder, item: Item) -> None:
         case Frames():
             recorder.frames(item)
         case Event():
-            recorder.event(item)
+            recorder.event(item, number)
         case _:
-            recorder.result(item)
+            recorder.result(item, number)

@@ -2,7 +2,8 @@
 lines.
 
 Orders: ``{"stream": {"samples", "frames", "alarms", "rate", "block"}}`` publishes at real time from where it is,
-``{"offer_only": n}`` / ``{"record_only": n}`` samples that only go there, ``{"frames": n}`` publishes frames at once.
+``{"offer_only": n}`` / ``{"record_only": n}`` samples that only go there, ``{"frames": n}`` and ``{"tasks": n}``
+publish those at once.
 Health goes out each 0.2 s.
 """
 
@@ -19,10 +20,12 @@ from typing import Any
 from cellwatt import Batch, Frames
 from cellwatt.publish import ZenohSettings, ZenohSink
 from cellwatt.record import Header, History, Recorder, RecordSettings
-from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames
+from cellwatt.results import Event, Result
+from cellwatt.ring import Ring, RingJournal
+from tests.daemon.publish.fake_cell import CELL, EPOCH, SITE, STATUS, FakeView, alarm, batch, frames, task
 from tests.patience import PATIENCE
 
-FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH = 10, 500
+FRAMES_OF_A_BLOCK, FRAMES_OF_A_FLUSH, TASKS_OF_A_FLUSH = 10, 500, 100
 
 
 class RecordingView(FakeView):
@@ -33,6 +36,7 @@ class RecordingView(FakeView):
         self.recorder = Recorder(RecordSettings(folder=folder, file_size=10e3), Header(SITE, CELL, session))
         self.recorder.start()
         self._history = History(folder, self.recorder)
+        self.journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
 
     def record(self, item: Batch | Frames, session: int | None = None) -> None:
         assert self.recorder.frames(item) if isinstance(item, Frames) else self.recorder.batch(item)
@@ -47,6 +51,9 @@ class RecordingView(FakeView):
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         return self._history.frames(session, first, count)
 
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        return [(kept.sequence, kept.item) for kept in self._history.results(series, session, first, count)]
+
 
 class Cell:
     def __init__(self, settings: dict[str, Any]) -> None:
@@ -56,7 +63,7 @@ class Cell:
         for session, count in settings.pop("recorded", {}).items():
             self.view.record(batch(0, count), int(session))
         self.sink = ZenohSink("zenoh", ZenohSettings(**settings), self.view)
-        self.samples = self.frames = self.alarms = 0
+        self.samples = self.frames = self.alarms = self.tasks = 0
 
     async def stream(self, samples: int, frames_too: bool, every: int, rate: float, block: int) -> None:
         """``samples`` of one source at ``rate`` Hz in blocks; a frame a block; an alarm every ``every`` blocks."""
@@ -86,8 +93,21 @@ class Cell:
                 assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
         self.say_published()
 
+    async def found(self, count: int) -> None:
+        """Tasks at once; they are on disk when it says so."""
+        assert self.recorded is not None
+        for _ in range(count):
+            item = task(self.tasks)
+            assert self.recorded.recorder.result(item, self.recorded.journal.put(item))
+            self.sink.offer(item)
+            self.tasks += 1
+            if self.tasks % TASKS_OF_A_FLUSH == 0:
+                assert await asyncio.to_thread(self.recorded.recorder.flush, PATIENCE)
+        self.say_published()
+
     def say_published(self) -> None:
-        say({"published": {"samples": self.samples, "frames": self.frames, "alarms": self.alarms}})
+        made = {"samples": self.samples, "frames": self.frames, "alarms": self.alarms, "tasks": self.tasks}
+        say({"published": made})
 
     def offer(self, item: Any, live: bool = True, record: bool = True) -> None:
         self.samples += len(item)
@@ -111,6 +131,8 @@ class Cell:
                     group.create_task(self.stream(**order["stream"]))
                 elif "frames" in order:
                     group.create_task(self.burst(order["frames"]))
+                elif "tasks" in order:
+                    group.create_task(self.found(order["tasks"]))
                 elif "record_only" in order:
                     self.offer(batch(self.samples, order["record_only"]), live=False)
                 elif "offer_only" in order:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cellwatt import Alarm, Batch, Channel, FrameChannel, Frames, Layout, Stream
 from cellwatt.blocks import Block, cut
+from cellwatt.results import Event, Result, Task
 
 SITE, CELL = "plant-1", "weld-3"
 EPOCH = 1_800_000_000_000_000_000
@@ -85,6 +86,11 @@ def alarm(number: int, active: bool = True, severity: Any = "error", kind: str =
     )
 
 
+def task(number: int) -> Task:
+    end = EPOCH + number * 10**9
+    return Task("arm", "task_1", "c0ffee", "speed=1.00", 1.0, end - 10**9, end, (number,), number)
+
+
 class FakeView:
     """A ``CellView`` whose record is in memory. ``lag``: samples at the end that are not on disk yet."""
 
@@ -131,6 +137,9 @@ class FakeView:
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         with self._lock:
             return self._kept(self._frames.get(session, ()), first, count)
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        return []
 
     def _kept(self, blocks: Sequence[Block], first: int, count: int) -> list[Block]:
         end = (blocks[-1].sequence + len(blocks[-1]) - self.lag) if blocks else 0

@@ -6,16 +6,22 @@ from dataclasses import dataclass, field
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cellwatt import Alarm, Task
 from cellwatt.publish.asking import Question
 from cellwatt.publish.follow import GRACE, Following
 from cellwatt.publish.mark import Mark
 from cellwatt.publish.order import Gap, Part
-from tests.daemon.publish.fake_cell import alarm, batch, frames
+from tests.daemon.publish.fake_cell import alarm, batch, frames, task
 
 RAW = "raw/arm/samples"
 WANTED = ("raw", "alarm")
-RECORDED = {RAW: batch, "frame": frames}
+BLOCKS = {RAW: batch, "frame": frames}
+RECORDED = (*BLOCKS, "task")
 TOPICS = (*RECORDED, "alarm")
+
+
+def item(topic: str, number: int) -> Alarm | Task:
+    return task(number) if topic == "task" else alarm(number)
 
 
 def mark(session: int, first: int, count: int = 1) -> Mark:
@@ -144,7 +150,7 @@ def test_resume_goes_on_from_there() -> None:
 class World:
     """A cell and the link to a consumer, in virtual time; ``step`` is a tenth of a second."""
 
-    following: Following = field(default_factory=lambda: Following((*WANTED, "frame")))
+    following: Following = field(default_factory=lambda: Following((*WANTED, "frame", "task")))
     session: int = 1
     up: bool = True
     now: float = 0.0
@@ -155,9 +161,9 @@ class World:
     def make(self, topic: str, count: int, arrives: bool) -> None:
         first = self.made[topic].get(self.session, 0)
         self.made[topic][self.session] = first + count
-        for n, c in [(first, count)] if topic in RECORDED else [(first + i, 1) for i in range(count)]:
+        for n, c in [(first, count)] if topic in BLOCKS else [(first + i, 1) for i in range(count)]:
             if self.up and arrives:
-                content = RECORDED[topic](n, c) if topic in RECORDED else alarm(n)
+                content = BLOCKS[topic](n, c) if topic in BLOCKS else item(topic, n)
                 self.given_out[topic] += self.following.message(topic, mark(self.session, n, c), content)
 
     @property
@@ -190,12 +196,13 @@ class World:
             count = min(made.get(hole.session, 0) - hole.first, 3, hole.count or 3)
             if count <= 0:
                 self.given_out[question.topic] += self.following.nothing(question, "nothing", self.now)
-            elif question.topic in RECORDED:
-                found = [(mark(hole.session, hole.first, count), RECORDED[question.topic](hole.first, count))]
+            elif question.topic in BLOCKS:
+                found = [(mark(hole.session, hole.first, count), BLOCKS[question.topic](hole.first, count))]
                 self.given_out[question.topic] += self.following.filled(question, found)
             else:
-                alarms = [(mark(hole.session, hole.first + i), alarm(hole.first + i)) for i in range(count)]
-                self.given_out[question.topic] += self.following.filled(question, alarms)
+                numbers = range(hole.first, hole.first + count)
+                items = [(mark(hole.session, n), item(question.topic, n)) for n in numbers]
+                self.given_out[question.topic] += self.following.filled(question, items)
 
 
 STEPS = st.one_of(
@@ -230,6 +237,6 @@ def test_cuts_losses_and_restarts_lose_and_double_nothing(steps: list[tuple]) ->
         seen = numbers(world.given_out[topic])
         known = {session for session, _ in seen}
         assert world.session in known
-        # Results are not recorded: of a session in which a cut let nothing through there is nobody left to tell.
+        # The record has no numbers of alarms: of a session in which a cut let nothing through nobody is left to tell.
         owed = [s for s in sorted(sessions) if topic in RECORDED or s in known]
         assert seen == [(s, n) for s in owed for n in range(sessions[s])]

@@ -6,7 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cellwatt import ConfigError, ProtocolError
-from cellwatt.publish.keys import KINDS, Address, CellKeys, alarm_path, escape, parse, prediction_topic, raw_topic
+from cellwatt.publish.keys import (
+    KINDS,
+    Address,
+    CellKeys,
+    alarm_path,
+    escape,
+    parse,
+    raw_topic,
+    series_of_topic,
+    topic_of_series,
+)
 
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=12)
 KEYS = CellKeys("plant-1", "weld-3")
@@ -18,7 +28,7 @@ KEYS = CellKeys("plant-1", "weld-3")
         (KEYS.root, "cellwatt/plant-1/weld-3"),
         (KEYS.live(raw_topic("arm", "samples")), "cellwatt/plant-1/weld-3/raw/arm/samples"),
         (KEYS.live("frame"), "cellwatt/plant-1/weld-3/frame"),
-        (KEYS.live(prediction_topic("power")), "cellwatt/plant-1/weld-3/prediction/power"),
+        (KEYS.live(topic_of_series("prediction/power")), "cellwatt/plant-1/weld-3/prediction/power"),
         (KEYS.live(alarm_path("error", "joint_fault")), "cellwatt/plant-1/weld-3/alarm/error/joint_fault"),
         (KEYS.live(alarm_path("error", "joint_fault", "a/1")), "cellwatt/plant-1/weld-3/alarm/error/joint_fault/a%2F1"),
         (KEYS.backfill(raw_topic("arm", "samples")), "cellwatt/plant-1/weld-3/backfill/raw/arm/samples"),
@@ -88,3 +98,10 @@ def test_foreign_keys_are_refused(key: str) -> None:
 def test_an_empty_name_is_refused_at_once() -> None:
     with pytest.raises(ConfigError, match="empty name"):
         CellKeys("plant", "")
+
+
+@pytest.mark.parametrize("series", ["event", "prediction/power", "prediction/a/b %20#"])
+def test_a_series_is_known_by_its_topic(series: str) -> None:
+    topic = topic_of_series(series)
+    assert parse(KEYS.live(topic)).kind == series.partition("/")[0]
+    assert series_of_topic(topic) == series

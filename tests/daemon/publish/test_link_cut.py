@@ -205,57 +205,59 @@ def test_restarts_while_the_link_is_cut() -> None:
     assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)
 
 
-def frames_published(cell: Child, count: int, end: int) -> None:
-    """Publish and record frames at once, up to number ``end``."""
-    cell.send(frames=count)
-    cell.wait_for(lambda s: "published" in s and s["published"]["frames"] == end, "frames")
+def made_known(cell: Child, what: str, count: int, end: int) -> None:
+    """Publish and record frames or tasks at once, up to number ``end``."""
+    cell.send(**{what: count})
+    cell.wait_for(lambda s: "published" in s and s["published"][what] == end, what)
 
 
-def test_frames_of_a_cut_far_beyond_the_memory_come_from_the_record(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("topic", "what"), [("frame", "frames"), ("task", "tasks")])
+def test_what_a_cut_left_far_beyond_the_memory_comes_from_the_record(tmp_path: Path, topic: str, what: str) -> None:
     port = free_port()
     recording = {"listen": [f"tcp/127.0.0.1:{port}"], "folder": str(tmp_path), "frame_memory": "1 B"}
     with Child("cell_process", **recording) as publisher, Link(port) as link:
         publisher.ready()
-        with start_consumer(link.port, want=["frame", "health"]) as consumer:
-            frames_published(publisher, 50, 50)
-            wait_until(lambda: reached(consumer, "frame", 50), "frames before the cut")
+        with start_consumer(link.port, want=[topic, "health"]) as consumer:
+            made_known(publisher, what, 50, 50)
+            wait_until(lambda: reached(consumer, topic, 50), f"{what} before the cut")
             link.cut()
-            frames_published(publisher, 5000, 5050)
+            made_known(publisher, what, 9000, 9050)
             link.restore()
-            frames_published(publisher, 50, 5100)
-            wait_until(lambda: reached(consumer, "frame", 5100), "all frames")
+            made_known(publisher, what, 50, 9100)
+            wait_until(lambda: reached(consumer, topic, 9100), f"all {what}")
     assert len(list(tmp_path.glob("*.mcap"))) > 5
-    messages = received(consumer, "frame")
-    assert_complete(messages, 0, 5100)
+    messages = received(consumer, topic)
+    assert_complete(messages, 0, 9100)
     late = [m["count"] for m in messages if m["backfilled"]]
-    assert sum(late) >= 5000 > 2000 >= max(late)
+    assert sum(late) >= 9000 > 2000 >= max(late)
 
 
-def test_frames_of_restarts_while_the_link_is_cut_come_from_the_record(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("topic", "what"), [("frame", "frames"), ("task", "tasks")])
+def test_what_restarts_left_while_the_link_was_cut_comes_from_the_record(tmp_path: Path, topic: str, what: str) -> None:
     """Also those of a session that began and ended during the cut."""
     port = free_port()
     recording = {"listen": [f"tcp/127.0.0.1:{port}"], "folder": str(tmp_path)}
     between, last = EPOCH + 10**9, EPOCH + 2 * 10**9
-    wanted = {"want": ["frame", "health"]}
+    wanted = {"want": [topic, "health"]}
     with (
         Child("cell_process", **recording) as first,
         Link(port) as link,
         start_consumer(link.port, **wanted) as consumer,
     ):
-        frames_published(first, 100, 100)
-        wait_until(lambda: reached(consumer, "frame", 100), "frames before the cut")
+        made_known(first, what, 100, 100)
+        wait_until(lambda: reached(consumer, topic, 100), f"{what} before the cut")
         link.cut()
-        frames_published(first, 200, 300)
+        made_known(first, what, 200, 300)
         assert first.finish() == 0
         with Child("cell_process", session=between, **recording) as second:
-            frames_published(second.ready(), 200, 200)
+            made_known(second.ready(), what, 200, 200)
             assert second.finish() == 0
         with Child("cell_process", session=last, **recording) as third:
-            frames_published(third.ready(), 100, 100)
+            made_known(third.ready(), what, 100, 100)
             link.restore()
-            new = lambda: [m for m in received(consumer, "frame") if m["session"] == last]  # noqa: E731
+            new = lambda: [m for m in received(consumer, topic) if m["session"] == last]  # noqa: E731
             wait_until(lambda: new() and new()[-1]["first"] + new()[-1]["count"] == 100, "the last session")
-    messages = received(consumer, "frame")
+    messages = received(consumer, topic)
     for session, end in ((EPOCH, 300), (between, 200), (last, 100)):
         assert_complete([m for m in messages if m["session"] == session], 0, end)
     assert [m["session"] for m in messages] == sorted(m["session"] for m in messages)

@@ -1,4 +1,4 @@
-"""Frames that memory no longer has, answered from real recordings."""
+"""Frames and results that memory no longer has, answered from real recordings."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from cellwatt.blocks import concatenate
 from cellwatt.publish.backlog import Backlog
 from cellwatt.publish.encode import decode
 from cellwatt.publish.mark import Mark
-from cellwatt.publish.past import MOST_SAMPLES, Answer, Past
+from cellwatt.publish.messages import from_json, parse_json
+from cellwatt.publish.past import MOST_RESULTS, MOST_SAMPLES, Answer, Past
 from cellwatt.publish.questions import NothingKeptError
 from cellwatt.record import History
-from tests.daemon.publish.fake_cell import FakeView, batch
-from tests.daemon.record.making import CELL, SESSION, frames_of, write_chunks
+from cellwatt.record.encoder import Encoder
+from cellwatt.record.openfile import OpenFile
+from cellwatt.results import Event, Result
+from tests.daemon.publish.fake_cell import FakeView, batch, task
+from tests.daemon.record.making import CELL, HEADER, SESSION, frames_of, name_of, write_chunks
 
 BLOCK = 10
 END = 6000
@@ -43,6 +47,10 @@ class Recorded(FakeView):
 
     def frame_history(self, session: int, first: int, count: int) -> Sequence[Frames]:
         return self._made.frames(session, first, count)
+
+    def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
+        assert 0 < count <= MOST_RESULTS
+        return [(kept.sequence, kept.item) for kept in self._made.results(series, session, first, count)]
 
 
 @pytest.fixture(scope="module")
@@ -196,3 +204,57 @@ def test_where_numbers_went_back_the_record_is_not_asked(folder: Path, truth: li
     mark = ask(past, 30, SESSION + 1, count=10).mark
     assert mark is not None
     assert (mark.session, mark.sequence) == (SESSION + 1, 30)
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Path:
+    """Tasks 0 … 2000 on disk."""
+    recorded = 0
+    for number in (1, 2):
+        file = OpenFile(tmp_path / name_of(number), replace(HEADER, number=number))
+        encoder = Encoder(file)
+        for _ in range(20):
+            for _ in range(50):
+                encoder.add(task(recorded), recorded)
+                recorded += 1
+            file.write_chunk()
+        file.finish()
+        file.publish()
+    return tmp_path
+
+
+def told(past: Past, first: int, session: int = SESSION, **more: int) -> list[tuple[int, Any]]:
+    asked = {"session": session, "first": first, **more}
+    answer = past.results({"kind": "task", **{name: str(number) for name, number in asked.items()}})
+    return [(body["mark"]["sequence"], from_json("task", body)) for body in parse_json(answer.payload)]
+
+
+def test_all_results_once_in_order_first_from_the_record_then_from_memory(judged: Path) -> None:
+    backlog = Backlog(SESSION, 1e6)
+    for number in range(2000):
+        backlog.add(task(number))
+    kept = backlog._topics["task"].kept
+    while len(kept) > 100:
+        kept.popleft()
+    past, given = Past(Recorded(judged), backlog, lambda: 1e9), []
+    while len(given) < 2000:
+        given += told(past, len(given), count=2000 - len(given))
+    assert given == [(number, task(number)) for number in range(2000)]
+    assert told(past, 1898, count=4) == [(1898, task(1898)), (1899, task(1899))], "the rest is in memory"
+    assert told(past, 1990, count=3) == [(number, task(number)) for number in range(1990, 1993)]
+
+
+def test_results_of_an_earlier_session_to_its_end(judged: Path) -> None:
+    past, given = Past(Recorded(judged, SESSION + 1), Backlog(SESSION + 1, 1e6), lambda: 1e9), []
+    with pytest.raises(NothingKeptError, match="no results 'task' are kept"):
+        while True:
+            given += told(past, len(given))
+    assert given == [(number, task(number)) for number in range(2000)]
+
+
+def test_where_results_are_gone_the_answer_begins_with_the_first_that_is_left(judged: Path) -> None:
+    past = Past(Recorded(judged), Backlog(SESSION, 1e6), lambda: 1e9)
+    sorted(judged.glob("*.mcap"))[0].unlink()
+    assert told(past, 3)[0] == (1000, task(1000))
+    with pytest.raises(NothingKeptError):
+        told(past, 3, count=997)

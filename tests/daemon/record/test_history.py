@@ -12,8 +12,10 @@ from cellwatt.record.header import PART
 from cellwatt.record.history import trim
 from cellwatt.record.opening import survey
 from cellwatt.record.upkeep import Upkeep
+from cellwatt.results import Prediction, Task
 from tests.patience import PATIENCE, eventually
 
+from ..publish.fake_cell import alarm
 from .making import HEADER, SESSION, batch_of, bits, frames_of, name_of, same_batch, stream_of, write_chunks
 
 SUPPLY = stream_of(2, "meter")
@@ -169,6 +171,67 @@ async def test_frames_that_are_left_are_found_however_far(framed, tmp_path):
     assert begin > 100
     assert numbers(await ask_frames(framed, 0, 100)) == list(range(begin, begin + 100))
     assert numbers(await ask_frames(framed, 50, begin)) == list(range(begin, begin + 50))
+
+
+def task(number: int) -> Task:
+    return Task("arm", "task_1", "aa", "speed=1.00", 1.0, number, SESSION + number * 10**9, (number,), number)
+
+
+def prediction(number: int, model: str) -> Prediction:
+    return Prediction(model, number, (SESSION + number,), {"power": (float(number),)}, {"power": "W"})
+
+
+@pytest.fixture
+async def judged(recorder, tmp_path):
+    """Tasks 5 … 605 and what two models said, in several closed files and an open one, some still in memory."""
+    for n in range(600):
+        assert recorder.result(task(n), n + 5)
+        assert recorder.result(prediction(n, "a/b"), n)
+        assert n % 2 or recorder.result(prediction(n, "other"), n // 2)
+        assert recorder.result(alarm(n))
+        if n % 15 == 0:
+            assert await asyncio.to_thread(recorder.flush, PATIENCE)
+    await eventually(lambda: len(list(tmp_path.glob("*.mcap"))) >= 2)
+    return History(tmp_path, recorder)
+
+
+@pytest.mark.parametrize(("first", "count"), [(5, 1), (5, 600), (100, 200), (603, 2)])
+async def test_just_the_results_that_were_asked_for(judged, first, count):
+    found = await asyncio.to_thread(judged.results, "task", SESSION, first, count)
+    assert [(kept.sequence, kept.item) for kept in found] == [(n, task(n - 5)) for n in range(first, first + count)]
+
+
+async def test_models_are_numbered_each_for_itself(judged):
+    found = await asyncio.to_thread(judged.results, "prediction/other", SESSION, 299, 10)
+    assert [(kept.sequence, kept.item) for kept in found] == [(299, prediction(598, "other"))]
+    found = await asyncio.to_thread(judged.results, "prediction/a/b", SESSION, 299, 2)
+    assert [(kept.sequence, kept.item) for kept in found] == [(n, prediction(n, "a/b")) for n in (299, 300)]
+
+
+async def test_of_results_that_are_gone_those_after_them_are_given(judged, tmp_path):
+    sorted(tmp_path.glob("*.mcap"))[0].unlink()
+    (left, *_) = await asyncio.to_thread(judged.results, "task", SESSION, 0, 3)
+    assert left.sequence > 50 and left.item == task(left.sequence - 5)
+    assert await asyncio.to_thread(judged.results, "task", SESSION, 700, 3) == []
+
+
+async def test_what_has_no_numbers_is_recorded_and_not_given_by_number(judged, recorder, tmp_path):
+    assert await asyncio.to_thread(judged.results, "alarm", SESSION, 0, 3) == []
+    await recorder.close()
+    recording = Recording.open(tmp_path)
+    assert recording.alarms() == [alarm(n) for n in range(600)]
+    made = [prediction(n, m) for n in range(600) for m in ("a/b", "other") if m == "a/b" or n % 2 == 0]
+    assert list(recording.results(Prediction)) == made
+
+
+async def test_one_without_a_number_stands_beside_those_that_have_one(recorder, tmp_path):
+    """What a process told and its journal lost again is recorded by the next one as it is."""
+    for item, number in ((task(1), 7), (task(2), None), (task(3), 8)):
+        assert recorder.result(item, number)
+    found = await asyncio.to_thread(History(tmp_path, recorder).results, "task", SESSION, 0, 10)
+    assert [(kept.sequence, kept.item) for kept in found] == [(7, task(1)), (8, task(3))]
+    await recorder.close()
+    assert Recording.open(tmp_path).tasks() == [task(1), task(2), task(3)]
 
 
 async def test_no_frames_where_none_are_recorded(history):

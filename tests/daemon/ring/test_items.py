@@ -105,6 +105,16 @@ def test_what_a_slow_reader_missed_is_told(ring):
     assert numbers == list(range(3000 - len(numbers), 3000))
 
 
+def test_what_several_sinks_put_into_a_journal_has_one_number():
+    rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
+    journal = RingJournal(*rings)
+    first, second = alarm("a"), alarm("a")
+    assert [journal.put(item) for item in (first, first, second, second)] == [0, 0, 1, 1]
+    assert [number for number, _ in journal.past()] == [0, 1]
+    for ring in rings:
+        ring.close()
+
+
 def test_the_end_is_told_once_all_was_read(ring):
     writer, reader = ItemWriter(ring), ItemReader(ring, 0)
     writer.put(Tick(1))
@@ -114,7 +124,7 @@ def test_the_end_is_told_once_all_was_read(ring):
     assert reader.over
 
 
-def test_a_journal_numbers_each_kind_and_gives_the_last_of_it_back():
+def test_a_journal_numbers_each_series_and_gives_the_last_of_it_back():
     rings = Ring(1 << 16, 1), Ring(1 << 16, 1)
     journal = RingJournal(*rings)
     numbers = [journal.put(item) for item in (alarm("a"), prediction("m", 1), alarm("a", active=False))]
@@ -125,6 +135,10 @@ def test_a_journal_numbers_each_kind_and_gives_the_last_of_it_back():
     assert [(n, a.active) for n, a in past if isinstance(a, Alarm)] == [(0, True), (1, False)]
     predictions = [(n, p.sequence) for n, p in past if isinstance(p, Prediction)]
     assert predictions[-1] == (5000, 4999)
-    assert RingJournal(*rings).put(prediction("m", 0)) == 5001
+    following = RingJournal(*rings)
+    assert following.put(prediction("m", 0)) == 5001
+    # Consumers follow each model for itself: to them a number that another one has is a message that is missing.
+    assert [following.put(prediction(m, 0)) for m in ("other", "m", "other")] == [0, 5002, 1]
+    assert RingJournal(*rings).put(prediction("other", 0)) == 2
     for ring in rings:
         ring.close()

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
-from cellwatt import Alarm
+from cellwatt import Alarm, Event, Task
 from cellwatt.config import CellConfig
 from cellwatt.ring import Ring, RingJournal
 from cellwatt.runtime.teller import Teller
+from tests.daemon.publish.fake_cell import task
 from tests.daemon.runtime.fakes import alarm, config_of, sinks, stages
 
 SECOND = 10**9
@@ -24,13 +25,15 @@ class Told(Teller):
         self.time = 0
         self.offered: list[Any] = []
         self.recorded: list[Any] = []
+        self.numbers: list[int | None] = []
         super().__init__(config, 1, lambda: self.time, journal)
 
     def _offer(self, item: Any) -> None:
         self.offered.append(item)
 
-    def record(self, item: Any) -> None:
+    def record(self, item: Any, number: int | None = None) -> None:
         self.recorded.append(item)
+        self.numbers.append(number)
 
     def looked_at(self) -> list[str]:
         """Ids of the alarms in health after a look."""
@@ -110,3 +113,27 @@ def test_only_news_is_logged(caplog: pytest.LogCaptureFixture, active: bool) -> 
     teller.take(alarm("a"))
     teller.take(replace(alarm("a", active=active), time=9))
     assert len(caplog.records) == 1 + (not active)
+
+
+def test_a_result_is_recorded_under_the_number_that_it_is_told_with() -> None:
+    journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
+    teller = Told(journal=journal)
+    given = [task(0), Event(1, None, "reloaded", ""), alarm("a"), task(1)]
+    for item in given:
+        teller.take(item)
+    assert teller.numbers == [0, 0, None, 1]
+    assert [(n, item) for n, item in journal.past() if isinstance(item, Task)] == [(0, task(0)), (1, task(1))]
+
+
+def test_an_alarm_is_in_the_journal_though_no_sink_puts_it_there() -> None:
+    journal = RingJournal(Ring(1 << 16, 1), Ring(1 << 16, 1))
+    Teller(CONFIG, 1, lambda: 0, journal).take(alarm("a"))
+    assert Told(journal=journal).looked_at() == ["a"]
+
+
+def test_what_does_not_fit_the_journal_is_recorded_and_told_all_the_same(caplog: pytest.LogCaptureFixture) -> None:
+    teller = Told(journal=RingJournal(Ring(1 << 12, 1), Ring(1 << 12, 1)))
+    large = Event(1, None, "said", "x" * 5000)
+    teller.take(large)
+    assert (teller.recorded, teller.numbers, teller.offered) == ([large], [None], [large])
+    assert "event cannot be told again" in caplog.text

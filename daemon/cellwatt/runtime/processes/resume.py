@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Iterable
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
@@ -14,12 +14,14 @@ from cellwatt.blocks import Block, cut
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
 from cellwatt.record import Recorder, decoder
-from cellwatt.record.decoder import tracks_of
+from cellwatt.record.container import Chunk, Contents
+from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import Item
 from cellwatt.record.messages import Message
 from cellwatt.record.opening import survey
 from cellwatt.record.reader import chunk_data
-from cellwatt.record.retention import listing
+from cellwatt.record.retention import Kept, listing
+from cellwatt.results import Event, Result, series_of
 
 log = logging.getLogger(__name__)
 
@@ -34,31 +36,28 @@ class Resume:
     following: dict[tuple[str, str], int] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
     """The last ones."""
+    ends: dict[str, int] = field(default_factory=dict)
+    """The number with which each series of results or events goes on."""
 
     @classmethod
-    async def of(cls, recorder: Recorder | None, *, restarts: int) -> Resume:
-        """Read what this session's record holds; empty where the process is the first of its session."""
+    async def of(cls, recorder: Recorder | None, series: Collection[str], *, restarts: int) -> Resume:
+        """Read what this session's record holds; empty where the process is the first of its session.
+
+        ``series`` are those that have been told.
+        """
         if recorder is None or not restarts:
             return cls()
         await recorder.recovered()
-        return await asyncio.to_thread(cls._read, recorder.settings.folder, recorder.cell, recorder.session)
+        return await asyncio.to_thread(cls._read, recorder.settings.folder, recorder.cell, recorder.session, series)
 
     @classmethod
-    def _read(cls, folder: Path, cell: str, session: int) -> Resume:
+    def _read(cls, folder: Path, cell: str, session: int, series: Collection[str]) -> Resume:
         found = cls()
         files = [f for f in listing(folder, cell) if f.name.session == session and f.closed]
-        for kept in files[-2:]:
-            try:
-                contents = survey(kept.path).contents
-            except RecordingError:
-                continue
-            tracks, _ = tracks_of(contents.channels)
-            with FileIO(kept.path, "rb") as file:
-                for chunk in contents.chunks[-LAST:]:
-                    try:
-                        found._note(list(decoder.items(chunk_data(file, chunk), tracks, tracks)))
-                    except ValueError as error:
-                        log.warning("%s: the chunk at %d is passed over: %s", kept.path.name, chunk.offset, error)
+        for file, contents, tracks in _readable(files[-2:]):
+            for chunk in contents.chunks[-LAST:]:
+                found._note(item for _, item in _items(file, chunk, tracks, tracks))
+        found.ends = _ends(files, series)
         return found
 
     def _note(self, items: Iterable[Item]) -> None:
@@ -67,6 +66,12 @@ class Resume:
                 self.following[_key(item)] = item.sequence + len(item)
             else:
                 self.messages.append(item)
+
+    def unrecorded(self, told: Iterable[tuple[int, Result | Event]]) -> list[tuple[int, Result | Event]]:
+        """Of results and events that were told, those that are not in the record, with their numbers."""
+        found = [(number, item) for number, item in told if number >= self.ends.get(series_of(item), 0)]
+        self.messages += [item for _, item in found]
+        return found
 
     def lacks(self, message: Message) -> bool:
         """True if a result or event is not in the record yet."""
@@ -83,6 +88,40 @@ class Resume:
         if item.sequence + len(item) <= first:
             return None
         return cut(item, first - item.sequence, len(item))
+
+
+def _ends(files: Sequence[Kept], series: Collection[str]) -> dict[str, int]:
+    """The number with which each series goes on that is in the record."""
+    ends: dict[str, int] = {}
+    for file, contents, tracks in _readable(reversed(files)):
+        for channel, track in tracks.items():
+            if track.series is not None and track.series in series and track.series not in ends:
+                for chunk in reversed(contents.chunks.holding(channel)):
+                    if items := _items(file, chunk, tracks, {channel}):
+                        ends[track.series] = 1 + max(number for number, _ in items)
+                        break
+        if len(ends) == len(series):
+            break
+    return ends
+
+
+def _readable(files: Iterable[Kept]) -> Iterator[tuple[FileIO, Contents, Mapping[int, Track]]]:
+    for kept in files:
+        try:
+            contents = survey(kept.path).contents
+        except RecordingError:
+            continue
+        with FileIO(kept.path, "rb") as file:
+            yield file, contents, tracks_of(contents.channels)[0]
+
+
+def _items(file: FileIO, chunk: Chunk, tracks: Mapping[int, Track], wanted: Container[int]) -> list[tuple[int, Item]]:
+    """Those of a chunk with their numbers; of a damaged one none."""
+    try:
+        return list(decoder.numbered(chunk_data(file, chunk), tracks, wanted))
+    except ValueError as error:
+        log.warning("%s: the chunk at %d is passed over: %s", file.name, chunk.offset, error)
+        return []
 
 
 def _key(item: Batch | Frames) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
-from cellwatt.results import Event
+from cellwatt.results import Event, series_of
 from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.chain import BEGINS_ANEW
@@ -65,6 +65,7 @@ class _Telling:
         self._config, self._generation = assignment.config, assignment.generation
         self._teller = Teller(assignment.config, shared.session, shared.clock.now, RingJournal(*shared.told))
         self._teller.on_health = self._say_alive
+        self._teller.behind = assignment.restarts > 0
         self._raw = _Way(ItemReader(shared.raw, TELL))
         self._frames = _Way(ItemReader(shared.frames, TELL))
         self._results = [_Way(ItemReader(ring, TELL)) for ring in shared.results]
@@ -82,7 +83,7 @@ class _Telling:
         async with asyncio.TaskGroup() as group:
             self._tasks = Tasks(group)
             await self._teller.start(self._tasks, *declared(self._config))
-            self._resume = await Resume.of(self._teller.recorder, restarts=self._assignment.restarts)
+            await self._resume_record()
             helpers = [group.create_task(self._heart()), group.create_task(self._apply())]
             for way in self._ways:
                 loop.add_reader(way.reader.bell, self._drain, way)
@@ -100,6 +101,13 @@ class _Telling:
             self._look()
             await self._teller.close(self._tasks)
         self._settle()
+
+    async def _resume_record(self) -> None:
+        """Find the end of the record, and record what the process before this one told and could not write any more."""
+        series = {series_of(item) for _, item in self._teller.told()}
+        self._resume = await Resume.of(self._teller.recorder, series, restarts=self._assignment.restarts)
+        if self._teller.behind:
+            self._teller.catch_up(self._resume.unrecorded(self._teller.told()))
 
     # rings ----------------------------------------------------------------------------------------
 
@@ -159,11 +167,11 @@ class _Telling:
             self._said[figures["part"]] = time.monotonic(), figures
 
     def _take_message(self, way: _Way, item: Any) -> None:
-        """Results and events, which have no numbers in the record: where each got to is noted in its ring."""
-        if self._resume.lacks(item):
-            self._teller.record(item)
+        """Results and events: where each got to is noted in its ring."""
         if self._untold(way):
-            self._teller.tell(item)
+            self._teller.take(item)
+        elif self._resume.lacks(item):
+            self._teller.record(item)
 
     def _untold(self, way: _Way) -> bool:
         """True where no process before this one has told what was read last; from now on it is told."""

@@ -12,7 +12,7 @@ from tests.daemon.record.making import CELL, SESSION, batch_of, frames_of, write
 
 
 def resume(folder: Path) -> Resume:
-    return Resume._read(folder, CELL, SESSION)
+    return Resume._read(folder, CELL, SESSION, ())
 
 
 def written(folder: Path) -> OpenFile:

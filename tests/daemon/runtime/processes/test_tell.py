@@ -1,16 +1,30 @@
-"""The process that tells: alarms whose judge died are not left active, nor withdrawn twice."""
+"""The process that tells: alarms whose judge died are not left active, nor withdrawn twice; who follows one that was
+killed records what that one told and did not write."""
 
 from __future__ import annotations
 
+import asyncio
+import shutil
 from dataclasses import replace
 from multiprocessing import Pipe
+from pathlib import Path
 
+import pytest
+
+from cellwatt import Task
+from cellwatt.record import Recorder, RecordSettings
+from cellwatt.record.decoder import numbered, tracks_of
+from cellwatt.record.opening import survey
+from cellwatt.record.reader import chunk_data
 from cellwatt.ring import ItemWriter, Status
 from cellwatt.runtime.assemble import declared
-from cellwatt.runtime.processes.resume import Resume
+from cellwatt.runtime.processes.resume import LAST, Resume
 from cellwatt.runtime.processes.shared import Assignment, Shared
 from cellwatt.runtime.processes.tell import _Telling
+from tests.daemon.publish.fake_cell import task
+from tests.daemon.record.making import HEADER, batch_of
 from tests.daemon.runtime.fakes import alarm, config_of, stages
+from tests.patience import PATIENCE
 
 CONFIG = config_of(stages=stages("heat"), sinks={})
 BEGUN = Status({"begun": ["heat"]})
@@ -19,13 +33,22 @@ BEGUN = Status({"begun": ["heat"]})
 class Telling(_Telling):
     """A process that tells, begun by hand; ``left`` are the ids of the alarms that it takes for active."""
 
-    def __init__(self, shared: Shared) -> None:
-        super().__init__(Assignment(shared, CONFIG, 1, Pipe()[1]))
+    def __init__(self, shared: Shared, restarts: int = 0) -> None:
+        super().__init__(Assignment(shared, CONFIG, 1, Pipe()[1], restarts=restarts))
         self._resume = Resume()
 
     def left(self, judge: int = 0) -> list[str]:
         self._drain(self._results[judge])
         return [standing.alarm.id for standing in self._teller.alarms.raised]
+
+    async def recording(self, folder: Path, *told: Task) -> Recorder:
+        """Begin to record, behind what is in ``folder``; ``told`` come before it is known what that is."""
+        recorder = self._teller.recorder = Recorder(RecordSettings(folder=folder), HEADER)
+        recorder.start()
+        for item in told:
+            self._teller.take(item)
+        await self._resume_record()
+        return recorder
 
 
 def test_a_judge_that_begins_ends_the_alarms_of_the_one_that_died() -> None:
@@ -45,7 +68,6 @@ def test_who_tells_next_does_not_withdraw_what_was_raised_since() -> None:
     for item in (BEGUN, alarm("a", stage="heat")):
         said.put(item)
     assert first.left() == ["a"]
-    first._teller.journal.put(alarm("a", stage="heat"))  # type: ignore[union-attr]
     assert Telling(shared).left() == ["a"]
 
 
@@ -56,3 +78,57 @@ def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_relo
     assert telling.left() == ["a"]
     ItemWriter(shared.results[1]).put(BEGUN)
     assert telling.left(1) == []
+
+
+def recorded(folder: Path) -> list[tuple[int, Task]]:
+    """The tasks in the order of the record, with their numbers."""
+    found = []
+    for path in sorted(folder.glob("*.mcap")):
+        contents = survey(path).contents
+        tracks = tracks_of(contents.channels)[0]
+        tasks = {number for number, track in tracks.items() if track.series == "task"}
+        with path.open("rb") as file:
+            for chunk in contents.chunks:
+                found += list(numbered(chunk_data(file, chunk), tracks, tasks))
+    return found
+
+
+@pytest.mark.parametrize("written", [0, 1, 3])
+async def test_what_was_told_and_not_written_is_recorded_by_the_next_with_its_number(
+    tmp_path: Path, written: int
+) -> None:
+    """Of two judges, whose items the next process reads again in another order."""
+    shared = Shared.of(*declared(CONFIG))
+    judges = [ItemWriter(shared.results[n]) for n in (0, 1)]
+    first = Telling(shared)
+    kept = await first.recording(tmp_path)
+    for n in range(6):
+        judges[n % 2].put(task(n))
+        first.left(n % 2)
+        if n + 1 == written:
+            await kept.close()  # what follows is in no file
+    if not written:
+        await kept.close()
+        await asyncio.to_thread(shutil.rmtree, tmp_path)
+    second = Telling(shared, restarts=1)
+    again = await second.recording(tmp_path, task(6))
+    judges[1].put(task(7))
+    for judge in (1, 0):
+        second.left(judge)
+    await again.close()
+    assert recorded(tmp_path) == [(n, task(n)) for n in range(8)]
+
+
+async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_path: Path) -> None:
+    shared = Shared.of(*declared(CONFIG))
+    judge, first = ItemWriter(shared.results[0]), Telling(shared)
+    kept = await first.recording(tmp_path)
+    judge.put(task(0))
+    first.left()
+    for n in range(3 * LAST):
+        kept.batch(batch_of(n, 1))
+        await asyncio.to_thread(kept.flush, PATIENCE)
+    await kept.close()
+    again = await Telling(shared, restarts=1).recording(tmp_path)
+    await again.close()
+    assert recorded(tmp_path) == [(0, task(0))]

@@ -86,7 +86,7 @@ class Cell:
     def history(self, *_: Any) -> list[Any]:
         return []
 
-    frame_history = history
+    frame_history = result_history = history
 
     def acknowledge(self, *_: Any) -> None: ...
 
