@@ -58,7 +58,11 @@ def learn(cell: Cell, trace: Trace, intervals: Sequence[Interval], tasks: Sequen
         if variants:
             learned.append(TaskReference(f"task_{len(learned) + 1}", runs[0].signature, tuple(variants)))
     if not learned:
-        seen = max((sum(t.name == name for t in tasks) for name in {t.name for t in tasks}), default=0)
+        if not tasks:
+            raise ModelError(
+                "no task was found: two healthy cycles or more must follow each other in one recording or table"
+            )
+        seen = max(Counter(task.name for task in tasks).values())
         raise ModelError(
             f"no task was seen {FEWEST} times or more at one speed (most: {seen}): record more healthy cycles"
         )

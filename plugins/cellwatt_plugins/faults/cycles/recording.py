@@ -15,6 +15,9 @@ from cellwatt_plugins.robot.meter import Meter, Readings, held
 
 Float = NDArray[np.float64]
 
+LONGEST_HOLE = 0.5
+"""s of missing positions up to which they are bridged; where the arm was meanwhile is not known in longer ones."""
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -25,6 +28,8 @@ class Recording:
     power: Float
     meter: Meter | None = None
     """The slow meter that power is from."""
+    unknown: NDArray[np.bool_] | None = None
+    """Samples (N,) in holes of the positions that are too long to be bridged; None: there are none."""
 
     @cached_property
     def readings(self) -> Readings | None:
@@ -53,7 +58,7 @@ class Recording:
 
 
 def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recording:
-    """The frames of one arm with the power channel ``power``; short holes in positions are bridged.
+    """The frames of one arm with the power channel ``power``; holes in positions are bridged, long ones are told.
 
     Raises ``RecordingError`` where there is nothing to judge.
     """
@@ -70,6 +75,10 @@ def recording_of(blocks: Sequence[Frames], arm: str | None, power: str) -> Recor
     known = ~np.isnan(positions).any(axis=1)
     if known.sum() < 2:
         raise RecordingError("no position of all joints in these recordings")
-    bridged = [np.interp(grid, time[known], column[known]) for column in positions.T]
+    there = time[known]
+    bridged = [np.interp(grid, there, column[known]) for column in positions.T]
     watts = np.where(time[row] == grid, values[row, layout.index(power)], np.nan)
-    return Recording(grid * 1e-9, np.column_stack(bridged), watts)
+    after = np.clip(np.searchsorted(there, grid), 1, len(there) - 1)
+    inside = (grid > there[after - 1]) & (grid < there[after])
+    unknown = inside & (np.diff(there)[after - 1] > LONGEST_HOLE * 1e9)
+    return Recording(grid * 1e-9, np.column_stack(bridged), watts, unknown=unknown if unknown.any() else None)

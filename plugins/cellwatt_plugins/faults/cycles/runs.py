@@ -52,6 +52,9 @@ def find_runs(recording: Recording) -> list[Run]:
     speed[half:-half] = (smooth[2 * half :] - smooth[: -2 * half]) / (2 * half * step)
     limit: Float = np.maximum(MOVING, NOISE * white_noise(smooth, 4) * math.sqrt(2) / (2 * half * step))
     moving = np.asarray(np.any(np.abs(speed) > limit, axis=1))
+    if (unknown := recording.unknown) is not None:
+        broken = np.union1d(broken, np.flatnonzero(unknown[1:] | unknown[:-1]))
+        moving &= np.convolve(unknown, np.ones(2 * half + 1), "same") == 0  # a speed takes in half a window either way
     spans = _spans(moving, max(1, round(SHORTEST_REST / step)))
     settled = max(1, round(SETTLED / step))
     out = []

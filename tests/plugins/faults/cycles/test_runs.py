@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from cellwatt_plugins.faults.cycles.recording import Recording
+from cellwatt import FrameChannel, Frames, Layout
+from cellwatt_plugins.faults.cycles.loops import find_loops
+from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.cycles.runs import find_runs, jumps, without_jumps
 from tests.plugins.faults.cycles.arm_of_points import HOME_A, TASK_A, Cycle, run
 
@@ -27,6 +29,37 @@ def test_an_encoder_that_jumps_is_no_motion():
     found = find_runs(recorded(measured))
     assert len(found) == 5
     assert found[0].before[2] == pytest.approx(HOME_A[2] + 0.4, abs=1e-3)
+
+
+def frames(time, position, power):
+    """Frames at 100 Hz, those left out that are NaN."""
+    columns = [FrameChannel(f"arm.joint_{j + 1}.position", "rad", "continuous", "linear") for j in range(4)]
+    layout = Layout((*columns, FrameChannel("arm.supply.power", "W", "continuous", "average")), 100.0)
+    there = ~np.isnan(position).any(axis=1)
+    values = np.column_stack([position, power])[there]
+    zeros = np.zeros(values.shape)
+    when = np.round(time[there] * 100).astype(np.int64) * 10_000_000
+    return Frames(layout, 0, when, values, zeros.astype(np.uint8), zeros.astype(np.int64))
+
+
+def test_the_way_from_the_end_of_a_table_to_the_start_of_the_next_is_no_motion():
+    """Of cycles whose last move nobody recorded, it would else close the loop."""
+    measured = run([Cycle("A")] * 4, seed=4)
+    for start, end in measured.spans:
+        measured.position[(measured.time > start + 0.6 * (end - start)) & (measured.time < end + 0.2)] = np.nan
+    recording = recording_of([frames(measured.time, measured.position, measured.power)], None, "supply.power")
+    found = find_runs(recording)
+    assert recording.unknown is not None and recording.unknown.any()
+    assert not any(recording.unknown[run.first : run.last + 1].any() for run in found)
+    assert find_loops(found) == []
+
+
+def test_a_short_hole_is_bridged():
+    measured = run([Cycle("A")], seed=2)
+    measured.position[200:230] = np.nan
+    recording = recording_of([frames(measured.time, measured.position, measured.power)], None, "supply.power")
+    assert recording.unknown is None
+    assert len(find_runs(recording)) == 5
 
 
 def test_jumps_are_told_from_fast_motion():
