@@ -85,7 +85,7 @@ async def test_who_records_goes_before_other_programs_and_who_judges_does_not(tm
     assert max(nice["tell"], nice["align"]) < os.getpriority(os.PRIO_PROCESS, 0)
 
 
-@pytest.mark.parametrize("part", ["tell", "align", "judge segment"])
+@pytest.mark.parametrize("part", ["tell", "align", pytest.param("judge segment", marks=pytest.mark.slow)])
 async def test_a_process_that_is_killed_costs_no_sample(tmp_path: Path, part: str) -> None:
     random = np.random.default_rng(3)
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:

@@ -287,7 +287,7 @@ def test_no_plain_connection(router: Site) -> None:
         open_session(link, patience=PATIENCE)
 
 
-@pytest.mark.parametrize("member", ["anna", "weld-4"])
+@pytest.mark.parametrize("member", ["anna", pytest.param("weld-4", marks=pytest.mark.slow)])
 def test_a_members_certificate_cannot_pose_as_the_router(site: Site, member: str) -> None:
     """Its certificate does not say that it may serve, and names no host."""
     own = site.link(member).tls

@@ -7,7 +7,9 @@ import asyncio
 import pytest
 
 from cellwatt import Alarm, ConfigError, ConnectError, Event, RecordingError, SinkError
+from cellwatt.alarms import Patience
 from cellwatt.record import Recording
+from cellwatt.runtime import watch
 from tests.daemon.runtime.fakes import (
     DEVICES,
     JUDGES,
@@ -60,7 +62,9 @@ def test_a_cell_that_hears_nobody_is_red_and_says_who_is_away(at_once):
     at_once(main())
 
 
-def test_a_source_that_comes_back_clears_its_alarm(at_once, no_jitter):
+def test_a_source_that_comes_back_clears_its_alarm(at_once, no_jitter, monkeypatch):
+    monkeypatch.setattr(watch, "STEADY", Patience(3, 0.5))
+
     def downs():
         return [a for a in RECEIVERS["bus"].of(Alarm) if a.kind == "source_down"]
 
