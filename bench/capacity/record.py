@@ -8,19 +8,15 @@ minutes of as many frames. ``zenoh``: bytes of TCP to one reader of everything, 
 from __future__ import annotations
 
 import asyncio
-import getpass
 import math
-import shutil
-import socket
-import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
+from outlet.servers import MOSQUITTO, mosquitto
 
 from capacity.bus import SITE, free_port
 from capacity.cells import KINDS, Kind, daemon, size_of
@@ -56,9 +52,9 @@ def measure(seconds: float, repeats: int) -> Figures:
 async def _run(kind: Kind, seconds: float) -> tuple[dict[str, float], Figures]:
     """MB a day by what takes them, and the messages of a second by topic."""
     port = free_port()
-    with tempfile.TemporaryDirectory() as name, mosquitto(Path(name)) as broker:
+    with tempfile.TemporaryDirectory() as name, mosquitto(Path(name)) if MOSQUITTO else nullcontext() as broker:
         folder = Path(name)
-        async with passing(port) as bus, passing(broker or 1) as mqtt, historian() as influx:
+        async with passing(port) as bus, passing(broker.port if broker else 1) as mqtt, historian() as influx:
             sinks: dict[str, Any] = {
                 "historian": {"influx": {"url": f"http://127.0.0.1:{influx.port}", "database": "bench"}}
             }
@@ -128,25 +124,3 @@ def _levels(shape: Layout) -> float:
         for kept in store.recordings():
             store.made(kept, math.inf, ends_at(math.inf))
         return size_of(list((folder / "levels").iterdir())) * DAY / (60 * LEVELS) / MB
-
-
-@contextmanager
-def mosquitto(folder: Path) -> Iterator[int | None]:
-    """Port of a broker of this host for as long as the context lasts; ``None`` where it is not installed."""
-    program = shutil.which("mosquitto")
-    if program is None:
-        yield None
-        return
-    port, file = free_port(), folder / "mosquitto.conf"
-    lines = (f"listener {port} 127.0.0.1", "allow_anonymous true", "persistence false", f"user {getpass.getuser()}")
-    file.write_text("\n".join(lines) + "\n")
-    process = subprocess.Popen([program, "-c", str(file)], stderr=subprocess.DEVNULL)
-    try:
-        while process.poll() is None:
-            with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
-                break
-            time.sleep(0.02)
-        yield port
-    finally:
-        process.kill()
-        process.wait()
