@@ -1,5 +1,6 @@
 """Many cells over many weeks: which ones drift, which joints wear, and what all arms of a kind have in common.
 
 ``lake`` finds the recordings, ``weekly`` makes a week of a cell into numbers, ``adjusted`` takes out programs and
-temperature, ``course`` follows them over the weeks, ``kinds`` compares arms, and ``judge`` says what is sure.
+temperature, ``courses`` follows them over the weeks, ``kinds`` and ``slopes`` compare arms, and ``judge`` says what is
+sure.
 """

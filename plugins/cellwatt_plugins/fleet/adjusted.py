@@ -83,6 +83,10 @@ class Warmth:
     error: float
 
 
+UNTOUCHED: Final = Warmth(0.0, 0.0)
+"""Temperature is not taken out."""
+
+
 def apart(told: Told, programs: float) -> float:
     """Return how far recordings (by ``by_recording``) of one week and program are apart; NaN where too few say it."""
     return _solved(told, programs, float("nan"), with_warmth=told.warmth is not None)[2] or float("nan")
@@ -97,11 +101,12 @@ def warmth_of(told: Told, programs: float) -> Warmth:
     return Warmth(float(found[-1]), error if np.isfinite(error) else float("inf"))
 
 
-def shrunk(slopes: Sequence[Warmth]) -> list[float]:
+def shrunk(slopes: Sequence[Warmth]) -> list[Warmth]:
     """Return each arm's slope drawn towards the mean of its kind; 0 for all where even that mean is not sure."""
+    nothing = [UNTOUCHED] * len(slopes)
     known = [each for each in slopes if np.isfinite(each.error) and each.error > 0]
     if not known:
-        return [0.0] * len(slopes)
+        return nothing
     value = np.array([each.slope for each in known])
     square = np.square([each.error for each in known])
     mean = float(np.sum(value / square) / np.sum(1 / square))
@@ -111,23 +116,27 @@ def shrunk(slopes: Sequence[Warmth]) -> list[float]:
     weight = 1 / (square + between)
     mean, error = float(np.sum(weight * value) / weight.sum()), float(1 / np.sqrt(weight.sum()))
     if abs(mean) < SURE * error:
-        return [0.0] * len(slopes)
+        return nothing
     own = [between / (between + each.error**2) if np.isfinite(each.error) else 0.0 for each in slopes]
-    return [mean + w * (each.slope - mean) if w > 0 else mean for w, each in zip(own, slopes, strict=True)]
+    return [
+        Warmth(mean + w * (each.slope - mean) if w > 0 else mean, float(np.sqrt(between * (1 - w))))
+        for w, each in zip(own, slopes, strict=True)
+    ]
 
 
-def course_of(told: Told, programs: float, usual: float, slope: float = 0.0, warm: float = 0.0) -> Course:
+def course_of(told: Told, programs: float, usual: float, slope: Warmth = UNTOUCHED, warm: float = 0.0) -> Course:
     """Return the weekly values of one cell (by ``by_recording``).
 
     ``programs`` is the standard deviation of what programs differ by, ``usual`` how far recordings are apart where
-    these are too few to say it, ``slope`` what each °C beyond ``warm`` adds.
+    these are too few to say it, ``slope`` what each °C beyond ``warm`` adds: its error is one that warm weeks share.
     """
-    if told.warmth is not None and slope:
-        told = Told(told.values - slope * (told.warmth - warm), told.week, told.recording, told.program)
-    weeks = np.unique(told.week)
-    found, inverse, noise = _solved(told, programs, usual, with_warmth=False)
+    heat = np.zeros(len(told.values)) if told.warmth is None else told.warmth - warm
+    left = Told(told.values - slope.slope * heat, told.week, told.recording, told.program)
+    weeks, week = np.unique(told.week, return_inverse=True)
+    found, inverse, noise = _solved(left, programs, usual, with_warmth=False)
     count = len(weeks)
-    return Course(weeks, found[:count], noise**2 * inverse[:count, :count])
+    by_heat = slope.error * np.bincount(week, heat) / np.bincount(week)
+    return Course(weeks, found[:count], noise**2 * inverse[:count, :count] + np.outer(by_heat, by_heat))
 
 
 def _solved(told: Told, programs: float, usual: float, *, with_warmth: bool) -> tuple[Float, Float, float]:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.fleet.adjusted import Course, Told, apart, course_of, shrunk, warmth_of
+from cellwatt_plugins.fleet.adjusted import UNTOUCHED, Course, Told, apart, course_of, shrunk, warmth_of
 from cellwatt_plugins.fleet.repetitions import programs
 from cellwatt_plugins.fleet.weekly import Repetition, Week
 
@@ -112,8 +112,9 @@ def courses_of_kind(kind: str, told: Mapping[str, Mapping[tuple[str, int], Told]
         found = shrunk([warmth_of(each, PROGRAMS[quantity]) for each in warmer.values()])
         own = dict(zip(warmer, found, strict=True))
         for place, each in every.items():
-            course = course_of(each, PROGRAMS[quantity], usual, own.get(place, 0.0), warm)
-            by_quantity.setdefault((quantity, own.get(place, 0.0) != 0.0), {})[place] = course
+            slope = own.get(place, UNTOUCHED)
+            course = course_of(each, PROGRAMS[quantity], usual, slope, warm)
+            by_quantity.setdefault((quantity, slope.slope != 0.0), {})[place] = course
     return [Courses(kind, quantity, heated, by) for (quantity, heated), by in sorted(by_quantity.items())]
 
 

@@ -12,8 +12,9 @@ from scipy.stats import t as student
 
 from cellwatt_plugins.fleet.adjusted import Course
 from cellwatt_plugins.fleet.courses import Courses, Place
-from cellwatt_plugins.fleet.kinds import FEWEST, Common, common_course, joint_freedom, less_common, moderated, spread_of
-from cellwatt_plugins.fleet.trend import Line, Step, bends, line, persistence, steps_in
+from cellwatt_plugins.fleet.kinds import FEWEST, Common, common_course, less_common
+from cellwatt_plugins.fleet.slopes import Trend, trends_of
+from cellwatt_plugins.fleet.trend import Step, bends, line, persistence, steps_in
 
 Float = NDArray[np.float64]
 
@@ -23,33 +24,8 @@ LONG_ENOUGH: Final = 6
 """Weeks of a course, at least."""
 LEAST_LOAD: Final = 0.3
 """kg below which no change of load is told."""
-USUAL: Final = 5.0
-"""Errors that a slope must be away from 0 in a fleet of 50 arms, about."""
 BENT: Final = 3.0
 """Errors of its curvature from which a course is no line that may be drawn on."""
-
-
-@dataclass(frozen=True)
-class Trend:
-    """A line of one arm against its kind."""
-
-    place: Place
-    line: Line
-    slope: float
-    """A week, beyond the median of the kind."""
-    error: float
-    free: float
-    chance: float
-
-    @property
-    def span(self) -> int:
-        """Weeks from the first to the last."""
-        return self.line.last - self.line.first
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the ends of the interval of the slope."""
-        wide = float(student.ppf((1 + level) / 2, self.free)) * self.error
-        return self.slope - wide, self.slope + wide
 
 
 @dataclass(frozen=True)
@@ -63,19 +39,14 @@ class Judged:
     steps: Mapping[Place, Sequence[Step]]
     trends: Mapping[Place, Trend]
     rho: float
-    spread: float
-    """Standard deviation a week by which slopes of sound arms differ."""
     sure: frozenset[Place]
     """Places whose trend is sure."""
     since: Mapping[Place, int]
     """First week of which that is so."""
     alone: bool
     """True where the kind has too few arms to tell what is common."""
-
-    @property
-    def smallest(self) -> float:
-        """Slope a week that half the arms would show; NaN where there are none."""
-        return float(np.median([t.error * USUAL for t in self.trends.values()])) if self.trends else float("nan")
+    smallest: float
+    """Slope a week that half the joints would show; NaN where there are none."""
 
 
 def judged(groups: Sequence[Courses], chance: float, least: float) -> list[Judged]:
@@ -114,15 +85,17 @@ def _judged_together(every: Sequence[_Prepared], chance: float, least: float) ->
     floor = LEAST_LOAD if every[0].group.quantity == "load" else least
     rho = persistence([course for each in every for course in each.own.values()])
     count = max(sum(len(each.own) for each in every), 1)
-    steps = [_steps(each, rho, chance / 2 / count, floor) for each in every]
-    lined = [_trends(each.own, each_steps, rho) for each, each_steps in zip(every, steps, strict=True)]
-    clear = _holm([trend for trends, _ in lined for trend in trends.values()], chance / 2)
+    level = chance / 2 / count
+    steps = [_steps(each, rho, level, floor) for each in every]
+    lined = [trends_of(each.own, each_steps, rho) for each, each_steps in zip(every, steps, strict=True)]
+    clear = _holm([trend for trends in lined for trend in trends.values()], chance / 2)
     out = []
-    for each, each_steps, (trends, spread) in zip(every, steps, lined, strict=True):
+    for each, each_steps, trends in zip(every, steps, lined, strict=True):
         change = each.group.change
         own = frozenset(p for p, t in trends.items() if p in clear and abs(change(t.slope * t.span)) >= floor)
-        since = _since(each.own, each_steps, rho, {p: trends[p].slope > 0 for p in own}, chance / 2 / count)
-        out.append(Judged(each.group, each.common, each.own, each_steps, trends, rho, spread, own, since, each.alone))
+        since = _since(each.own, each_steps, rho, {p: trends[p].slope > 0 for p in own}, level)
+        smallest = _smallest(trends, level)
+        out.append(Judged(each.group, each.common, each.own, each_steps, trends, rho, own, since, each.alone, smallest))
     return out
 
 
@@ -136,34 +109,9 @@ def _steps(each: _Prepared, rho: float, chance: float, floor: float) -> dict[Pla
     }
 
 
-def _trends(
-    own: Mapping[Place, Course], steps: Mapping[Place, Sequence[Step]], rho: float
-) -> tuple[dict[Place, Trend], float]:
-    """Lines of a kind's arms against each other, and how far slopes of sound arms are apart."""
-    lines = {place: found for place, course in own.items() if (found := line(course, rho, steps[place])) is not None}
-    middle = {
-        joint: float(np.median([each.slope for place, each in lines.items() if place.joint == joint]))
-        for joint in {place.joint for place in lines}
-    }
-    alone = len({place.cell for place in lines}) < FEWEST
-    beyond = {place: each.slope - (0.0 if alone else middle[place.joint]) for place, each in lines.items()}
-    # Errors of lines of one length are alike in all arms; a longer line is more certain.
-    length = {place: float(np.sum(_about(own[place].weeks, each) ** 2)) for place, each in lines.items()}
-    squares = np.array([each.error**2 * length[place] for place, each in lines.items()])
-    squares, free = moderated(squares, np.array([each.free for each in lines.values()]))
-    errors = dict(zip(lines, np.sqrt(squares / np.array(list(length.values()))).tolist(), strict=True))
-    spread = 0.0 if alone else spread_of(list(beyond.values()), list(errors.values()))
-    out = {}
-    for (place, each), own_free in zip(lines.items(), free.tolist(), strict=True):
-        error, free_of = joint_freedom(errors[place], own_free, spread, len(lines))
-        chance = 2 * float(student.sf(abs(beyond[place]) / error, free_of))
-        out[place] = Trend(place, each, beyond[place], error, free_of, chance)
-    return out, spread
-
-
-def _about(weeks: NDArray[np.intp], each: Line) -> Float:
-    inside = weeks[weeks >= each.first].astype(np.float64)
-    return np.asarray(inside - inside.mean())
+def _smallest(trends: Mapping[Place, Trend], chance: float) -> float:
+    """Slope that half the joints would show at a ``chance`` of a false one in each."""
+    return float(np.median([student.isf(chance / 2, t.free) * t.error for t in trends.values()] or [np.nan]))
 
 
 def _holm(trends: Sequence[Trend], chance: float) -> set[Place]:
@@ -195,7 +143,7 @@ def _since(
         known = {p: course.part(course.weeks <= week) for p, course in own.items()}
         known = {p: course for p, course in known.items() if len(course.weeks) >= LONG_ENOUGH}
         before = {p: [s for s in steps[p] if s.week <= week] for p in known}
-        trends, _ = _trends(known, before, rho)
+        trends = trends_of(known, before, rho)
         for place in sorted(open_places):
             trend = trends.get(place)
             if trend is not None and trend.chance <= chance and (trend.slope > 0) == sure[place]:

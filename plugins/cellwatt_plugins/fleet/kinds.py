@@ -65,7 +65,7 @@ def less_common(course: Course, common: Common) -> Course:
     return kept.less(common.values[np.searchsorted(common.weeks, kept.weeks)])
 
 
-def spread_of(values: Sequence[float], errors: Sequence[float]) -> float:
+def spread_of(values: Sequence[float] | Float, errors: Sequence[float] | Float) -> float:
     """Return the standard deviation by which sound arms differ beyond the ``errors`` of their ``values``.
 
     The median deviation tells it, which a few arms that are not sound hardly change.
@@ -104,8 +104,10 @@ def _inverse_trigamma(value: float) -> float:
     return float(brentq(lambda x: float(polygamma(1, x)) - value, 1e-3, 1e6))
 
 
-def joint_freedom(error: float, free: float, spread: float, arms: int) -> tuple[float, float]:
-    """Return error and degrees of freedom of an arm against its kind (Welch and Satterthwaite)."""
-    own, other = error**2, spread**2
-    whole = own + other
-    return float(np.sqrt(whole)), float(whole**2 / (own**2 / free + other**2 / max(WORTH * (arms - 1), 1.0)))
+def summed(parts: Sequence[tuple[Float, Float | float]]) -> tuple[Float, Float]:
+    """Return the sum of independent variances (K,), and its degrees of freedom (Welch and Satterthwaite).
+
+    ``parts`` are the variances with their degrees of freedom.
+    """
+    whole = np.sum([square for square, _ in parts], axis=0)
+    return whole, np.asarray(whole**2 / np.sum([square**2 / free for square, free in parts], axis=0))

@@ -10,8 +10,9 @@ from scipy.stats import t as student
 
 from cellwatt_plugins.fleet.courses import Place, Usual
 from cellwatt_plugins.fleet.findings import Cause, Finding
-from cellwatt_plugins.fleet.judge import Judged, Trend, straight
+from cellwatt_plugins.fleet.judge import Judged, straight
 from cellwatt_plugins.fleet.lake import monday
+from cellwatt_plugins.fleet.slopes import Trend
 from cellwatt_plugins.fleet.trend import Step, rather_a_step
 from cellwatt_plugins.robot import RobotDescription
 

@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cellwatt_plugins.fleet.adjusted import Course, Told, course_of, shrunk, warmth_of
+from cellwatt_plugins.fleet.adjusted import Course, Told, Warmth, course_of, shrunk, warmth_of
 from cellwatt_plugins.fleet.courses import Courses, Place, courses_of_kind
 from cellwatt_plugins.fleet.judge import judged
 from cellwatt_plugins.fleet.kinds import common_course, less_common, spread_of
+from cellwatt_plugins.fleet.slopes import trends_of
 from cellwatt_plugins.fleet.trend import line, persistence, rather_a_step, steps_in
 
 WEEKS = np.arange(100, 126)
@@ -112,6 +113,48 @@ def test_the_worn_joint_alone_is_sure():
     assert not any(found.steps.values())
 
 
+def halls(rng, rises):
+    """Arms in halls that raise friction of all their joints by ``rises`` from the first week to the last."""
+    return {
+        Place(f"weld-{i:02d}", joint): wandering(rng).less(-rise * (WEEKS - 100) / 25)
+        for i, rise in enumerate(rises)
+        for joint in range(1, 7)
+    }
+
+
+def trends_in(courses):
+    return trends_of(courses, dict.fromkeys(courses, ()), 0.5)
+
+
+def test_joints_of_arms_in_unlike_halls_are_as_sure_as_they_say():
+    rng = np.random.default_rng(14)
+    fleets = [trends_in(halls(rng, 0.12 * rng.standard_normal(20))) for _ in range(3)]
+    chances = np.array([each.chance for trends in fleets for each in trends.values()])
+    assert np.mean(chances < 0.05) == pytest.approx(0.05, abs=0.03)
+    assert chances.min() > 1e-4
+
+
+def test_a_worn_joint_is_told_beside_the_others_of_its_arm():
+    rng = np.random.default_rng(15)
+    rises = 0.12 * rng.standard_normal(20)
+    rises[3] = -0.2
+    courses, worn = halls(rng, rises), Place("weld-03", 2)
+    courses[worn] = courses[worn].less(-0.3 * (WEEKS - 100) / 25)
+    trends = trends_in(courses)
+    found = trends.pop(worn)
+    assert found.slope * 25 == pytest.approx(0.3, abs=0.06)
+    assert found.chance < 1e-5
+    assert min(each.chance for each in trends.values()) > 1e-4
+
+
+def test_an_arm_that_changes_by_more_than_halls_differ_is_told():
+    rng = np.random.default_rng(16)
+    rises = 0.02 * rng.standard_normal(20)
+    rises[5] = 0.5
+    sure = {place for place, each in trends_in(halls(rng, rises)).items() if each.chance < 1e-5}
+    assert sure == {Place("weld-05", joint) for joint in range(1, 7)}
+
+
 def told_of(rng, slope=-0.01, wear=0.0):
     """Two programs whose mix turns over, in a hall that becomes warmer."""
     week = np.repeat(np.arange(26), 3)
@@ -135,10 +178,23 @@ def test_programs_and_temperature_are_taken_out():
 
 def test_temperature_that_is_not_sure_to_count_is_left_alone():
     rng = np.random.default_rng(9)
-    assert shrunk([warmth_of(told_of(rng, slope=0.0), 0.1) for _ in range(3)]) == [0.0] * 3
-    slopes = shrunk([warmth_of(told_of(rng), 0.1) for _ in range(6)])
+    assert shrunk([warmth_of(told_of(rng, slope=0.0), 0.1) for _ in range(3)]) == [Warmth(0.0, 0.0)] * 3
+    slopes = [each.slope for each in shrunk([warmth_of(told_of(rng), 0.1) for _ in range(6)])]
     assert np.ptp(slopes) < 0.001
     assert np.mean(slopes) == pytest.approx(-0.01, abs=0.001)
+
+
+def test_what_is_not_known_of_temperature_grows_with_the_season():
+    rng = np.random.default_rng(17)
+    week = np.arange(26)
+    pulls = []
+    for _ in range(100):
+        off = 0.002 * rng.standard_normal()
+        warmth = 20 + 0.6 * week
+        told = Told(off * warmth + 0.01 * rng.standard_normal(26), week, week, np.zeros(26, int), warmth)
+        rise = line(course_of(told, 0.05, 0.01, Warmth(0.0, 0.002), 20.0), 0.0)
+        pulls.append(rise.slope / rise.error)
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.2)
 
 
 def test_one_recording_a_week_is_enough():

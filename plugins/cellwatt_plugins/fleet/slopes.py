@@ -1,0 +1,162 @@
+"""Slopes of joints against those of their kind, and of their own arm.
+
+Joints of an arm share its hall and its lubricant. Where these change, all its joints change, and none of them wears:
+what an arm's other joints do is taken out of each one, as far as arms differ in that (best linear prediction; Robinson,
+Statistical Science 6, 1991, 15).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from cellwatt_plugins.fleet.adjusted import Course
+from cellwatt_plugins.fleet.courses import Place
+from cellwatt_plugins.fleet.kinds import FEWEST, MIDDLE, WORTH, moderated, spread_of, summed
+from cellwatt_plugins.fleet.trend import Line, Step, line
+
+Float = NDArray[np.float64]
+
+JOINTS: Final = 3
+"""Joints of an arm that tell how far arms differ, at least."""
+MEDIAN: Final = float(np.pi / 2)
+"""Variance of a median, by that of the mean."""
+ODD: Final = 3.0
+"""Standard deviations of arms up to which a change of all an arm's joints is put down to the arm."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A line of a joint (or of the whole arm, in load and energy) against its kind."""
+
+    place: Place
+    line: Line
+    slope: float
+    """A week, beyond the median of the kind and what the arm's other joints do."""
+    error: float
+    free: float
+    chance: float
+
+    @property
+    def span(self) -> int:
+        """Weeks from the first to the last."""
+        return self.line.last - self.line.first
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Return the ends of the interval of the slope."""
+        wide = float(student.ppf((1 + level) / 2, self.free)) * self.error
+        return self.slope - wide, self.slope + wide
+
+
+@dataclass(frozen=True)
+class _Slopes:
+    """Slopes of K joints beyond their kind's; (K,) each."""
+
+    cells: NDArray[np.str_]
+    values: Float
+    squares: Float
+    """Variances of the values by the weeks' scatter."""
+
+
+@dataclass(frozen=True)
+class _Medians:
+    """Medians of slopes of some joints of an arm; (M,) each."""
+
+    values: Float
+    shares: Float
+    """Variance of each, by that of one of its joints; infinite where there are none."""
+    squares: Float
+    """Median of the variances of its joints."""
+
+    def noise(self, own: float) -> Float:
+        """Return the variances of the medians where joints differ by ``own`` beyond what their weeks say."""
+        return np.asarray(self.shares * (self.squares + own**2))
+
+
+def trends_of(own: Mapping[Place, Course], steps: Mapping[Place, Sequence[Step]], rho: float) -> dict[Place, Trend]:
+    """Return the lines of a kind's joints against each other, with how far those of sound ones are apart."""
+    lines = {place: found for place, course in own.items() if (found := line(course, rho, steps[place])) is not None}
+    cells = np.array([place.cell for place in lines])
+    squares, free = _errors(own, lines)
+    if len(set(cells)) < FEWEST:
+        return _trends(lines, np.array([each.slope for each in lines.values()]), squares, free)
+    middle = {
+        joint: float(np.median([each.slope for place, each in lines.items() if place.joint == joint]))
+        for joint in {place.joint for place in lines}
+    }
+    slopes = _Slopes(cells, np.array([each.slope - middle[p.joint] for p, each in lines.items()]), squares)
+    others = _others(slopes)
+    joints = _joints_apart(slopes, others)
+    arms = _arms_apart(slopes, joints)
+    noise = others.noise(joints)
+    known = arms**2 / (arms**2 + noise) if arms > 0 else np.zeros(len(noise))
+    limit = ODD * arms / np.sqrt(np.where(known > 0, known, 1.0))
+    by_arm = known * np.clip(others.values, -limit, limit)
+    beside = len(set(cells)) - 1.0  # joints of one arm are apart by what its hall does: arms count, not joints
+    parts: list[tuple[Float, Float | float]] = [
+        (squares, free),
+        (np.full(len(lines), joints**2), max(WORTH * beside, 1.0)),
+        (arms**2 * (1 - known), beside),
+    ]
+    return _trends(lines, slopes.values - by_arm, *summed(parts))
+
+
+def _trends(lines: Mapping[Place, Line], slopes: Float, squares: Float, free: Float) -> dict[Place, Trend]:
+    errors = np.sqrt(squares)
+    chances = np.asarray(2 * student.sf(np.abs(slopes) / errors, free))
+    rows = zip(lines.items(), slopes.tolist(), errors.tolist(), free.tolist(), chances.tolist(), strict=True)
+    return {place: Trend(place, each, *row) for (place, each), *row in rows}
+
+
+def _errors(own: Mapping[Place, Course], lines: Mapping[Place, Line]) -> tuple[Float, Float]:
+    """Variances of slopes and their degrees of freedom: those of lines of one length are alike in all arms."""
+    length = np.array([float(np.sum(_about(own[place].weeks, each) ** 2)) for place, each in lines.items()])
+    squares = np.array([each.error**2 for each in lines.values()])
+    squares, free = moderated(squares * length, np.array([each.free for each in lines.values()]))
+    return squares / length, free
+
+
+def _about(weeks: NDArray[np.intp], each: Line) -> Float:
+    inside = weeks[weeks >= each.first].astype(np.float64)
+    return np.asarray(inside - inside.mean())
+
+
+def _median(slopes: _Slopes, chosen: NDArray[np.bool_]) -> tuple[float, float, float]:
+    if not chosen.any():
+        return 0.0, np.inf, 1.0
+    return (
+        float(np.median(slopes.values[chosen])),
+        MEDIAN / float(chosen.sum()),
+        float(np.median(slopes.squares[chosen])),
+    )
+
+
+def _others(slopes: _Slopes) -> _Medians:
+    """Medians of the other joints of each one's arm."""
+    count = np.arange(len(slopes.cells))
+    rows = [_median(slopes, (slopes.cells == cell) & (count != i)) for i, cell in enumerate(slopes.cells)]
+    return _Medians(*np.array(rows).T)
+
+
+def _joints_apart(slopes: _Slopes, others: _Medians) -> float:
+    """How far joints of sound arms are apart beyond the scatter of their weeks, a standard deviation."""
+    shares = np.where(np.isfinite(others.shares), others.shares, 0.0)
+    squares = (slopes.squares + shares * others.squares) / (1 + shares)
+    return spread_of((slopes.values - others.values) / np.sqrt(1 + shares), np.sqrt(squares))
+
+
+def _arms_apart(slopes: _Slopes, joints: float) -> float:
+    """How far sound arms are apart in what their joints do together, a standard deviation; 0 where too few tell."""
+    every = [slopes.cells == cell for cell in np.unique(slopes.cells)]
+    rows = [_median(slopes, arm) for arm in every if arm.sum() >= JOINTS]
+    if len(rows) < FEWEST:
+        return 0.0
+    arms = _Medians(*np.array(rows).T)
+    limit = ODD * float(np.median(np.abs(arms.values))) / MIDDLE
+    beyond = float(np.mean(np.clip(arms.values, -limit, limit) ** 2 - arms.noise(joints)))
+    return float(np.sqrt(max(beyond, 0.0)))
