@@ -28,6 +28,7 @@ async def doctor(folder: Path, sources: str, *options: str) -> tuple[int, dict[s
     return process.returncode, json.loads(out), err.decode()
 
 
+@pytest.mark.slow
 async def test_good_devices(tmp_path: Path) -> None:
     async with (
         EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm,

@@ -86,6 +86,7 @@ async def test_a_demo_leaves_nothing_running_and_tells_what_it_saw(tmp_path: Pat
 
 
 @pytest.mark.timeout(240)
+@pytest.mark.slow
 async def test_a_killed_demo_leaves_nothing_running(tmp_path: Path) -> None:
     log = tmp_path / "daemon.log"
     async with running("demo", "--seconds", "600", "--json", "--keep", str(tmp_path)) as demo:

@@ -99,7 +99,9 @@ def test_a_simulation_by_the_law_is_the_description(cases):
     assert np.allclose(power, law.power(tau, v), rtol=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["bare", "tool", "off", "term"])
+@pytest.mark.parametrize(
+    "kind", ["bare", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("tool", "off", "term"))]
+)
 def test_a_null_has_nothing_but_the_description_is_far_away(cases, kind):
     case, _, key = cases(kind)
     noise = np.array(key["runs"][0]["noise"])
@@ -175,7 +177,7 @@ def test_what_the_description_knows_is_what_the_simulation_leaves_out(cases, eff
     assert share(measured - tau[:, j], shape) == pytest.approx(truth[key_name], rel=0.25)
 
 
-@pytest.mark.parametrize("effect", ["payload", "link_inertial_error"])
+@pytest.mark.parametrize("effect", ["payload", pytest.param("link_inertial_error", marks=pytest.mark.slow)])
 def test_a_mass_that_the_description_knows_explains_the_recording(cases, effect):
     case, _, key = cases("known", (effect, "strong"))
     q, v, a, tau, _, law = told(case)
@@ -210,6 +212,7 @@ def test_terms_of_the_simulation_are_those_of_the_key(cases):
     assert rms(law.standby + drive - supplied) < max(0.05, 0.1 * extra)
 
 
+@pytest.mark.slow
 def test_own_clock_and_own_step_say_the_same_motion(cases):
     case, keys, key = cases("clock")
     clock = key["simulation"]

@@ -107,6 +107,7 @@ def test_by_questions(run, tmp_path):
 
 
 @pytest.mark.system
+@pytest.mark.slow
 async def test_devices_are_asked_who_they_are(run):
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as arm:
         answers = ["", "", "ur", arm.address, "", "", "", "y", ""]

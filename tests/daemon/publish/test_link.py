@@ -149,13 +149,16 @@ def users(tmp_path: Path) -> Path:
     ("user", "password", "accepted"),
     [("edge", "correct", True), ("edge", "wrong", False), ("other", "correct", False), (None, None, False)],
 )
-def test_user_and_password(users: Path, user: str | None, password: str | None, accepted: bool) -> None:
+def test_user_and_password(
+    users: Path, user: str | None, password: str | None, accepted: bool, request: pytest.FixtureRequest
+) -> None:
     endpoint = f"tcp/{HOST}:{free_port()}"
     client = LinkSettings(mode="client", connect=(endpoint,), user=user, password=password)
     with open_session(LinkSettings(mode="router", listen=(endpoint,), users=users)):
         if accepted:
             open_session(client).close()
             return
+        request.getfixturevalue("soon_refused")
         with pytest.raises(SinkError, match="refuses the session: check user and password"):
             open_session(client, patience=60)
 
@@ -206,6 +209,7 @@ def test_mutual_tls_works(secure_router: str, certificates: Path) -> None:
         assert list(session.info.routers_zid())
 
 
+@pytest.mark.usefixtures("soon_refused")
 @pytest.mark.parametrize(("ca", "name"), [("other_ca", "cell"), ("ca", "stranger"), ("ca", None)])
 def test_wrong_certificates_are_refused_with_a_hint(
     secure_router: str, certificates: Path, ca: str, name: str | None

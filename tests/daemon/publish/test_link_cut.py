@@ -118,6 +118,7 @@ def test_first_data_ever_fall_into_the_cut(cell: tuple[Child, int]) -> None:
     assert counts.get("live", 0) < 100
 
 
+@pytest.mark.slow
 def test_many_short_cuts(cell: tuple[Child, int]) -> None:
     publisher, port = cell
     with Link(port) as link, start_consumer(link.port) as consumer:

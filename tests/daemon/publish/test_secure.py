@@ -274,6 +274,7 @@ def stranger(site: Site, what: str) -> TlsSettings:
     return TlsSettings(root_ca=site.folder / "anna" / "ca.pem", **own)
 
 
+@pytest.mark.usefixtures("soon_refused")
 @pytest.mark.parametrize("what", ["none", "expired", "not yet", "foreign"])
 def test_without_a_right_certificate_there_is_no_link(router: Site, what: str) -> None:
     link = router.link("anna").model_copy(update={"tls": stranger(router, what)})
@@ -281,13 +282,15 @@ def test_without_a_right_certificate_there_is_no_link(router: Site, what: str) -
         open_session(link, patience=PATIENCE)
 
 
+@pytest.mark.usefixtures("soon_refused")
 def test_no_plain_connection(router: Site) -> None:
     link = LinkSettings(mode="client", connect=(f"tcp/127.0.0.1:{router.port}",))
     with pytest.raises(SinkError):
         open_session(link, patience=PATIENCE)
 
 
-@pytest.mark.parametrize("member", ["anna", pytest.param("weld-4", marks=pytest.mark.slow)])
+@pytest.mark.usefixtures("soon_refused")
+@pytest.mark.parametrize("member", ["anna", "weld-4"])
 def test_a_members_certificate_cannot_pose_as_the_router(site: Site, member: str) -> None:
     """Its certificate does not say that it may serve, and names no host."""
     own = site.link(member).tls
@@ -312,6 +315,7 @@ async def test_a_link_ends_with_its_certificate(router: Site) -> None:
         await eventually(lambda: not list(session.info.routers_zid()), "the end of the link")
 
 
+@pytest.mark.usefixtures("soon_refused")
 async def test_a_cell_that_listens_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lines = ["init secure --site plant-1", "cell weld-3 --host localhost", "viewer anna", "viewer andon --live-only"]
     site = make(tmp_path, monkeypatch, lines)

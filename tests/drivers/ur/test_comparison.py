@@ -70,7 +70,15 @@ async def read(emulator: UrEmulator, batches: list[Batch]) -> AsyncIterator[Sour
             await asyncio.gather(task, return_exceptions=True)
 
 
-@pytest.mark.parametrize("lie", [sometimes, drifting, lambda: lambda: 0.385, lambda: lambda: 0.0])
+@pytest.mark.parametrize(
+    "lie",
+    [
+        sometimes,
+        pytest.param(drifting, marks=pytest.mark.slow),
+        pytest.param(lambda: lambda: 0.385, marks=pytest.mark.slow),
+        lambda: lambda: 0.0,
+    ],
+)
 async def test_the_bound_holds_where_answers_come_before_older_packages(lie, monkeypatch):
     monkeypatch.setattr(comparison, "USUAL", 1.0)
     emulator = EarlyAnswers(lie())

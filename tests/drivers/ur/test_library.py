@@ -79,10 +79,10 @@ async def read(host, rate=-1.0, names=(), path="", record=()):
     ("polyscope", "rate", "inertia"),
     [
         ("5.3.0", 500, False),
-        ("5.12.0", 500, True),
+        pytest.param("5.12.0", 500, True, marks=pytest.mark.slow),
         ("5.23.0", 500, True),
         ("3.14.0", 125, False),
-        ("10.7.0", 500, False),
+        pytest.param("10.7.0", 500, False, marks=pytest.mark.slow),
     ],
 )
 async def test_its_default_variables_are_served(polyscope, rate, inertia):
@@ -132,6 +132,7 @@ async def test_chosen_variables_and_its_recorder(tmp_path):
     assert whole > 0.9 * len(written)
 
 
+@pytest.mark.slow
 async def test_what_its_recorder_wrote_can_be_served(tmp_path):
     write(tmp_path / "served.csv", 1000.4 + 0.002 * np.arange(700))
     path = tmp_path / "written.csv"

@@ -26,7 +26,9 @@ def logged(folder: Path, offset: float, interval: float, arm: Arm = ARM, late: f
     return path
 
 
-@pytest.mark.parametrize("offset", [-4.2, 0.0, 0.73, 3.9])
+@pytest.mark.parametrize(
+    "offset", [pytest.param(-4.2, marks=pytest.mark.slow), 0.0, 0.73, pytest.param(3.9, marks=pytest.mark.slow)]
+)
 def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
     power = power_beside(logged(tmp_path, offset, 0.1), ARM.time, POSITION)
     readings = held([(ARM.time, power)], 0.1)

@@ -320,6 +320,7 @@ def worker(record: Path, lake: Path, **settings: Any) -> Iterator[subprocess.Pop
         process.wait()
 
 
+@pytest.mark.slow
 def test_a_process_killed_again_and_again_loses_and_doubles_nothing(record: Path, lake: Path) -> None:
     dice = random.Random(3)
     growing = Recorded(record)

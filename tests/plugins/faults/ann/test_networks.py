@@ -86,10 +86,12 @@ def named(alarms):
     ("faulty", "expected"),
     [
         (Cycle("B", faults=(SPRING,)), {(1, "joint_fault")}),
-        (Cycle("A", faults=(RUBS,)), {(3, "joint_fault")}),
-        (Cycle("B", 1.03, faults=(Fault("friction", 1, 1.2),)), {(2, "joint_fault")}),
+        pytest.param(Cycle("A", faults=(RUBS,)), {(3, "joint_fault")}, marks=pytest.mark.slow),
+        pytest.param(
+            Cycle("B", 1.03, faults=(Fault("friction", 1, 1.2),)), {(2, "joint_fault")}, marks=pytest.mark.slow
+        ),
         (Cycle("A", faults=(SPRING, Fault("friction", 3, 1.5))), {(1, "joint_fault"), (4, "joint_fault")}),
-        (Cycle("A", faults=(Fault("drive_cut", 1),)), {(2, "joint_fault")}),
+        pytest.param(Cycle("A", faults=(Fault("drive_cut", 1),)), {(2, "joint_fault")}, marks=pytest.mark.slow),
         (Cycle("B", faults=(Fault("encoder_offset", 2, 0.1),)), {(3, "encoder_fault")}),
         (Cycle("A", faults=(Fault("drive_cut", 1), Fault("drive_cut", 0))), {(1, "joint_fault"), (2, "joint_fault")}),
     ],
