@@ -162,5 +162,5 @@ class Decoder:
             values[:, target] *= scale
         if self._factors:
             (first, i), (second, j) = self._factors
-            np.multiply(packages[first][:, i], packages[second][:, j], out=values[:, -1])
+            values[:, -1] = packages[first][:, i] * packages[second][:, j]
         return time, values

@@ -114,7 +114,7 @@ class EnergyStage(Stage[EnergySettings]):
         """The split of tasks that ended, and alarms that changed."""
         if len(frames):
             self._time = np.concatenate([self._time, frames.time])
-            self._values = np.vstack([self._values, frames.values[:, self._columns]])
+            self._values = np.concatenate([self._values, frames.values[:, self._columns]])
             keep = self._time > self._time[-1] - LONGEST
             self._time, self._values = self._time[keep], self._values[keep]
         out = self._due()

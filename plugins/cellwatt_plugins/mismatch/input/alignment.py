@@ -45,7 +45,7 @@ def _coarse(a: Float, b: Float) -> int:
     errors = np.sqrt(np.maximum(squares, 0) / (last - first) / _moving(b))
     good = np.flatnonzero(errors <= errors.min() + TIE)
     valleys = np.split(good, np.flatnonzero(np.diff(good) > 1) + 1)
-    nearest = min(valleys, key=lambda valley: int(np.min(np.abs(shifts[valley]))))
+    nearest = valleys[int(np.argmin([np.abs(shifts[valley]).min() for valley in valleys]))]
     return int(shifts[nearest[np.argmin(errors[nearest])]])
 
 
