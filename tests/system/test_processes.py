@@ -114,6 +114,7 @@ async def test_a_process_that_is_killed_costs_no_sample(tmp_path: Path, part: st
     assert f"the process {part} ended by signal SIGKILL" in daemon.log
 
 
+@pytest.mark.slow
 async def test_a_collector_that_is_killed_is_back_at_once(tmp_path: Path) -> None:
     async with (
         EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device,

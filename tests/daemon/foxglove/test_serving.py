@@ -348,6 +348,7 @@ def test_it_stays_on_this_pc() -> None:
         serve(link, SITE, CELL, arms={"arm": Path("nowhere.urdf")})
 
 
+@pytest.mark.slow
 async def test_a_port_that_is_taken_is_one_line() -> None:
     async with shown() as cell:
         with pytest.raises(AssertionError, match=f"^Foxglove cannot listen on 127.0.0.1:{cell.port}: [^\n]*\n$"):

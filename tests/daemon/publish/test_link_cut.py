@@ -142,7 +142,7 @@ def test_link_that_hangs_without_being_closed(cell: tuple[Child, int]) -> None:
         check_all(publisher, consumer, 3.0)
 
 
-@pytest.mark.parametrize("side", ["cell", "consumer"])
+@pytest.mark.parametrize("side", ["cell", pytest.param("consumer", marks=pytest.mark.slow)])
 def test_cut_beside_a_router(side: str) -> None:
     port = free_port()
     with Child("router_process", listen=[f"tcp/127.0.0.1:{port}"]) as router, Link(port) as link:
@@ -233,7 +233,9 @@ def test_what_a_cut_left_far_beyond_the_memory_comes_from_the_record(tmp_path: P
     assert sum(late) >= 9000 > 2000 >= max(late)
 
 
-@pytest.mark.parametrize(("topic", "what"), [("frame", "frames"), ("task", "tasks")])
+@pytest.mark.parametrize(
+    ("topic", "what"), [pytest.param("frame", "frames", marks=pytest.mark.slow), ("task", "tasks")]
+)
 def test_what_restarts_left_while_the_link_was_cut_comes_from_the_record(tmp_path: Path, topic: str, what: str) -> None:
     """Also those of a session that began and ended during the cut."""
     port = free_port()

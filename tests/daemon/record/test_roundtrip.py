@@ -65,7 +65,7 @@ def numbered(chunks):
     return [[continued(item) for item in chunk] for chunk in chunks]
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=80)
 @given(
     chunks=st.lists(
         st.lists(batches() | st.builds(Tick, st.integers(0, 2**63 - 1)), min_size=1, max_size=6), max_size=4

@@ -83,6 +83,7 @@ def test_a_worker_that_dies_changes_nothing(
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_an_item_that_kills_its_workers_is_named(own: Scheduler, tmp_path: Path) -> None:
     with scheduled(own.address):
         with pytest.raises(CellwattError) as told:
@@ -135,6 +136,7 @@ def test_nobody_answers(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.M
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_workers_is_told_and_then_one_of_another_version(
     another: Scheduler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

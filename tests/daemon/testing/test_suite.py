@@ -60,7 +60,9 @@ MISTAKES = [
     ("stamps_are_right", broken.StampsFromOneProcessStart, "before the driver was started"),
     ("stamps_are_right", broken.CountsMicroseconds, "is it in ns"),
     ("stamps_are_right", broken.StandsStill, "device_time does not rise"),
-    ("keeps_its_rates", broken.PollsTooSlowly, "declared at 50 Hz: in .* but .* came"),
+    pytest.param(
+        "keeps_its_rates", broken.PollsTooSlowly, "declared at 50 Hz: in .* but .* came", marks=pytest.mark.slow
+    ),
     ("values_are_in_their_units", broken.GivesMilliwatts, "supply.power: .* is it converted to SI units"),
     ("only_reads", broken.SwitchesTheLoad, r"not allowed by may_send: .*OUTPUT OFF"),
     pytest.param(

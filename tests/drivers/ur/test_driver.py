@@ -130,7 +130,7 @@ async def test_brackets_hold_the_true_time(tmp_path):
     assert lower < min(a - d for d, a in arrival.items())
 
 
-@pytest.mark.parametrize("delimiter", [",", " "])
+@pytest.mark.parametrize("delimiter", [",", pytest.param(" ", marks=pytest.mark.slow)])
 async def test_uneven_recordings_lose_nothing(tmp_path, delimiter):
     chance = np.random.default_rng(5)
     times = np.round(
@@ -224,6 +224,7 @@ async def test_a_short_stall_is_reported_and_loses_nothing(tmp_path):
     assert not watched.errors and not watched.outlet.resets
 
 
+@pytest.mark.slow
 async def test_a_long_stall_ends_the_connection_and_is_an_outage(tmp_path):
     async with (
         served(tmp_path, 2 * ROWS) as (emulator, table),
@@ -272,7 +273,7 @@ async def test_broken_bytes_end_the_connection_and_are_counted(tmp_path, kind, c
     assert not outlet.resets
 
 
-@pytest.mark.parametrize("jump", [100.0, -5.0, 0.5])
+@pytest.mark.parametrize("jump", [pytest.param(100.0, marks=pytest.mark.slow), -5.0, 0.5])
 async def test_a_jump_of_the_clock_is_one_reset_and_no_loss(tmp_path, jump):
     async with served(tmp_path) as (emulator, table), watching(emulator.address) as watched:
         await watched.outlet.until(lambda o: o.account.received > WARM)

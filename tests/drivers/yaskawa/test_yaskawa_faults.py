@@ -56,6 +56,7 @@ async def test_loss_costs_the_slots_that_the_wait_took():
         assert outlet.account.counters["retries"] == 0
 
 
+@pytest.mark.slow
 async def test_loss_is_made_good_where_the_slot_has_room():
     async with struck(Fault("loss", probability=0.5), times=4, rate="2 Hz", timeout="100 ms") as (emulator, outlet):
         lost = emulator.counts["loss"]

@@ -43,6 +43,7 @@ def test_the_motion_tells_how_far_the_clocks_are_apart(tmp_path, offset):
     assert meter.window == pytest.approx(0.1, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_meter_faster_than_the_rows_is_averaged_over_some(tmp_path):
     power = power_beside(logged(tmp_path, 1.0, 0.002, late=0.0), ARM.time, POSITION)
     readings = held([(ARM.time, power)])

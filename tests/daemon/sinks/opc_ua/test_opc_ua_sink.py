@@ -260,6 +260,7 @@ def files(tmp_path_factory):
     return {name: certificate(folder, name) for name in ("server", "client", "stranger")}
 
 
+@pytest.mark.slow
 async def test_a_stranger_with_a_certificate_or_a_password_stays_out(files):
     server, known, stranger = files["server"], files["client"], files["stranger"]
     secure = {"certificate": server[0], "key": server[1], "trusted": [known[0]], "users": {"eve": "secret"}}

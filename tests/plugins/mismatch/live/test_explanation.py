@@ -91,6 +91,7 @@ def explanations(folder: Path) -> list[str]:
     return sorted(p.name for p in folder.iterdir()) if folder.exists() else []
 
 
+@pytest.mark.slow
 def test_friction_is_named_and_gone_again(watch, tmp_path, stiff):
     watched = watch()
     assert watched.until(33) == []

@@ -143,6 +143,7 @@ def test_another_arm_is_refused_before_anything_is_fitted(cell, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_file_that_overrules_its_bodies_is_refused(cell, tmp_path, monkeypatch):
     """`settotalmass` scales every mass again: what is written would not be what is simulated."""
     monkeypatch.chdir(tmp_path)  # MuJoCo logs warnings where it runs
