@@ -156,6 +156,7 @@ async def test_wrong_settings_never_start(tmp_path: Path) -> None:
     assert "Traceback" not in daemon.log
 
 
+@pytest.mark.slow
 async def test_killed_daemon_loses_at_most_a_tenth_of_a_second(tmp_path: Path) -> None:
     rng, lost = np.random.default_rng(1), []
     async with EmulatorProcess("ur", "--listen", "127.0.0.1:0") as device:

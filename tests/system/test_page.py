@@ -56,6 +56,7 @@ async def acknowledge(page: Page, name: str, note: str) -> None:
     await expect(dialog).to_have_count(0, timeout=WAIT)
 
 
+@pytest.mark.slow
 async def test_a_fault_is_seen_acknowledged_and_remembered(tmp_path: Path) -> None:
     epoch, address = time.time(), free_endpoint()
     common = ("--epoch", str(epoch))
