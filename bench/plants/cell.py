@@ -57,7 +57,7 @@ class View:
         return self.made.frames(session, first, count)
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
-        return [(kept.sequence, kept.item) for kept in self.made.results(series, session, first, count)]
+        return self.made.results(series, session, first, count)
 
 
 class Cell:

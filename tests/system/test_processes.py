@@ -14,9 +14,7 @@ import pytest
 
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.record import Recording
-from cellwatt.record.decoder import numbered, tracks_of
-from cellwatt.record.opening import survey
-from cellwatt.record.reader import chunk_data
+from tests.daemon.record.making import numbered_in
 from tests.patience import PATIENCE
 from tests.system.running import Audience, running
 from tests.system.test_daemon import ur
@@ -41,21 +39,6 @@ def frame_numbers(audience: Audience) -> np.ndarray:
 
 def recorded(folder: Path) -> Recording:
     return Recording.open(folder / "record")
-
-
-def recorded_numbers(folder: Path) -> dict[str, list[int]]:
-    """Numbers of results and events in the order of the record, by series."""
-    found: dict[str, list[int]] = {}
-    for path in sorted((folder / "record").glob("*.mcap")):
-        contents = survey(path).contents
-        tracks = tracks_of(contents.channels)[0]
-        with path.open("rb") as file:
-            for channel, track in tracks.items():
-                if track.series is not None and track.rows is None:
-                    for chunk in contents.chunks.holding(channel):
-                        numbers = [n for n, _ in numbered(chunk_data(file, chunk), tracks, {channel})]
-                        found.setdefault(track.series, []).extend(numbers)
-    return found
 
 
 async def killed(audience: Audience, part: str, random: np.random.Generator) -> None:
@@ -108,9 +91,9 @@ async def test_a_process_that_is_killed_costs_no_sample(tmp_path: Path, part: st
     frames = np.concatenate([np.arange(f.sequence, f.sequence + len(f)) for f in blocks])
     assert np.array_equal(frames, np.arange(len(frames)))
     assert np.all(np.diff(np.concatenate([f.time for f in blocks])) > 0)
-    told = await asyncio.to_thread(recorded_numbers, tmp_path)
+    told = await asyncio.to_thread(numbered_in, tmp_path / "record")
     assert told.keys() == {"event", "interval"}
-    assert all(numbers == list(range(len(numbers))) for numbers in told.values())
+    assert all([number for number, _ in items] == list(range(len(items))) for items in told.values())
     assert f"the process {part} ended by signal SIGKILL" in daemon.log
 
 

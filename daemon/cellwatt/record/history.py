@@ -41,7 +41,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Numbered:
+class _Numbered:
     """A result or event with its number: a block of one."""
 
     sequence: int
@@ -51,7 +51,7 @@ class Numbered:
         return 1
 
 
-Block = TypeVar("Block", bound=Batch | Frames | Numbered)
+Block = TypeVar("Block", bound=Batch | Frames | _Numbered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +96,11 @@ class History:
         """
         return self._within(_FRAMES, session, first, count) or self._later(_FRAMES, session, first, count)
 
-    def results(self, series: str, session: int, first: int, count: int) -> list[Numbered]:
-        """Recorded results or events of a series, as ``frames``. Raises ``RepairingError``."""
-        topic = _Topic(series, Numbered)
-        return self._within(topic, session, first, count) or self._later(topic, session, first, count)
+    def results(self, series: str, session: int, first: int, count: int) -> list[tuple[int, Result | Event]]:
+        """Recorded results or events of a series with their numbers, as ``frames``. Raises ``RepairingError``."""
+        topic = _Topic(series, _Numbered)
+        found = self._within(topic, session, first, count) or self._later(topic, session, first, count)
+        return [(kept.sequence, kept.item) for kept in found]
 
     def recordings(self) -> list[dict[str, Any]]:
         """The files kept, oldest first: file, session, start, end (UTC ns), bytes, messages, state; JSON-ready."""
@@ -227,7 +228,7 @@ def _certain(found: list[Block], first: int, repairing: bool) -> list[Block]:
     return found
 
 
-def _end(blocks: Sequence[Batch | Frames | Numbered], first: int) -> int:
+def _end(blocks: Sequence[Batch | Frames | _Numbered], first: int) -> int:
     return blocks[-1].sequence + len(blocks[-1]) if blocks else first
 
 
@@ -240,7 +241,7 @@ def _blocks(
             found = list(decoder.numbered(chunk_data(file, chunk), tracks, {channel}))
         except ValueError:
             continue
-        blocks = (Numbered(n, item) if isinstance(item, Result | Event) else item for n, item in found)
+        blocks = (_Numbered(n, item) if isinstance(item, Result | Event) else item for n, item in found)
         yield from (block for block in blocks if isinstance(block, kind))
 
 
@@ -274,4 +275,4 @@ def trim(block: Block, first: int, stop: int) -> Block | None:
     low, high = max(first - block.sequence, 0), min(stop - block.sequence, len(block))
     if low >= high:
         return None
-    return block if isinstance(block, Numbered) else cut(block, low, high)
+    return block if isinstance(block, _Numbered) else cut(block, low, high)

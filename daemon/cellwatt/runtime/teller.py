@@ -298,8 +298,7 @@ class Teller:
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
         """See ``CellView.result_history``."""
-        found = self._history.results(series, session, first, count) if self._history is not None else ()
-        return [(kept.sequence, kept.item) for kept in found]
+        return self._history.results(series, session, first, count) if self._history is not None else ()
 
 
 def _record(recorder: Recorder, item: Item, number: int | None) -> None:

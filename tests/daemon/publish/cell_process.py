@@ -52,7 +52,7 @@ class RecordingView(FakeView):
         return self._history.frames(session, first, count)
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
-        return [(kept.sequence, kept.item) for kept in self._history.results(series, session, first, count)]
+        return self._history.results(series, session, first, count)
 
 
 class Cell:

@@ -50,7 +50,7 @@ class Recorded(FakeView):
 
     def result_history(self, series: str, session: int, first: int, count: int) -> Sequence[tuple[int, Result | Event]]:
         assert 0 < count <= MOST_RESULTS
-        return [(kept.sequence, kept.item) for kept in self._made.results(series, session, first, count)]
+        return self._made.results(series, session, first, count)
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,12 @@ import numpy as np
 
 from cellwatt import Batch, Channel, FrameChannel, Frames, Layout, Stream, Tick
 from cellwatt.record import Header
+from cellwatt.record.decoder import numbered, tracks_of
 from cellwatt.record.encoder import Encoder, Item
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import OpenFile
+from cellwatt.record.opening import survey
+from cellwatt.record.reader import chunk_data
 
 SESSION = 1_795_255_163_290_084_047
 CELL = "weld-3"
@@ -79,6 +82,20 @@ def write_chunks(folder: Path, chunks: Iterable[Iterable[Item]], *, number: int 
 
 def _plain(header: Header) -> dict:
     return {name: getattr(header, name) for name in Header.__dataclass_fields__}
+
+
+def numbered_in(folder: Path) -> dict[str, list[tuple[int, Item]]]:
+    """Results and events with their numbers in the order of the record, by series."""
+    found: dict[str, list[tuple[int, Item]]] = {}
+    for path in sorted(folder.glob("*.mcap")):
+        contents = survey(path).contents
+        tracks = tracks_of(contents.channels)[0]
+        with path.open("rb") as file:
+            for channel, track in tracks.items():
+                if track.series is not None and track.rows is None:
+                    for chunk in contents.chunks.holding(channel):
+                        found.setdefault(track.series, []).extend(numbered(chunk_data(file, chunk), tracks, {channel}))
+    return found
 
 
 def bits(values: np.ndarray) -> bytes:

@@ -13,16 +13,13 @@ import pytest
 
 from cellwatt import Task
 from cellwatt.record import Recorder, RecordSettings
-from cellwatt.record.decoder import numbered, tracks_of
-from cellwatt.record.opening import survey
-from cellwatt.record.reader import chunk_data
 from cellwatt.ring import ItemWriter, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.processes.resume import LAST, Resume
 from cellwatt.runtime.processes.shared import Assignment, Shared
 from cellwatt.runtime.processes.tell import _Telling
 from tests.daemon.publish.fake_cell import task
-from tests.daemon.record.making import HEADER, batch_of
+from tests.daemon.record.making import HEADER, batch_of, numbered_in
 from tests.daemon.runtime.fakes import alarm, config_of, stages
 from tests.patience import PATIENCE
 
@@ -80,19 +77,6 @@ def test_a_judge_in_another_place_ends_the_alarms_of_one_that_was_down_at_a_relo
     assert telling.left(1) == []
 
 
-def recorded(folder: Path) -> list[tuple[int, Task]]:
-    """The tasks in the order of the record, with their numbers."""
-    found = []
-    for path in sorted(folder.glob("*.mcap")):
-        contents = survey(path).contents
-        tracks = tracks_of(contents.channels)[0]
-        tasks = {number for number, track in tracks.items() if track.series == "task"}
-        with path.open("rb") as file:
-            for chunk in contents.chunks:
-                found += list(numbered(chunk_data(file, chunk), tracks, tasks))
-    return found
-
-
 @pytest.mark.parametrize("written", [0, 1, 3])
 async def test_what_was_told_and_not_written_is_recorded_by_the_next_with_its_number(
     tmp_path: Path, written: int
@@ -116,7 +100,7 @@ async def test_what_was_told_and_not_written_is_recorded_by_the_next_with_its_nu
     for judge in (1, 0):
         second.left(judge)
     await again.close()
-    assert recorded(tmp_path) == [(n, task(n)) for n in range(8)]
+    assert numbered_in(tmp_path)["task"] == [(n, task(n)) for n in range(8)]
 
 
 async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_path: Path) -> None:
@@ -131,4 +115,4 @@ async def test_a_series_is_gone_on_with_though_its_last_message_is_long_ago(tmp_
     await kept.close()
     again = await Telling(shared, restarts=1).recording(tmp_path)
     await again.close()
-    assert recorded(tmp_path) == [(0, task(0))]
+    assert numbered_in(tmp_path)["task"] == [(0, task(0))]
