@@ -89,6 +89,18 @@ class Table:
             raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
         return tuple(family[number] for number in numbers)
 
+    def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
+        """Names of the columns of a quantity that may lack some of ``joints``: "" for those; () where it lacks all.
+
+        Where its own numbers do not tell whether they begin with 0 or 1, those of the quantity ``like`` do. Raises
+        ``RecordingError`` as ``joints``.
+        """
+        family = self._family(quantity)
+        if not family:
+            return ()
+        first = _first(family if 0 in family or joints in family else self._family(like))
+        return tuple(family.get(first + i, "") for i in range(max(joints, 1 + max(family) - first)))
+
     def needed(self, quantity: str, joints: int) -> Float:
         """``joints`` of the first n joints, (N, n). Raises ``RecordingError`` where one is missing."""
         found = self.joints(quantity)

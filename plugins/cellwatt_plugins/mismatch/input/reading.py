@@ -14,10 +14,12 @@ from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
+from cellwatt_plugins.mismatch.input.factors import joints_text
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
 from cellwatt_plugins.mismatch.input.sources import Source, run_name, simulator_file, sources
+from cellwatt_plugins.mismatch.input.unread import without_unread
 from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import power_beside
@@ -68,17 +70,19 @@ def read_one(source: Source, robot: RobotDescription, simulator: Path | None, ra
 def _prepared(told: tuple[Source, Signals], robot: RobotDescription) -> Run:
     """The run of its files and of what was recorded."""
     source, signals = told
-    run = Run(
-        name=source.name,
-        time=signals.time,
-        position=signals.needed("position"),
-        velocity=signals.joints.get("velocity"),
-        torque=motor_torque(signals, robot),
-        power=signals.power,
-        temperature=signals.joints.get("temperature"),
-        gaps=signals.gaps if signals.gaps.any() else None,
-        torque_from="torque" if "torque" in signals.joints else "current",
-        notes=signals.notes,
+    run = without_unread(
+        Run(
+            name=source.name,
+            time=signals.time,
+            position=signals.needed("position"),
+            velocity=signals.joints.get("velocity"),
+            torque=motor_torque(signals, robot),
+            power=signals.power,
+            temperature=signals.joints.get("temperature"),
+            gaps=signals.gaps if signals.gaps.any() else None,
+            torque_from="torque" if "torque" in signals.joints else "current",
+            notes=signals.notes,
+        )
     )
     if source.simulation is not None:
         simulated = read_signals(source.simulation, robot)
@@ -142,6 +146,9 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
         when, note = when + shift, f"recording and simulation have different clocks ({shift:.3f} s apart), {how}"
     run = _with_plan(run, simulation, when, planned, note, cut)
     torque = simulation.joints.get("torque")
+    if torque is not None and not np.isfinite(torque).all():
+        silent = joints_text((1 + np.flatnonzero(np.isnan(torque).any(axis=0))).tolist())
+        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation tells the torque of every joint")
     return replace(run, simulated=None if torque is None else Simulated(when, planned, torque, simulation.power))
 
 

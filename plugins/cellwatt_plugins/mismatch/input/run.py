@@ -41,7 +41,7 @@ class Run:
     velocity: Float | None
     """(N, n) rad/s, where recorded."""
     torque: Float
-    """(N, n) Nm, motor torque at the joint side."""
+    """(N, n) Nm, motor torque at the joint side; NaN where it was not recorded or not read, also whole columns."""
     power: Float | None = None
     """(N,) W of the supply, where recorded."""
     temperature: Float | None = None

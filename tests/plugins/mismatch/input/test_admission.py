@@ -157,7 +157,6 @@ WRONG = {
     "torque turned round": (joint(2, -1, "torque"), "torque of joint 2 has the opposite sign"),
     "torques turned round": (times(-1, "torque"), "torque of joints 1, 2, 3, 4, 5, 6 has the opposite sign"),
     "velocity turned round": (joint(3, -1, "velocity"), "velocity of joint 3 has the opposite sign"),
-    "torque stuck": (stuck("torque", 3), "tau_3 stays at one value in every sample although the joint moves"),
     "position stuck": (stuck("position", 3), "q_3 stays at one value in every sample"),
     "velocity stuck": (stuck("velocity", 3), "qd_3 stays at one value in every sample"),
     "power stuck": (stuck("power"), "in every sample although the arm moves"),

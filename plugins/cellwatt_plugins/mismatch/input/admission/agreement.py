@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from cellwatt_plugins.mismatch.input.admission.factors import usable
+from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
@@ -77,10 +77,17 @@ class Sample:
 
 
 def sample_of(run: Run, motion: Moved, arm: Arm) -> tuple[Sample, NDArray[np.intp]]:
-    """Evenly spread samples of a run, none of them filled in, and which they are."""
+    """Evenly spread samples of a run, none of them filled in, and which they are.
+
+    A torque that was not read is taken as the description asks for: it speaks for no other reading.
+    """
     kept = usable(run, SAMPLES)
     parts = (motion.position, motion.velocity, motion.acceleration, run.torque)
-    return Sample(arm, *(part[kept] for part in parts)), kept
+    sample = Sample(arm, *(part[kept] for part in parts))
+    missing = np.isnan(sample.torque)
+    if missing.any():
+        sample = replace(sample, torque=np.where(missing, sample.expected().torque, sample.torque))
+    return sample, kept
 
 
 def spread(values: Float) -> float:

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.input.admission.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
+from cellwatt_plugins.mismatch.input.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.input.unread import unread_remarks
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
+
+Float = NDArray[np.float64]
 
 CLIPPED = 0.01
 """Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
@@ -33,6 +36,7 @@ def remarks(runs: Sequence[Run]) -> list[str]:
         notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
     if all(run.power is None for run in runs):
         notes.append("no power recorded: nothing can be said of the supply")
+    notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
         if run.gaps is not None:
@@ -56,7 +60,7 @@ def _slow(runs: Sequence[Run]) -> Iterator[str]:
 
 def _cut_off(run: Run) -> Iterator[str]:
     for i in range(run.joints):
-        torque = run.torque[usable(run), i]
+        torque = _read(run, i)
         if len(np.unique(torque)) < LEVELS:
             continue
         for extreme in (torque.max(), torque.min()):
@@ -70,9 +74,9 @@ def _cut_off(run: Run) -> Iterator[str]:
 
 def _coarse(run: Run) -> Iterator[str]:
     moves = travel(run) > MOVES
-    for i in np.flatnonzero(moves):
-        levels = np.unique(run.torque[usable(run), i])
-        if len(levels) < LEVELS:
+    for i in np.flatnonzero(moves).tolist():
+        levels = np.unique(_read(run, i))
+        if 1 < len(levels) < LEVELS:
             yield (
                 f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} Nm: "
                 "smaller effects cannot be seen"
@@ -90,7 +94,7 @@ def _frozen(run: Run) -> Iterator[str]:
             for start, end in stretches(np.diff(torque) == 0)
             if (end - start) * run.step > FROZEN
             and np.ptp(position[start:end]) > MOVES
-            and torque[start] not in (torque.max(), torque.min())
+            and torque[start] not in (np.nanmax(torque), np.nanmin(torque))
         ]
         if found:
             _, start, end = max(found)
@@ -100,6 +104,12 @@ def _frozen(run: Run) -> Iterator[str]:
                 f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
                 f"it seems not to have been read there{others}"
             )
+
+
+def _read(run: Run, joint: int) -> Float:
+    """Torque (R,) Nm of a joint in the samples that were read."""
+    torque = run.torque[usable(run), joint]
+    return np.asarray(torque[np.isfinite(torque)])
 
 
 def _longest(at: NDArray[np.bool_]) -> int:

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, sample_of
-from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.mismatch.input.factors import DEGREES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
