@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
-from cellwatt.tables.names import Name, scale, understood, units_of, usual
+from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
 from cellwatt.units import named
 
 Float = NDArray[np.float64]
@@ -131,6 +131,11 @@ class Table:
         if len(found) > 1:
             raise self._several(name, found)
         return self._values(found[0]) if found else None
+
+    def along(self, name: str) -> bool | None:
+        """True where the unit stated of a column is a linear axis's (m, N), False a turning one's, None without one."""
+        known = self._understood.get(name)
+        return along((known and known.unit) or self.units.get(name))
 
     def plain(self, name: str) -> Float:
         """Column (N,) by its own name; in the SI unit where the file holds its unit beside it."""

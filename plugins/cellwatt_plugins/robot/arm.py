@@ -14,6 +14,7 @@ from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.description import RobotDescription, load_robot
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.units import Kind, unit_at
 
 Float = NDArray[np.float64]
 
@@ -44,8 +45,12 @@ class Arm:
 
     @classmethod
     def of(cls, description: RobotDescription) -> Arm:
-        """The arm of a description. Raises ``ConfigError`` where its URDF cannot be read or has other joints."""
-        return cls(description, Body(description.urdf, tuple(joint.name for joint in description.joints)))
+        """The arm of a description, its joints of the kinds that its URDF says.
+
+        Raises ``ConfigError`` where the URDF cannot be read or has other joints, or joints of other kinds.
+        """
+        body = Body(description.urdf, tuple(joint.name for joint in description.joints))
+        return cls(_with_kinds(description, body), body)
 
     @property
     def name(self) -> str:
@@ -84,7 +89,8 @@ class Arm:
         for joint, pair in zip(self.description.joints, limits, strict=True):
             if not (np.isfinite(pair).all() and pair[0] < pair[1]):
                 raise ConfigError(
-                    f"{self.description.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in rad"
+                    f"{self.description.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in "
+                    f"{unit_at(joint.kind, 'rad')}"
                 )
         return limits
 
@@ -115,3 +121,16 @@ class Arm:
     def forward(self, q: Float) -> Float:
         """Frames (N, n, 4, 4) m of the joints in the base's frame at ``q`` (N, n) rad; the last one is the flange's."""
         return self.body.forward(q)
+
+
+def _with_kinds(description: RobotDescription, body: Body) -> RobotDescription:
+    kinds: list[Kind] = ["revolute" if turns else "prismatic" for turns in body.turns]
+    for joint, kind in zip(description.joints, kinds, strict=True):
+        if "kind" in joint.model_fields_set and joint.kind != kind:
+            raise ConfigError(
+                f"{description.urdf}: joint {joint.name} is {kind}, the robot's description says otherwise"
+            )
+    if all(kind == "revolute" for kind in kinds):
+        return description
+    joints = (joint.model_copy(update={"kind": kind}) for joint, kind in zip(description.joints, kinds, strict=True))
+    return description.model_copy(update={"joints": tuple(joints)})

@@ -152,6 +152,11 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
                 f"{table.path}: {len(own)} joints in the columns {many}, but the robot's description has "
                 f"{expected} ({listed([joint.name for joint in robot.joints])})"
             )
+        for name, joint in zip(own, robot.joints, strict=True):
+            if table.along(name) not in (None, joint.kind == "prismatic"):
+                raise RecordingError(
+                    f"{table.path}: the unit of column {name} is not one of joint {joint.name}, which is {joint.kind}"
+                )
     return names, joints
 
 
@@ -164,10 +169,8 @@ def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
     if "torque" in signals.joints or "current" not in signals.joints:
         return signals.needed("torque", "current")
     currents, constants = signals.joints["current"], robot.column("torque_constant")
-    heard: list[bool] = np.isfinite(currents).any(axis=0).tolist()
-    if unknown := [
-        joint.name for joint, one in zip(robot.joints, heard, strict=True) if one and not joint.torque_constant
-    ]:
+    heard = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
+    if unknown := [robot.joints[i].name for i in heard]:
         raise ConfigError(
             f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "
             "write it into the robot's description, in Nm/A at the joint side"

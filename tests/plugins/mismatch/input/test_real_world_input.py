@@ -17,6 +17,7 @@ from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import exact
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
+from tests.plugins.robot import scara
 
 
 @pytest.fixture(scope="module")
@@ -248,3 +249,21 @@ def test_a_last_link_without_inertia_swings_on_no_gear(tmp_path, described):
     for effect in (JointElasticity(), Backlash()):
         assert not effect.shapes(states, 5, [np.zeros((len(moves.time), JOINTS))])
     assert JointElasticity().shapes(states, 4, [np.zeros((len(moves.time), JOINTS))])
+
+
+def test_columns_of_a_linear_axis_have_its_units(tmp_path):
+    time, q, qd, qdd = scara.motion()
+    arm = load(scara.write(tmp_path))
+    torque = scara.torque(q, qd, qdd)
+    columns = {"t": time, "q_1 [deg]": np.degrees(q[:, 0]), "q_2": q[:, 1], "q_3 [mm]": 1e3 * q[:, 2]}
+    columns |= {"tau_1": torque[:, 0], "tau_2": torque[:, 1], "tau_3 [N]": torque[:, 2]}
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    (run,) = read_runs([tmp_path / "log.parquet"], [], arm.description)
+    np.testing.assert_allclose(run.position, q)
+    assert examine([run], arm)[1] == ["no power recorded: nothing can be said of the supply"]
+    columns["tau_2 [N]"] = columns.pop("tau_2")
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    with pytest.raises(
+        RecordingError, match=r"unit of column tau_2 \[N\] is not one of joint axis_2, which is revolute"
+    ):
+        read_runs([tmp_path / "log.parquet"], [], arm.description)
