@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames, Layout
-from cellwatt_plugins.robot import RobotDescription
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
 Quantity = Literal[
