@@ -34,22 +34,29 @@ class Arm:
     body: Body
 
     @classmethod
-    def load(cls, robot: Place, needs: Sequence[str] = ()) -> Arm:
+    def load(cls, robot: Place, needs: Sequence[str] = (), weighed: bool = True) -> Arm:
         """Read an arm: a packaged robot's name (``"mh12"``), a ``robot.yaml`` or the folder that holds one.
 
-        ``needs`` are keys that every joint must have above 0, such as ``torque_constant``.
+        ``needs`` are keys that every joint must have above 0, such as ``torque_constant``; ``weighed``: links must have
+        masses.
 
         Raises ``ConfigError`` naming the file and the key where the description or the URDF cannot be used.
         """
-        return cls.of(load_robot(robot, needs))
+        return cls.of(load_robot(robot, needs), weighed)
 
     @classmethod
-    def of(cls, description: RobotDescription) -> Arm:
+    def of(cls, description: RobotDescription, weighed: bool = True) -> Arm:
         """The arm of a description, its joints of the kinds that its URDF says.
 
-        Raises ``ConfigError`` where the URDF cannot be read or has other joints, or joints of other kinds.
+        Raises ``ConfigError`` where the URDF cannot be read, has other joints, joints of other kinds, or, if they are
+        to be ``weighed``, links without mass.
         """
         body = Body(description.urdf, tuple(joint.name for joint in description.joints))
+        if weighed and (missing := body.without_mass()):
+            raise ConfigError(
+                f"{description.urdf}: no mass of {', '.join(missing)}: without it the arm's weight and inertia are not "
+                "known: write <inertial> into these links, from CAD or the maker's data"
+            )
         return cls(_with_kinds(description, body), body)
 
     @property

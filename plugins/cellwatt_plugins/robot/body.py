@@ -25,6 +25,9 @@ PER_LINK = 10
 LEAST_MASS = 1e-6
 """kg: without a mass, a link's first moment has no centre."""
 
+NO_MASS, NO_LENGTH = 1e-3, 0.02
+"""kg and m up to which a link between two joints is a point of their axes, and not a casting."""
+
 TURNS = 2 * np.pi
 """rad each way that a joint without limits is taken to turn."""
 
@@ -72,6 +75,21 @@ class Body:
     def joints(self) -> int:
         """Number of joints, n."""
         return len(self.names)
+
+    def without_mass(self) -> tuple[str, ...]:
+        """Names of the links whose mass is missing.
+
+        A link that ends where it begins, as between the axes of a wrist, and a flange at the end may have none, unless
+        no link has any.
+        """
+        heavy = np.array([self._model.inertias[i + 1].mass > NO_MASS for i in range(self.joints)])
+        long = np.linalg.norm(self.placements[1:, :3, 3], axis=1) > NO_LENGTH
+        missing = ~heavy & np.append(long, False) if heavy.any() else ~heavy
+        names: dict[int, str] = {}
+        for frame in self._model.frames.tolist():
+            if frame.type == pin.FrameType.BODY:
+                names.setdefault(frame.parentJoint, frame.name)
+        return tuple(names[int(i) + 1] for i in np.flatnonzero(missing))
 
     @property
     def limits(self) -> Float:
