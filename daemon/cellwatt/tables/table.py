@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
 from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
+from cellwatt.turns import counted_on, wraps
 from cellwatt.units import named
 
 Float = NDArray[np.float64]
 
+ANGLES: Final = ("position", "target_position")
+"""Quantities that some devices count modulo a turn."""
 MOST_NAMES: Final = 12
 """Columns that a message lists."""
 
@@ -132,6 +135,10 @@ class Table:
             raise self._several(name, found)
         return self._values(found[0]) if found else None
 
+    def wraps(self, name: str) -> int:
+        """How often the angles of a column jump by a turn; they are given counted on across it."""
+        return len(wraps(self._scaled(name))) if self._counted_on(name) else 0
+
     def along(self, name: str) -> bool | None:
         """True where the unit stated of a column is a linear axis's (m, N), False a turning one's, None without one."""
         known = self._understood.get(name)
@@ -187,6 +194,14 @@ class Table:
         )
 
     def _values(self, name: str) -> Float:
+        values = self._scaled(name)
+        return counted_on(values) if self._counted_on(name) else values
+
+    def _counted_on(self, name: str) -> bool:
+        known = self._understood.get(name)
+        return known is not None and known.quantity in ANGLES and not self.along(name)
+
+    def _scaled(self, name: str) -> Float:
         if name in self.text:
             raise RecordingError(f"{self.path}: column {name} holds text, {self.text[name]}, expected numbers")
         known = self._understood.get(name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -126,7 +126,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         joints={q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints},
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
-        notes=grid.notes,
+        notes=(*_turned(path.name, table, names), *grid.notes),
         columns=table.names,
     )
 
@@ -158,6 +158,14 @@ def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str,
                     f"{table.path}: the unit of column {name} is not one of joint {joint.name}, which is {joint.kind}"
                 )
     return names, joints
+
+
+def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    """One line where angles modulo a turn were counted on."""
+    found = {name: count for q in NEEDED for name in names.get(q, ()) if (count := table.wraps(name))}
+    if found:
+        times = ", ".join(f"{name} ({count} times)" for name, count in found.items())
+        yield f"{place}: angles modulo a turn, counted on by whole turns: {times}"
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:

@@ -267,3 +267,21 @@ def test_columns_of_a_linear_axis_have_its_units(tmp_path):
         RecordingError, match=r"unit of column tau_2 \[N\] is not one of joint axis_2, which is revolute"
     ):
         read_runs([tmp_path / "log.parquet"], [], arm.description)
+
+
+@pytest.mark.parametrize("low", [-np.pi, 0.0])
+def test_angles_modulo_a_turn_are_counted_on(low, tmp_path, described, arm):
+    """One joint turns on and on, one swings across where the count begins anew; velocities are what they were."""
+    moves = excitation(seed=2)
+    screw, start = np.array([0, 0, 0, 0, 0, 0.7]), np.array([0, low, 0, 0, 0, 0])
+    moves = replace(moves, q=moves.q + start + np.outer(moves.time, screw), qd=moves.qd + screw)
+    run = recorded(described, moves)
+    turned = low + np.mod(run.position - low, 2 * np.pi)
+    assert np.abs(np.diff(turned[:, [1, 5]], axis=0)).max(axis=0).min() > 6
+    path = logged(tmp_path, run, **{f"q_{j + 1}": turned[:, j] for j in (1, 5)})
+    (found,) = read_runs([path], [], arm.description)
+    turns = (found.position - run.position) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.tile(np.round(turns[0]), (len(turns), 1)), atol=1e-9)
+    (note,) = [note for note in examine([found], arm)[1] if "modulo a turn" in note]
+    assert "q_2 (" in note
+    assert "q_6 (" in note
