@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from cellwatt.files import Place
 from cellwatt.progress import stage
-from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
+from cellwatt_plugins.mismatch.fit.retuning import looseness
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
@@ -99,13 +100,12 @@ def explain(
     torques = Torques(runs, states)
     with stage("fitting the nominal parameters"):
         nominal = search(torques, body.joints, thresholds, effects=())
+    limit = until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until
     with stage("looking for effects in the torques"):
-        torque = search(
-            torques,
-            body.joints,
-            thresholds,
-            until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
-        )
+        torque = search(torques, body.joints, thresholds, until=limit)
+        loose = looseness(torque.problem, torque.terms, torque.factor)
+        if loose > 1:
+            torque = search(Torques(runs, states, loose), body.joints, thresholds, until=limit)
     driven, doubt = _torque_for_power(runs, torque)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
@@ -157,7 +157,7 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     size = torque.problem.states[0].robot.tolerances.unexplained
     limits = Limits(excess=EXCESS if planned else WITHOUT_PLAN, size=size)
     for solution in sides:
-        held = CrossValidation(solution.problem, solution.factor)
+        held = LeaveOut(solution.problem, solution.factor)
         own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
         found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
@@ -186,7 +186,7 @@ def _nominal_chi2(problem: Problem) -> Float:
     return problem.chi2(problem.fit([]).residual)
 
 
-def _fit(solution: Solution, held: CrossValidation) -> list[ChannelFit]:
+def _fit(solution: Solution, held: LeaveOut) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated, retuned, with the model."""
     problem = solution.problem
     refit, model = rms(held.residual([])), rms(held.residual(solution.terms))

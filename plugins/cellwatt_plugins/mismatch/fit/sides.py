@@ -17,17 +17,18 @@ Float = NDArray[np.float64]
 class Torques:
     """Makes the problem of the joints' torques; that without friction beyond the nominal is made once."""
 
-    def __init__(self, runs: Sequence[Run], states: Sequence[States]) -> None:
-        self._runs, self._states = tuple(runs), tuple(states)
+    def __init__(self, runs: Sequence[Run], states: Sequence[States], looseness: float = 1.0) -> None:
+        """``looseness`` is a factor on the tolerances of the links."""
+        self._runs, self._states, self._looseness = tuple(runs), tuple(states), looseness
         self._plain: Problem | None = None
 
     def __call__(self, turning: Float, /) -> Problem:
         """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign."""
         if turning.any():
             self._plain = None
-            return torque_problem(self._runs, self._states, turning)
+            return torque_problem(self._runs, self._states, turning, self._looseness)
         if self._plain is None:
-            self._plain = torque_problem(self._runs, self._states)
+            self._plain = torque_problem(self._runs, self._states, looseness=self._looseness)
         return self._plain
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.explain import Explained
-from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
@@ -153,13 +153,13 @@ def _held_out(
     simulator: Simulator, frames: Placing, solution: Solution, runs: Sequence[Run]
 ) -> tuple[ChannelError, ...]:
     """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
-    problem, held = solution.problem, CrossValidation(solution.problem, solution.factor)
+    problem, held = solution.problem, LeaveOut(solution.problem, solution.factor)
     measured = problem.stack([run.torque for run in runs])
     motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
     before = measured - simulator.torque(*motion)
     after = np.empty_like(before)
-    for k, fit in enumerate(held.fits(solution.terms)):
-        part = Solution(problem, solution.terms, fit, solution.factor)
+    for k, coefficients in enumerate(held.coefficients(solution.terms)):
+        part = solution.with_coefficients(coefficients)
         terms = [FittedTerm(term, fit.coefficients[part.block(term)[1]]) for term in part.terms]
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:

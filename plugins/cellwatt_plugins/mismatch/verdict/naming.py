@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
@@ -25,7 +25,7 @@ CLOSE = 12.0
 """nats: or one that is this close."""
 
 
-def findings_of(solution: Solution, held: CrossValidation, gain: float = 0.0) -> list[Finding]:
+def findings_of(solution: Solution, held: LeaveOut, gain: float = 0.0) -> list[Finding]:
     """The terms of one side as findings; ``gain`` is the tolerance of the common factor of all measured torques."""
     known = estimates(solution)
     after = held.residual(solution.terms)
@@ -33,7 +33,7 @@ def findings_of(solution: Solution, held: CrossValidation, gain: float = 0.0) ->
 
 
 def _finding(
-    solution: Solution, held: CrossValidation, term: Term, estimate: Estimate, after: Float, gain: float
+    solution: Solution, held: LeaveOut, term: Term, estimate: Estimate, after: Float, gain: float
 ) -> Finding:
     robot = solution.problem.states[0].robot
     parameters = {
@@ -99,14 +99,14 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
     return (Alternative("torque_gain", None, why),)
 
 
-def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: CrossValidation) -> list[Finding]:
+def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveOut) -> list[Finding]:
     """Findings of channels where something real is left that is none of the known effects."""
     if solution.problem.side == "supply":
         return [_unknown(solution, u, held, None) for u in left]
     return [_unknown(solution, u, held, u.channel) for u in left]
 
 
-def _unknown(solution: Solution, left: LackOfFit, held: CrossValidation, joint: int | None) -> Finding:
+def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
     name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
     error = float(rms(held.residual(solution.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"

@@ -101,7 +101,7 @@ class Effect(ABC):
             return 0.0
         return float(getattr(robot if joint is None else robot.joints[joint], self.nominal))
 
-    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+    def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         """True if coefficients (m,) are this effect, not a plainer fact that looks the same (0-based joint)."""
         return True
 

@@ -70,6 +70,11 @@ class SearchState:
             self.solved.clear()
             self.left = None
 
+    def use(self, problem: Problem) -> None:
+        """Go on with the same problem under other priors."""
+        self.problem = problem
+        self.solved.clear()
+
     def every_sample(self, now: Solution) -> list[Float]:
         """What a solution leaves at all samples of each run, (N, C)."""
         key = tuple(now.terms)

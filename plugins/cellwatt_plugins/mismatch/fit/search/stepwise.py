@@ -14,14 +14,11 @@ from numpy.typing import NDArray
 
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.problem import Term, said
-from cellwatt_plugins.mismatch.fit.search.backward import (
-    drop_minor,
-    drop_needless,
-    drop_unconfirmed,
-    drop_within_model_error,
-)
+from cellwatt_plugins.mismatch.fit.retuning import confirmed
+from cellwatt_plugins.mismatch.fit.search.backward import drop_needless, drop_unconfirmed, drop_within_model_error
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
 from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
+from cellwatt_plugins.mismatch.fit.search.plain import plain_friction
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.mismatch.fit.search.state import Make, SearchState, start
@@ -46,7 +43,7 @@ def search(
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """
     state = start(make, channels, thresholds, effects, until)
-    now = solve(state, [])
+    now = plain_friction(state, solve(state, []))
     while len(now.terms) < thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
         now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
     now = drop_needless(state, swap(state, now))
@@ -54,8 +51,10 @@ def search(
         if not state.spent():
             now = refine(state, now, term)
     now = drop_needless(state, now, keep=0)
-    for drop in steps((drop_within_model_error, drop_minor, drop_unconfirmed), "test of what was found"):
+    for drop in steps((drop_within_model_error, drop_unconfirmed), "test of what was found"):
         now = drop(state, now)
+    state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
+    now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent = state.spent()
     return _compared(state, now)
 
