@@ -15,7 +15,6 @@ from cellwatt.progress import stage
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
-from cellwatt_plugins.mismatch.fit.retuning import looseness
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
@@ -26,8 +25,9 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
-from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
+from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
+from cellwatt_plugins.mismatch.verdict.mounting import as_mounted
 from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects.states import States
@@ -68,6 +68,12 @@ class Explained:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
         return self.findings.as_json()
 
+    @property
+    def mounted(self) -> Float | None:
+        """What gravity (3,) m/s² in the base's frame differs by from the simulation's; None where the mount is right."""
+        model = self.model
+        return None if model.mount is None else model.mount - model.arm().body.gravity_field
+
     def report(self, path: Place) -> None:
         """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
         from cellwatt.report import Provenance
@@ -96,6 +102,8 @@ def explain(
     """
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
+    with stage("looking how the arm is mounted"):
+        base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
     with stage("fitting the nominal parameters"):
@@ -103,17 +111,14 @@ def explain(
     limit = until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until
     with stage("looking for effects in the torques"):
         torque = search(torques, body.joints, thresholds, until=limit)
-        loose = looseness(torque.problem, torque.terms, torque.factor)
-        if loose > 1:
-            torque = search(Torques(runs, states, loose), body.joints, thresholds, until=limit)
     driven, doubt = _torque_for_power(runs, torque)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(Supply(supplied), 1, thresholds, until=until)
     with stage("judging by data left out"):
-        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
-    return Explained(findings, model_of(torque, supply), torque, supply, nominal, tuple(runs))
+        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted)
+    return Explained(findings, model_of(torque, supply, base), torque, supply, nominal, tuple(runs))
 
 
 def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:
@@ -150,9 +155,15 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     return out
 
 
-def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, admitted: Sequence[str]) -> Findings:
+def _findings(
+    runs: Sequence[Run],
+    torque: Solution,
+    supply: Solution | None,
+    admitted: Sequence[str],
+    mounted: Finding | None,
+) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, left, fit, tried = [], [], [], []
+    found, left, fit, tried = [] if mounted is None else [mounted], [], [], []
     planned = all(run.plan is not None for run in runs)
     size = torque.problem.states[0].robot.tolerances.unexplained
     limits = Limits(excess=EXCESS if planned else WITHOUT_PLAN, size=size)

@@ -17,18 +17,19 @@ Float = NDArray[np.float64]
 class Torques:
     """Makes the problem of the joints' torques; that without friction beyond the nominal is made once."""
 
-    def __init__(self, runs: Sequence[Run], states: Sequence[States], looseness: float = 1.0) -> None:
-        """``looseness`` is a factor on the tolerances of the links."""
-        self._runs, self._states, self._looseness = tuple(runs), tuple(states), looseness
+    def __init__(self, runs: Sequence[Run], states: Sequence[States]) -> None:
+        self._runs, self._states = tuple(runs), tuple(states)
         self._plain: Problem | None = None
 
-    def __call__(self, turning: Float, /) -> Problem:
-        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign."""
-        if turning.any():
-            self._plain = None
-            return torque_problem(self._runs, self._states, turning, self._looseness)
+    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
+        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign.
+
+        ``looseness`` is a factor on the tolerances of the links.
+        """
+        if turning.any() or looseness != 1.0:
+            return torque_problem(self._runs, self._states, turning, looseness)
         if self._plain is None:
-            self._plain = torque_problem(self._runs, self._states, looseness=self._looseness)
+            self._plain = torque_problem(self._runs, self._states)
         return self._plain
 
 
@@ -38,6 +39,6 @@ class Supply:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
 
-    def __call__(self, turning: Float, /) -> Problem:
+    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
         """The problem."""
         return self._problem

@@ -73,6 +73,10 @@ class Relations:
     """Effects of one family stand for one another: one of them at a joint."""
     plainer: float = 0.0
     """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
+    along: Literal["", "position", "velocity"] = ""
+    """What its torque is a law of, where it is a law of one thing: a free curve of that must not fit much better."""
+    beats: tuple[str, ...] = ()
+    """Plainer effects in whose place it must lower the error on data left out."""
 
 
 @dataclass(frozen=True)

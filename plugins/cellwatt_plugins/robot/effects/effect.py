@@ -128,6 +128,10 @@ class Effect(ABC):
         """True if these recordings can show such a shape, not only what their sampling makes of motion."""
         return True
 
+    def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        """Shapes so unlike this one that they must fit clearly worse, if it is this one."""
+        return []
+
     def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
         """Columns of several shapes; effects that are simulated do all at once."""
         return [self.columns(run, joint, shape) for shape in shapes]

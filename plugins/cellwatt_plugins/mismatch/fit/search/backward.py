@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.fit.acceptance import required_gain, seen_by_several, unconfirmed
+from cellwatt_plugins.mismatch.fit.acceptance import physical, required_gain, seen_by_several, unconfirmed
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
+from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.candidates import has_friction
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
-from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
+
+
+UNSURE = 0.65
+"""Share of a term's evidence from which a quite different shape of it fits about as well."""
 
 
 def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
@@ -37,6 +42,42 @@ def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
         if name and _size(now, term) < doubt[name]:
             state.refuse(term, 0.0, f"is less than the form of {name.replace('_', ' ')} may be wrong by")
             now = without(state, now, term)
+    return now
+
+
+def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
+    """Terms leave in whose place a plainer one does as well on data left out; it comes in where it holds by itself."""
+    effects = {effect.name: effect for effect in state.effects}
+    for term in list(now.terms):
+        rest, there = without(state, now, term), {t.place for t in now.terms}
+        for name in term.effect.relations.beats:
+            if name not in effects or (name, term.joint) in there:
+                continue
+            plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
+            if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
+                continue
+            old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (plain, now))
+            found = compared(old, new, [term.joint or 0])
+            if found.share < state.thresholds.better or found.sure < state.thresholds.steady:
+                gain = rest.fit.gain(rest.problem.block(term))[0]
+                state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
+                now = rest if unconfirmed(rest, plain, state.thresholds, gain) else plain
+                break
+    return now
+
+
+def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
+    """Terms leave whose shape could as well be quite another one."""
+    for term in list(now.terms):
+        rivals = [Term(term.effect, term.joint, s) for s in term.effect.unlike(now.problem.states, term.joint, term.shape)]
+        if not rivals:
+            continue
+        rest = without(state, now, term)
+        own, *others = rest.fit.gains([rest.problem.block(t) for t in (term, *rivals)])
+        if max(gain for gain, _ in others) > UNSURE * own[0]:
+            best = max(zip(others, rivals, strict=True), key=lambda each: each[0][0])[1]
+            state.refuse(term, own[0], f"its shape is as well {best.shape[0]:.3g} as {term.shape[0]:.3g}")
+            now = rest
     return now
 
 
