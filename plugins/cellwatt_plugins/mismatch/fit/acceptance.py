@@ -68,7 +68,7 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
         share = thresholds.share_near if near else thresholds.share
         if found.share < share or found.sure < (thresholds.sure if near else thresholds.steady):
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
-    elif found.share < thresholds.much or found.sure < thresholds.sure:
+    elif not term.effect.usual or found.share < thresholds.much or found.sure < thresholds.sure:
         return "adds too little evidence, and does not lower the error on data left out by much"
     if found.rise > thresholds.rise:
         return "raises the error of another channel on data left out"

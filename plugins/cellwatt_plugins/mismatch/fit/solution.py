@@ -20,7 +20,7 @@ class Thresholds:
 
     gain: float = 16.0
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
-    share: float = 0.05
+    share: float = 0.1
     """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
     share_near: float = 0.0
     """The same near the noise, where it must be ``sure``."""
@@ -30,7 +30,7 @@ class Thresholds:
     sure: float = 2.5
     much: float = 0.15
     """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
-    better: float = 0.1
+    better: float = 0.4
     """Share that a fancier name must take off beyond a plainer one in its place."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""

@@ -59,6 +59,8 @@ class Acceptance:
     """s that the longest run must last to show it."""
     least_rate: float = 0.0
     """Samples a second that it takes to show it."""
+    usual: bool = False
+    """Most arms have it: data left out alone may confirm it, where much else is unexplained."""
     common: bool = False
     """No rare thing: half as much evidence is asked."""
 

@@ -95,6 +95,11 @@ class Effect(ABC):
         """True if its columns and shapes stay as they are whatever is fitted."""
         return self.acts_on != "reading" and self.depends_on == "motion"
 
+    @property
+    def usual(self) -> bool:
+        """True for what most arms have: friction of any law, and what descriptions have a number for."""
+        return self.acceptance.usual or self.acts_on == "friction" or bool(self.nominal)
+
     def described(self, robot: RobotDescription, joint: int | None) -> float:
         """The value that the description has for it, 0 where it has none (0-based joint)."""
         if not self.nominal:

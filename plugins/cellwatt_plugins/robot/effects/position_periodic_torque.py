@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Confusion, Relations
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
@@ -25,6 +25,7 @@ class PositionPeriodicTorque(Effect):
 
     name = "position_periodic_torque"
     relations = Relations(along="position")
+    acceptance = Acceptance(inside_bounds=True)
     confusions = (
         Confusion("external_contact", "repeat the same path: a contact does not repeat"),
         Confusion("link_inertial_error", "move the joint over more than a turn of the ripple"),
@@ -47,7 +48,7 @@ class PositionPeriodicTorque(Effect):
         return np.column_stack([np.sin(angle), np.cos(angle)])
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(max(LEAST - 0.5, shape[0] - 0.5), shape[0] + 0.5)]
+        return [(LEAST - 0.5, 2 * MOST) if shape[0] < MOST else (shape[0] - 0.5, shape[0] + 0.5)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         a, b = estimate.coefficients[:2]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
@@ -39,6 +39,7 @@ class PreslidingHysteresis(Effect):
     name = "presliding_hysteresis"
     acts_on = "friction"
     form = Form(reverses=True)
+    relations = Relations(beats=("coulomb_friction",))
     acceptance = Acceptance(least_rate=FAST, above=0.0, inside_bounds=True)
     uncertainty = Uncertainty({"displacement": 0.05})
     """The law of the way after a reversal differs from gear to gear."""

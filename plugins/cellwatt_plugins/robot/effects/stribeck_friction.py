@@ -27,7 +27,7 @@ class StribeckFriction(Friction):
 
     name = "stribeck_friction"
     acts_on = "friction"
-    relations = Relations(along="velocity")
+    relations = Relations(along="velocity", beats=("coulomb_friction",))
     form = Form(reverses=True)
     acceptance = Acceptance(above=0.0, inside_bounds=True)
     trained = MappingProxyType({f"Stribeck friction ({speed} rad/s)": (speed,) for speed in TRAINED})
