@@ -86,8 +86,15 @@ class Solution:
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
     """True if the time was up before all was tried."""
+    curved: Solution | None = None
+    """The same terms with curves of what is left, where data left out confirm any."""
     rivals: dict[tuple[str, int | None], tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
     """Evidence of each term beside the others, and of the best other names in its place."""
+
+    @property
+    def best(self) -> Solution:
+        """This one with its curves, where it has any."""
+        return self if self.curved is None else self.curved
 
     @property
     def residual(self) -> Float:

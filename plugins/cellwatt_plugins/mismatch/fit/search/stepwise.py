@@ -23,7 +23,7 @@ from cellwatt_plugins.mismatch.fit.search.backward import (
     drop_within_model_error,
 )
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
-from cellwatt_plugins.mismatch.fit.search.curves import drop_ill_formed
+from cellwatt_plugins.mismatch.fit.search.curves import drop_ill_formed, with_curves
 from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
 from cellwatt_plugins.mismatch.fit.search.plain import plain_friction
 from cellwatt_plugins.mismatch.fit.search.refine import refine
@@ -60,7 +60,9 @@ def search(
     state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
     now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent = state.spent()
-    return _compared(state, now)
+    now = _compared(state, now)
+    now.curved = with_curves(state, now)
+    return now
 
 
 def _found(state: SearchState) -> Solution:
