@@ -152,6 +152,7 @@ def in_words(found: Explained, out: Path) -> str:
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
     lines += [f"  ? {left.statement}" for left in findings.unexplained]
+    lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]
     written = ", ".join(name for name in WRITTEN if (out / name).exists())
     return "\n".join([*lines, f"written to {out}: {written}"])

@@ -109,6 +109,10 @@ class Arm:
         """The same arm with other inertial ``parameters`` (10 n,) of its links; see ``Body.parameters``."""
         return replace(self, body=self.body.with_parameters(parameters))
 
+    def with_gravity(self, field: Float) -> Arm:
+        """The same arm where gravity is ``field`` (3,) m/s² in the base's frame."""
+        return replace(self, body=self.body.with_gravity(field))
+
     def torque(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Motor torques (N, n) Nm that a motion needs: links, rotors, Coulomb and viscous friction.
 

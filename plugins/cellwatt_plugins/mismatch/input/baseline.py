@@ -22,6 +22,7 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
+from cellwatt_plugins.robot.mount import mount
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 from cellwatt_plugins.robot.regression import Prior
 
@@ -55,6 +56,8 @@ class Baseline:
     """The arm as the simulation has it."""
 
     arm: Arm
+    field: Float | None = None
+    """Gravity (3,) m/s² in the base's frame where the arm is mounted otherwise than its simulation says."""
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
         """The arm along a run, number ``index`` of those explained, as its simulation has it."""
@@ -62,7 +65,8 @@ class Baseline:
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
-        return States(run.name, index, run.time, motion, self.arm, run.temperature, torque, power)
+        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
+        return States(run.name, index, run.time, motion, arm, run.temperature, torque, power)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
@@ -113,6 +117,10 @@ def _mechanics(said: Simulated, arm: Arm) -> Baseline:
     described = Baseline(arm)
     if _left(said, described).max() < SAME:
         return described
+    plan = said.plan
+    beside = said.torque - described.torque(plan)
+    if (found := mount(arm.body, plan.position, plan.velocity, plan.acceleration, beside)) is not None:
+        arm = arm.with_gravity(found.field)
     rubbing = Baseline(_with_friction(said, arm))
     if _left(said, rubbing).max() < SAME:
         return rubbing
