@@ -1,7 +1,8 @@
 """The dialect of tables: which quantity of which joint a column's name stands for, and in which unit.
 
-Three families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
-(``actual_q_0``, ``target_qd_0``) and the channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and
+Four families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
+(``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``) and the channels of a cell
+(``arm.joint_1.position``, ``supply.power``). Capitals and
 the blank or ``_`` before a number do not matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may
 follow: ``q_1 [deg]``, ``q_3 [mm]`` of a linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI
 unit of the quantity.
@@ -17,8 +18,8 @@ from typing import Final
 from cellwatt.units import TABLE, Unit, kind_of
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
-    "position": ("q", "actual_q", "position"),
-    "velocity": ("qd", "actual_qd", "velocity"),
+    "position": ("q", "actual_q", "position", "qpos"),
+    "velocity": ("qd", "actual_qd", "velocity", "qvel"),
     "acceleration": ("qdd", "acceleration"),
     "torque": ("tau", "torque", "actual_current_as_torque"),
     "torque_ratio": ("torque_percent", "torque_ratio"),
@@ -28,6 +29,8 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
     "target_position": ("target_q", "target_position"),
     "target_velocity": ("target_qd", "target_velocity"),
     "target_acceleration": ("target_qdd", "target_acceleration"),
+    "command": ("command",),
+    "control": ("ctrl",),
     "came_from": ("q_from", "came_from"),
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
@@ -71,6 +74,8 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
     "target_position": {**_ANGLE, **_LENGTH},
     "target_velocity": {**_PER_SECOND, **_SPEED},
     "target_acceleration": {**_PER_SQUARE, **_ALONG},
+    "command": {**_ANGLE, **_LENGTH},
+    "control": {"1": Unit("1")},
     "came_from": {**_ANGLE, **_LENGTH},
     "time": {name: Unit(name, factor) for name, factor in _TIME.items()},
     "supply.power": _POWER,

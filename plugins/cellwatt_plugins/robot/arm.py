@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.description import RobotDescription, load_robot
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.simulated import described, is_simulator
 from cellwatt_plugins.robot.units import Kind, unit_at
 
 Float = NDArray[np.float64]
@@ -35,14 +37,21 @@ class Arm:
 
     @classmethod
     def load(cls, robot: Place, needs: Sequence[str] = (), weighed: bool = True) -> Arm:
-        """Read an arm: a packaged robot's name (``"mh12"``), a ``robot.yaml`` or the folder that holds one.
+        """Read an arm: a packaged robot's name (``"mh12"``), a ``robot.yaml`` or its folder, or an MJCF or URDF alone.
 
         ``needs`` are keys that every joint must have above 0, such as ``torque_constant``; ``weighed``: links must have
         masses.
 
         Raises ``ConfigError`` naming the file and the key where the description or the URDF cannot be used.
         """
-        return cls.of(load_robot(robot, needs), weighed)
+        path = Path(robot)
+        if not is_simulator(path):
+            return cls.of(load_robot(robot, needs), weighed)
+        if needs:
+            raise ConfigError(
+                f"{path} does not say {needs[0]}: write a robot.yaml with it that names this file as urdf"
+            )
+        return cls.of(described(path), weighed)
 
     @classmethod
     def of(cls, description: RobotDescription, weighed: bool = True) -> Arm:
@@ -52,6 +61,7 @@ class Arm:
         to be ``weighed``, links without mass.
         """
         body = Body(description.urdf, tuple(joint.name for joint in description.joints))
+        body = body.with_gravity(np.array(description.gravity))
         if weighed and (missing := body.without_mass()):
             raise ConfigError(
                 f"{description.urdf}: no mass of {', '.join(missing)}: without it the arm's weight and inertia are not "

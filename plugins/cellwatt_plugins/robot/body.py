@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
+from cellwatt_plugins.robot.mjcf import is_mjcf, urdf_of
 
 Float = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class Body:
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
         """Raise ``ConfigError`` where the URDF cannot be read, lacks a joint or has them in another order."""
         try:
-            model = pin.buildModelFromXML(_with_one_angle_each(urdf))
+            model = pin.buildModelFromXML(_with_one_angle_each(urdf_bytes(urdf, joints)))
         except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
             raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
         names = list(model.names)[1:]
@@ -237,9 +238,17 @@ class Body:
         return out
 
 
-def _with_one_angle_each(urdf: Path) -> str:
+def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
+    """The URDF of an arm with these ``joints``: the file itself, or what a MuJoCo file says.
+
+    Raises ``ConfigError``, and ``OSError`` where the file cannot be read.
+    """
+    return urdf_of(path, joints).encode() if is_mjcf(path) else read_bytes(path)
+
+
+def _with_one_angle_each(urdf: bytes) -> str:
     """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
-    root = ET.fromstring(read_bytes(urdf))
+    root = ET.fromstring(urdf)
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):

@@ -102,9 +102,11 @@ class RobotDescription(_Keys):
     robot: str
     """Name of the robot."""
     urdf: Path
-    """The URDF, beside this file unless absolute."""
+    """The URDF, or a MuJoCo file, beside this file unless absolute."""
     joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
     """The joints that move, from the base."""
+    gravity: Point = (0.0, 0.0, -9.81)
+    """m/s² in the base's frame: of an arm on a wall or a ceiling, or mounted sideways, it does not point down."""
     sample_rate: PositiveFloat | None = None
     """Hz of its recordings; found in the recording where absent."""
     standby_power: NonNegative = 0.0

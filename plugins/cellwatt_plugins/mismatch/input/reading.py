@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -52,24 +52,36 @@ def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Pa
     every = spread(read_source, files, "reading recordings", shared=robot)
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
-    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=robot)
-    if simulator is None:
+    loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
+    known = _Known(robot, None if loaded is None else loaded.control_gains())
+    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=known)
+    if loaded is None:
         return runs
-    loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
     return [_run_through(loaded, run) for run in steps(runs, "simulating run")]
 
 
 def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
     """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_runs``."""
-    run = _prepared((source, read_source(source, robot).slower(rate)), robot)
-    if simulator is None:
-        return run
-    return _run_through(load_simulator(simulator, [joint.name for joint in robot.joints]), run)
+    loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
+    known = _Known(robot, None if loaded is None else loaded.control_gains())
+    run = _prepared((source, read_source(source, robot).slower(rate)), known)
+    return run if loaded is None else _run_through(loaded, run)
 
 
-def _prepared(told: tuple[Source, Signals], robot: RobotDescription) -> Run:
+@dataclass(frozen=True)
+class _Known:
+    """What the numbers of a recording are read with."""
+
+    robot: RobotDescription
+    gains: Float | None
+    """(n,) Nm of one unit of a simulator's control; NaN where it is no torque."""
+
+
+def _prepared(told: tuple[Source, Signals], known: _Known) -> Run:
     """The run of its files and of what was recorded."""
     source, signals = told
+    robot = known.robot
+    signals = signals.with_controls(known.gains)
     run = without_unread(
         Run(
             name=source.name,
@@ -79,8 +91,9 @@ def _prepared(told: tuple[Source, Signals], robot: RobotDescription) -> Run:
             torque=motor_torque(signals, robot),
             power=signals.power,
             temperature=signals.joints.get("temperature"),
+            command=signals.joints.get("command"),
             gaps=signals.gaps if signals.gaps.any() else None,
-            torque_from="torque" if "torque" in signals.joints else "current",
+            torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
             notes=signals.notes,
         )
     )
@@ -207,6 +220,7 @@ def _cut(run: Run, part: slice) -> Run:
         torque=run.torque[part],
         power=None if run.power is None else run.power[part],
         temperature=None if run.temperature is None else run.temperature[part],
+        command=None if run.command is None else run.command[part],
         gaps=None if run.gaps is None else run.gaps[part],
         notes=(*run.notes, note),
     )

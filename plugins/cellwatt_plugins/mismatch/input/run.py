@@ -46,6 +46,8 @@ class Run:
     """(N,) W of the supply, where recorded."""
     temperature: Float | None = None
     """(N, n) °C, where recorded."""
+    command: Float | None = None
+    """(N, n) rad, positions that the controller was told, where recorded."""
     plan: Plan | None = None
     simulated: Simulated | None = None
     """Simulation that the recording is compared with; None: the law in robot.yaml."""

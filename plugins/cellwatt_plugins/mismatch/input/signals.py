@@ -21,7 +21,7 @@ Bool = NDArray[np.bool_]
 
 SLOW = "temperature"
 """Changes over minutes and is often logged more rarely than the rest."""
-OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature")
+OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
 """Count as not recorded where all their columns are empty."""
 LOSSY = ("torque", "current")
 """May lack joints, and samples of joints: these are NaN."""
@@ -58,6 +58,18 @@ class Signals:
                 return self.joints[quantity]
         names = " or ".join(_family(quantity) for quantity in quantities)
         raise RecordingError(f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}")
+
+    def with_controls(self, gains: Float | None) -> Signals:
+        """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN."""
+        if gains is None or "control" not in self.joints:
+            return self
+        control, motors = self.joints["control"], np.isfinite(gains)
+        found = dict(self.joints)
+        if motors.any():
+            found.setdefault("torque", control * gains)
+        if not motors.all():
+            found.setdefault("command", np.where(motors, np.nan, control))
+        return replace(self, joints=found)
 
     def slower(self, rate: float) -> Signals:
         """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
@@ -169,11 +181,13 @@ def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> I
 
 
 def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
-    """Torque (N, n) Nm as recorded, or current times torque constant.
+    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's is missing.
 
-    NaN where a joint's is missing. Raises ``RecordingError`` where neither was recorded and ``ConfigError`` where a
-    constant is not known.
+    It is NaN throughout where commands were recorded alone. Raises ``RecordingError`` where nothing of these was, and
+    ``ConfigError`` where a constant is not known.
     """
+    if not {"torque", "current"} & signals.joints.keys() and "command" in signals.joints:
+        return np.full_like(signals.joints["command"], np.nan)
     if "torque" in signals.joints or "current" not in signals.joints:
         return signals.needed("torque", "current")
     currents, constants = signals.joints["current"], robot.column("torque_constant")

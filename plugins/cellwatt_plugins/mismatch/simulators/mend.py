@@ -163,7 +163,7 @@ def _held_out(
     after = np.empty_like(before)
     for k, coefficients in enumerate(held.coefficients(solution.terms)):
         part = solution.with_coefficients(coefficients)
-        terms = [FittedTerm(term, fit.coefficients[part.block(term)[1]]) for term in part.terms]
+        terms = [FittedTerm(term, part.coefficients(term)) for term in part.terms]
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:
             written = _write(simulator, _target(simulator, frames, part, terms, found.mounted), Path(folder))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.simulators import is_simulator, load_simulator
+from cellwatt_plugins.mismatch.simulators import load_simulator
+from cellwatt_plugins.robot.simulated import is_simulator
 from tests.plugins.mismatch.simulators.arms import FULL, TwoLinks, moves
 
 pytest.importorskip("mujoco")
