@@ -14,6 +14,7 @@ from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.simulators.inertia import about_origin
 from cellwatt_plugins.robot.mjcf import compiled, library, scalar_types
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.units import unit_at
 
 Float = NDArray[np.float64]
 
@@ -54,6 +55,11 @@ class Simulator:
             mujoco.mj_inverse(self.model, data)
             out[i] = data.qfrc_inverse[dof]
         return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity))
+
+    def unit(self, joint: int, unit: str) -> str:
+        """Unit at a ``joint`` (0-based) of what has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""
+        slides = self.model.joint(self.joints[joint]).type[0] == scalar_types(self.path)[1]
+        return unit_at("prismatic" if slides else "revolute", unit)
 
     @property
     def bodies(self) -> NDArray[np.intp]:

@@ -11,11 +11,11 @@ import yaml
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_runs
-from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot.effects.backlash import Backlash
 from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import exact
+from cellwatt_plugins.robot.motion import Plan, exact
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
 from tests.plugins.robot import scara
 
@@ -285,3 +285,15 @@ def test_angles_modulo_a_turn_are_counted_on(low, tmp_path, described, arm):
     (note,) = [note for note in examine([found], arm)[1] if "modulo a turn" in note]
     assert "q_2 (" in note
     assert "q_6 (" in note
+
+
+def test_remarks_of_a_linear_axis_are_in_newtons(tmp_path):
+    time, q, qd, qdd = scara.motion()
+    arm = load(scara.write(tmp_path))
+    torque = scara.torque(q, qd, qdd)
+    torque[:, 2] = np.round(torque[:, 2] / 5.0) * 5.0
+    law = arm.torque(q, qd, qdd) + [0.0, 0.0, 4.0] * np.tanh(qd / 0.004)
+    run = Run("run", time, q, qd, torque, simulated=Simulated(time, Plan(q, qd, qdd), law))
+    notes = "\n".join(examine([run], arm)[1])
+    assert "the torque of joint 3 comes in steps of 5 N: smaller effects" in notes
+    assert "joint 3 by 3.9 N (coulomb friction 12 instead of 16 N)" in notes

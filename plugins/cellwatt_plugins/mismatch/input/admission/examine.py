@@ -72,7 +72,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     states = [base.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
-    return Admitted(base, (*notes, *remarks(runs), *told_otherwise(runs, arm, base)), tuple(states))
+    return Admitted(base, (*notes, *remarks(runs, arm.description), *told_otherwise(runs, arm, base)), tuple(states))
 
 
 def check_run(run: Run, arm: Arm) -> Moved:
