@@ -109,7 +109,10 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
     """True if the sign is possible, and the scale of an effect that is simulated to scale."""
     effect, first = term.effect, float(coefficients[0])
-    if not effect.sensible(coefficients, term.shape, robot, term.joint) or impossible(effect.name, coefficients) is not None:
+    if (
+        not effect.sensible(coefficients, term.shape, robot, term.joint)
+        or impossible(effect.name, coefficients) is not None
+    ):
         return False
     if effect.form.to_scale:
         return abs(first - 1) < OFF_SCALE
@@ -156,5 +159,3 @@ def _against(now: Solution, parts: Sequence[Block]) -> float:
         return 0.0
     free = [Block(part.columns, part.channel, Prior.spread(np.ones(1))) for part in parts]
     return sum(gain for gain, own in now.fit.gains(free) if own[0] < 0 and gain > 0)
-
-

@@ -151,9 +151,7 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     return new, factor
 
 
-def _held_out(
-    simulator: Simulator, frames: Placing, found: Explained, runs: Sequence[Run]
-) -> tuple[ChannelError, ...]:
+def _held_out(simulator: Simulator, frames: Placing, found: Explained, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
     """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
     solution = found.torque
     problem, held = solution.problem, LeaveOut(solution.problem, solution.factor)
@@ -163,7 +161,7 @@ def _held_out(
     after = np.empty_like(before)
     for k, coefficients in enumerate(held.coefficients(solution.terms)):
         part = solution.with_coefficients(coefficients)
-        terms = [FittedTerm(term, fit.coefficients[part.block(term)[1]]) for term in part.terms]
+        terms = [FittedTerm(term, part.coefficients(term)) for term in part.terms]
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:
             written = _write(simulator, _target(simulator, frames, part, terms, found.mounted), Path(folder))
