@@ -38,6 +38,8 @@ class Held:
     """Mean over the folds of what it takes off, in its standard errors."""
     rise: float
     """Greatest share by which the mean square error of any channel rises."""
+    again: bool
+    """True if it takes something off without the fold in which it does most, too."""
 
 
 def compared(before: Float, after: Float, channels: Sequence[int] | None = None) -> Held:
@@ -48,14 +50,16 @@ def compared(before: Float, after: Float, channels: Sequence[int] | None = None)
     own = np.sum(saved[:, asked], axis=1)
     # What acts here and there shows in the ratio of a fold's errors, also where one fold outweighs all others.
     ratio = np.sum(np.log((before + LITTLE * scale) / (after + LITTLE * scale))[:, asked], axis=1)
-    return Held(float(np.mean(own)), max(_sure(own), _sure(ratio)), float(np.max(-np.mean(saved, axis=0))))
+    again = bool(np.sum(own) - np.max(own) > 0)
+    return Held(float(np.mean(own)), max(_sure(own), _sure(ratio)), float(np.max(-np.mean(saved, axis=0))), again)
 
 
 def _sure(values: Float) -> float:
     """Mean of some values in its standard errors."""
     if len(values) < 2:
         return 0.0
-    return float(np.mean(values)) / max(float(np.std(values, ddof=1)) / np.sqrt(len(values)), 1e-12)
+    spread = float(np.std(values, ddof=1)) / len(values) ** 0.5
+    return float(np.mean(values)) / max(spread, 1e-12)
 
 
 class LeaveOut:
