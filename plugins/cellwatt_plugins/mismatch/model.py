@@ -18,6 +18,7 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.body import urdf_bytes
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
@@ -154,7 +155,7 @@ def save_model(model: Model, path: Path) -> None:
     """Write ``model.yaml`` with the URDF beside it."""
     urdf = path.with_name("robot.urdf")
     if urdf.resolve() != model.robot.urdf.resolve():
-        urdf.write_bytes(model.robot.urdf.read_bytes())
+        urdf.write_bytes(urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [

@@ -44,6 +44,8 @@ NO_WORSE = 1.1
 """A number is the description's, or 0, where the rms left with that is no more than this times what it is without."""
 LOSSIEST = 0.4
 """Efficiency of a converter at least."""
+MOVES = 0.05
+"""rad or m that a joint must go for its friction and rotor to be found from the simulation."""
 SLOW = 0.03
 """rad/s below which simulators turn friction over each in its own way."""
 FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
@@ -154,12 +156,12 @@ def _with_friction(said: Simulated, arm: Arm) -> Arm:
     """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
     plan = said.plan
     rest = said.torque - arm.body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
-    clear, joints = _clear(plan), []
+    clear, travelled, joints = _clear(plan), np.ptp(plan.position, axis=0) > MOVES, []
     for i, joint in enumerate(arm.description.joints):
         own = np.array([getattr(joint, name) for name in FRICTION])
         courses = _courses(plan, i)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
-        if np.all(moved > 0):
+        if travelled[i] and np.all(moved > 0):
             found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
             small = FINE * float(np.sqrt(np.mean(said.torque[:, i] ** 2)))
             found = np.where(found * moved < small, 0.0, found)
@@ -172,9 +174,10 @@ def _other_links(said: Simulated, arm: Arm) -> Baseline:
     """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
     own = np.stack([arm.column(name) for name in FRICTION], axis=1).ravel()
     fit = _LinkFit(said, arm.body, own)
-    fixed: dict[int, float] = {}
+    resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
+    fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
     best = fit.left(fixed)
-    for i in range(len(own)):
+    for i in np.flatnonzero(~resting).tolist():
         for value in dict.fromkeys((float(own[i]), 0.0)):
             left = fit.left({**fixed, i: value})
             if left < NO_WORSE * best:

@@ -168,7 +168,7 @@ def _held_out(simulator: Simulator, frames: Placing, found: Explained, runs: Seq
             new, factor = _mended(simulator, written)
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
-        ChannelError(f"tau_{c + 1}", "N*m", float(b), float(a), float(f))
+        ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(rms(before), rms(after), problem.floor, strict=True))
     )
 
@@ -209,5 +209,5 @@ def _whole(fitted: FittedTerm, states: States) -> Float:
 def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Left]:
     """One entry for each joint where a course (N, n) Nm of each run counts."""
     size = rms(np.concatenate(course))
-    there = np.flatnonzero(size > WORTH * problem.floor)
-    return [Left(effect, int(joint) + 1, why, float(size[joint]), "N*m") for joint in there]
+    there, robot = np.flatnonzero(size > WORTH * problem.floor), problem.states[0].robot
+    return [Left(effect, joint + 1, why, float(size[joint]), robot.unit(joint, "N*m")) for joint in there.tolist()]

@@ -10,7 +10,7 @@ from scipy.ndimage import convolve1d
 from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.mismatch.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import rates
@@ -24,6 +24,8 @@ MOVES = 0.05
 """rad: who goes further moves for certain."""
 WIDE = 0.2
 """rad: motion wide enough for its derivative to be compared."""
+FLICKER = 0.1
+"""rad/s: span of velocities that encoders make of a joint at rest."""
 BEYOND = 3.0
 """Times the joint's limit, or half a turn where that is more: no arm gets there."""
 FASTEST = 30.0
@@ -67,10 +69,9 @@ def check_stuck(run: Run) -> None:
     moves = travel(run) > MOVES
     wanted = np.zeros(run.joints, bool) if run.plan is None else spread(run.plan.position) > MOVES
     if run.velocity is not None:
-        wanted |= np.ptp(run.velocity, axis=0) > MOVES
+        wanted |= _travelled(run.velocity, run.step)
         _stuck(run, "qd", run.velocity, moves, "the joint moves")
     _stuck(run, "q", run.position, wanted, "velocity or simulation say that the joint moves")
-    _stuck(run, "tau" if run.torque_from == "torque" else "current", run.torque, moves, "the joint moves")
     if run.power is not None and moves.any() and np.ptp(run.power) == 0:
         raise RecordingError(
             f"{run.name}: power is {run.power[0]:.6g} in every sample although the arm moves: was the meter read?"
@@ -148,6 +149,12 @@ def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> Non
             + (f": it seems to be {name}" if name else "")
             + "; q must be in rad, qd in rad/s at the joint"
         )
+
+
+def _travelled(velocity: Float, step: float) -> Bool:
+    """(n,) true where velocities (N, n) rad/s are of a joint that goes somewhere, not the flicker of one at rest."""
+    way = np.cumsum(velocity - velocity.mean(axis=0), axis=0) * step
+    return np.asarray((spread(velocity) > FLICKER) & (np.ptp(way, axis=0) > MOVES), np.bool_)
 
 
 def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None:
