@@ -108,9 +108,10 @@ def explain(
     torques = Torques(runs, states)
     with stage("fitting the nominal parameters"):
         nominal = search(torques, body.joints, thresholds, effects=())
-    limit = until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until
+    powered = any(run.power is not None for run in runs)
+    limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        torque = search(torques, body.joints, thresholds, until=limit)
+        torque = search(torques, body.joints, thresholds, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)

@@ -62,11 +62,15 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
     if (term.effect.form.intermittent and enough) or relieves_tension(before, after, thresholds):
         return None
     found = held(before, after, term)
-    chi2 = before.problem.chi2(before.residual)
-    near = bool(np.min(chi2[channels_of(after, term)]) < thresholds.near)
+    channels = channels_of(after, term)
+    chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
+    near = bool(np.min(chi2) < thresholds.near)
     if enough:
         share = thresholds.share_near if near else thresholds.share
-        if found.share < share or found.sure < (thresholds.sure if near else thresholds.steady):
+        # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
+        solved = float(np.max(left)) < thresholds.near and found.again
+        steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
+        if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif not term.effect.usual or found.share < thresholds.much or found.sure < thresholds.sure:
         return "adds too little evidence, and does not lower the error on data left out by much"
@@ -82,9 +86,10 @@ def held(before: Solution, after: Solution, term: Term) -> Held:
 
 
 def channels_of(solution: Solution, term: Term) -> list[int]:
-    """The channels that a term acts on."""
-    channel = solution.block(term)[0].channel
-    return list(range(len(solution.problem.floor))) if channel is None else [channel]
+    """The channels that tell of a term: its joint's, or all of them where it is of the whole arm."""
+    if solution.problem.side == "supply":
+        return [0]
+    return list(range(len(solution.problem.floor))) if term.joint is None else [term.joint]
 
 
 def _spread(solution: Solution, term: Term) -> float:
@@ -109,7 +114,10 @@ def collinear(before: Solution, after: Solution, factor: float) -> Term | None:
 def physical(term: Term, coefficients: Float, robot: RobotDescription) -> bool:
     """True if the sign is possible, and the scale of an effect that is simulated to scale."""
     effect, first = term.effect, float(coefficients[0])
-    if not effect.sensible(coefficients, term.shape, robot, term.joint) or impossible(effect.name, coefficients) is not None:
+    if (
+        not effect.sensible(coefficients, term.shape, robot, term.joint)
+        or impossible(effect.name, coefficients) is not None
+    ):
         return False
     if effect.form.to_scale:
         return abs(first - 1) < OFF_SCALE
@@ -156,5 +164,3 @@ def _against(now: Solution, parts: Sequence[Block]) -> float:
         return 0.0
     free = [Block(part.columns, part.channel, Prior.spread(np.ones(1))) for part in parts]
     return sum(gain for gain, own in now.fit.gains(free) if own[0] < 0 and gain > 0)
-
-

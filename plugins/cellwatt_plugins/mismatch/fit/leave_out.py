@@ -22,6 +22,8 @@ FOLDS = 10
 """Folds at most."""
 BLOCK, SHORTEST = 4.0, 1.0
 """s of a block, about; of a short recording at least."""
+LITTLE = 0.003
+"""Share of a channel's mean square error below which a fold's error counts as none."""
 KEPT = 400
 """Blocks whose products are kept."""
 
@@ -36,15 +38,28 @@ class Held:
     """Mean over the folds of what it takes off, in its standard errors."""
     rise: float
     """Greatest share by which the mean square error of any channel rises."""
+    again: bool
+    """True if it takes something off without the fold in which it does most, too."""
 
 
 def compared(before: Float, after: Float, channels: Sequence[int] | None = None) -> Held:
     """Compare squared errors (K, C) of K folds: paired by fold, each channel in units of its own error before."""
     scale = np.maximum(np.mean(before, axis=0), 1e-300)
+    asked = slice(None) if channels is None else list(channels)
     saved = (before - after) / scale
-    own = np.sum(saved if channels is None else saved[:, list(channels)], axis=1)
-    spread = float(np.std(own, ddof=1)) / np.sqrt(len(own)) if len(own) > 1 else np.inf
-    return Held(float(np.mean(own)), float(np.mean(own)) / max(spread, 1e-12), float(np.max(-np.mean(saved, axis=0))))
+    own = np.sum(saved[:, asked], axis=1)
+    # What acts here and there shows in the ratio of a fold's errors, also where one fold outweighs all others.
+    ratio = np.sum(np.log((before + LITTLE * scale) / (after + LITTLE * scale))[:, asked], axis=1)
+    again = bool(np.sum(own) - np.max(own) > 0)
+    return Held(float(np.mean(own)), max(_sure(own), _sure(ratio)), float(np.max(-np.mean(saved, axis=0))), again)
+
+
+def _sure(values: Float) -> float:
+    """Mean of some values in its standard errors."""
+    if len(values) < 2:
+        return 0.0
+    spread = float(np.std(values, ddof=1)) / len(values) ** 0.5
+    return float(np.mean(values)) / max(spread, 1e-12)
 
 
 class LeaveOut:
@@ -152,7 +167,7 @@ class _Products:
         pull = np.zeros((len(self.rows), len(there)))
         gram[:, :first, :first], pull[:, :first] = fixed.gram, fixed.pull
         at = first
-        starts = []
+        starts: list[tuple[Block, int]] = []
         for (block, _), part in zip(acting, parts, strict=True):
             end = at + block.size
             gram[:, :first, at:end], gram[:, at:end, :first] = part.cross, part.cross.transpose(0, 2, 1)

@@ -22,7 +22,9 @@ def torque_nuisance(states: Sequence[States], looseness: float = 1.0) -> tuple[B
     robot, body = states[0].robot, states[0].arm.body
     regressor = np.concatenate([s.regressor for s in states])
     blocks = [
-        Block(regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, looseness * robot.tolerances.link))
+        Block(
+            regressor[:, :, PER_LINK * i : PER_LINK * (i + 1)], None, link_prior(own, looseness * robot.tolerances.link)
+        )
         for i, own in enumerate(body.parameters().reshape(-1, PER_LINK))
     ]
     courses = (

@@ -151,9 +151,7 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     return new, factor
 
 
-def _held_out(
-    simulator: Simulator, frames: Placing, found: Explained, runs: Sequence[Run]
-) -> tuple[ChannelError, ...]:
+def _held_out(simulator: Simulator, frames: Placing, found: Explained, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
     """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
     solution = found.torque
     problem, held = solution.problem, LeaveOut(solution.problem, solution.factor)

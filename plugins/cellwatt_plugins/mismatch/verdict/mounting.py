@@ -19,7 +19,6 @@ from cellwatt_plugins.robot.mount import Mount, mount
 Float = NDArray[np.float64]
 
 
-
 def as_mounted(
     runs: Sequence[Run], states: Sequence[States], base: Baseline
 ) -> tuple[Baseline, Sequence[States], Finding | None]:
@@ -35,8 +34,8 @@ def as_mounted(
 
 
 def _told(states: Sequence[States], residual: Float) -> Mount | None:
-    motion = (np.concatenate([getattr(s, name) for s in states]) for name in ("q", "qd", "qdd"))
-    return mount(states[0].arm.body, *motion, residual)
+    q, qd, qdd = (np.concatenate([getattr(s, name) for s in states]) for name in ("q", "qd", "qdd"))
+    return mount(states[0].arm.body, q, qd, qdd, residual)
 
 
 def _residual(runs: Sequence[Run], states: Sequence[States]) -> Float:

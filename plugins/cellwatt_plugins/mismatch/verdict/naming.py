@@ -33,9 +33,7 @@ def findings_of(solution: Solution, held: LeaveOut, gain: float = 0.0) -> list[F
     return [_finding(solution, held, term, known[term.place], after, gain) for term in solution.terms]
 
 
-def _finding(
-    solution: Solution, held: LeaveOut, term: Term, estimate: Estimate, after: Float, gain: float
-) -> Finding:
+def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
     robot = solution.problem.states[0].robot
     parameters = {
         name: _scaled(parameter, 0.0 if name == "phase" else term.effect.uncertainty.inherited.get(name, INHERITED))

@@ -53,6 +53,8 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
         for name in term.effect.relations.beats:
             if name not in effects or (name, term.joint) in there or effects[name].described(state.robot, term.joint):
                 continue
+            if state.powered and term.effect.acts_on == "friction" and effects[name].acts_on == "reading":
+                continue
             plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
             if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
                 continue
@@ -69,7 +71,9 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
 def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
     """Terms leave whose shape could as well be quite another one."""
     for term in list(now.terms):
-        rivals = [Term(term.effect, term.joint, s) for s in term.effect.unlike(now.problem.states, term.joint, term.shape)]
+        rivals = [
+            Term(term.effect, term.joint, s) for s in term.effect.unlike(now.problem.states, term.joint, term.shape)
+        ]
         if not rivals:
             continue
         rest = without(state, now, term)

@@ -31,5 +31,3 @@ def plain_friction(state: SearchState, now: Solution) -> Solution:
             state.refuse(term, gain, why)
             now = rest
     return reweigh(state, now)
-
-

@@ -59,6 +59,8 @@ class SearchState:
     """What some terms leave at all samples of each run."""
     looseness: float = 1.0
     """Factor on the tolerances of the links."""
+    powered: bool = False
+    """True where the supply tells what is friction and what is in the measurement."""
     until: float = float("inf")
     """s at which nothing more is tried; see ``now``."""
 
@@ -112,10 +114,17 @@ class SearchState:
         self.refused[term.place] = Trial.of(term, gain, False, why)
 
 
-def start(make: Make, channels: int, thresholds: Thresholds, effects: Sequence[Effect], until: float) -> SearchState:
+def start(
+    make: Make,
+    channels: int,
+    thresholds: Thresholds,
+    effects: Sequence[Effect],
+    until: float,
+    powered: bool = False,
+) -> SearchState:
     """A search of ``channels`` in which nothing was tried yet."""
     turning = np.zeros(channels)
     problem = make(turning)
     supply = problem.side == "supply"
     own = tuple(e for e in effects if (e.place == "supply") == supply)
-    return SearchState(make, thresholds, own, turning, problem, until=until)
+    return SearchState(make, thresholds, own, turning, problem, powered=powered, until=until)

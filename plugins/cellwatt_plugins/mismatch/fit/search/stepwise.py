@@ -44,14 +44,15 @@ def search(
     thresholds: Thresholds = DEFAULT,
     effects: Sequence[Effect] = EFFECTS,
     until: float = float("inf"),
+    powered: bool = False,
 ) -> Solution:
-    """The terms of one side that the data ask for.
+    """The terms of one side that the data ask for; ``powered`` where the supply's power is judged afterwards.
 
     Nothing more is tried from ``until`` s on; see ``budget.now``.
 
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """
-    state = start(make, channels, thresholds, effects, until)
+    state = start(make, channels, thresholds, effects, until, powered)
     now = _found(state)
     loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
     if loose > 1 and not state.spent():
