@@ -134,7 +134,8 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
         best = states.torque.copy()
         if np.any(poor):
-            best[:, poor] = (run.torque - after)[:, poor]
+            read = run.torque - after
+            best[:, poor] = np.where(np.isfinite(read), read, best)[:, poor]
         out.append(states.with_torque(best))
     return out, doubt
 
@@ -215,7 +216,7 @@ def _fit(solution: Solution, held: LeaveOut) -> list[ChannelFit]:
         ChannelFit(
             *channel(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c])
         )
-        for c in range(len(simulation))
+        for c in (problem.told if problem.side == "torque" else [0])
     ]
 
 

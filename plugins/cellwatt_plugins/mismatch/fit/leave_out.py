@@ -24,6 +24,8 @@ BLOCK, SHORTEST = 4.0, 1.0
 """s of a block, about; of a short recording at least."""
 LITTLE = 0.003
 """Share of a channel's mean square error below which a fold's error counts as none."""
+NOTHING = 1e-3
+"""Squared error of a fold, in units of the noise, of a channel that nothing was measured of."""
 KEPT = 400
 """Blocks whose products are kept."""
 
@@ -44,12 +46,14 @@ class Held:
 
 def compared(before: Float, after: Float, channels: Sequence[int] | None = None) -> Held:
     """Compare squared errors (K, C) of K folds: paired by fold, each channel in units of its own error before."""
-    scale = np.maximum(np.mean(before, axis=0), 1e-300)
+    scale = np.mean(before, axis=0)
+    # A channel that nothing was measured of has no error that could fall or rise.
+    scale = np.where(scale > NOTHING, scale, np.inf)
     asked = slice(None) if channels is None else list(channels)
     saved = (before - after) / scale
     own = np.sum(saved[:, asked], axis=1)
     # What acts here and there shows in the ratio of a fold's errors, also where one fold outweighs all others.
-    ratio = np.sum(np.log((before + LITTLE * scale) / (after + LITTLE * scale))[:, asked], axis=1)
+    ratio = np.sum(np.log((before / scale + LITTLE) / (after / scale + LITTLE))[:, asked], axis=1)
     again = bool(np.sum(own) - np.max(own) > 0)
     return Held(float(np.mean(own)), max(_sure(own), _sure(ratio)), float(np.max(-np.mean(saved, axis=0))), again)
 
@@ -58,7 +62,7 @@ def _sure(values: Float) -> float:
     """Mean of some values in its standard errors."""
     if len(values) < 2:
         return 0.0
-    spread = float(np.std(values, ddof=1)) / len(values) ** 0.5
+    spread = float(np.std(values, ddof=1) / np.sqrt(len(values)))
     return float(np.mean(values)) / max(spread, 1e-12)
 
 

@@ -33,6 +33,10 @@ SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
 FINEST = 0.002
 """Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
+MOVES = 0.05
+"""rad: a joint that goes further has moved."""
+UNTOLD = 1e12
+"""Variance of a torque that is not known, in units of the noise's."""
 MADE = 300
 """Blocks that are remembered."""
 STOP = 0.1
@@ -127,6 +131,12 @@ class Problem:
         return Block(columns, channel, prior)
 
     @cached_property
+    def told(self) -> list[int]:
+        """Channels (0-based) of which anything was measured."""
+        least = np.min([np.min(part, axis=0) for part in self.variance], axis=0)
+        return [int(c) for c in np.flatnonzero(least < UNTOLD * self.floor**2)]
+
+    @cached_property
     def design(self) -> Design:
         """Target and nominal parameters of all runs, ready to be fitted."""
         blocks = [Block(self.stack(np.split(b.columns, self._ends)), b.channel, b.prior) for b in self.nuisance]
@@ -211,11 +221,17 @@ def torque_problem(
     of that sign, the less a sample counts.
     """
     robot = states[0].robot
-    target = tuple(run.torque - s.nominal for run, s in zip(runs, states, strict=True))
-    measured = np.concatenate([run.torque for run in runs])
-    finest = np.maximum(FINEST * np.std(measured, axis=0), step_noise(measured))
-    noise = np.maximum(floor(target, [run.step for run in runs]), finest)
-    least = 0.03 * np.std(measured, axis=0)
+    told = _told(runs, states)
+    target = tuple(
+        np.where(there, run.torque - s.nominal, 0.0) for run, s, there in zip(runs, states, told, strict=True)
+    )
+    measured = np.concatenate([np.where(there, run.torque, np.nan) for run, there in zip(runs, told, strict=True)])
+    silent = ~np.concatenate(told).any(axis=0)
+    measured[:, silent] = 0.0
+    spread = np.where(silent, 1.0, np.nanstd(measured, axis=0))
+    finest = np.maximum(FINEST * spread, step_noise(measured))
+    noise = np.where(silent, 1.0, np.maximum(floor(target, [run.step for run in runs]), finest))
+    least = 0.03 * spread
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
     variance = tuple(
@@ -225,8 +241,11 @@ def torque_problem(
         + np.square(coulomb * s.held_still) * max(1.0, STOP / run.step)
         for run, s in zip(runs, states, strict=True)
     )
-    variance = tuple(_without_gaps(v, run) for v, run in zip(variance, runs, strict=True))
-    size = np.maximum(robot.column("coulomb_friction"), 0.1 * np.std(measured, axis=0))
+    variance = tuple(
+        np.where(there, _without_gaps(v, run), UNTOLD * noise**2)
+        for v, run, there in zip(variance, runs, told, strict=True)
+    )
+    size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)
     rows = thinned(runs)
     return Problem(
         side="torque",
@@ -237,8 +256,17 @@ def torque_problem(
         floor=noise,
         size=size,
         nuisance=torque_nuisance(states, looseness),
-        measured=np.std(measured, axis=0),
+        measured=spread,
     )
+
+
+def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:
+    """(N, n) of each run: true where a torque was read of a joint that moves, if only in another run.
+
+    At rest friction holds any torque: what a joint that never moves shows is no evidence.
+    """
+    moves = np.max([np.ptp(s.q, axis=0) for s in states], axis=0) > MOVES
+    return [np.isfinite(run.torque) & moves for run in runs]
 
 
 def supply_problem(

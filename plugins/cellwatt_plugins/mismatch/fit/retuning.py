@@ -37,6 +37,17 @@ class Freedom:
         )
 
 
+def links_fixed(problem: Problem) -> Freedom:
+    """Freedom of friction and rotors alone."""
+    links = problem.states[0].arm.body.joints
+    return Freedom(tuple(FIXED if i < links else 1.0 for i in range(len(problem.nuisance))))
+
+
+def all_fixed(problem: Problem) -> Freedom:
+    """No freedom of any nominal parameter."""
+    return Freedom((FIXED,) * len(problem.nuisance))
+
+
 def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
     """Factor on the links' tolerances that data left out ask for beside some terms; 1 where they ask for none."""
     links, best, error = problem.states[0].arm.body.joints, 1.0, LeaveOut(problem, factor).errors(terms)

@@ -86,6 +86,8 @@ class Solution:
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
     """True if the time was up before all was tried."""
+    free: Problem | None = None
+    """The problem with all nominal parameters free, before those were fixed that data left out do not confirm."""
     curved: Solution | None = None
     """The same terms with curves of what is left, where data left out confirm any."""
     rivals: dict[tuple[str, int | None], tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.gravity_tilt import turned
@@ -72,11 +73,22 @@ def correction(
                 payload = own.copy()
             case "spring_load":
                 spring[joint] += own
+            case "torque_offset":
+                spring[joint, 1] += own[0]
             case "torque_gain":
                 gain[joint] += own[0]
             case "gravity_tilt":
                 gravity += own @ turned(states[0].arm.body.gravity_field, fitted.term.shape)
     return Correction(friction, damping, armature, links, payload, spring, gain, gravity)
+
+
+def holds(term: Term) -> bool:
+    """True if ``Correction`` has an effect, or most of it."""
+    name, shape = term.effect.name, term.shape
+    partly = (name == "asymmetric_friction" and shape[0] != 0) or (
+        name == "nonlinear_viscous_friction" and shape[0] > 1
+    )
+    return name in EXPRESSED or partly
 
 
 EXPRESSED = frozenset(
@@ -88,6 +100,7 @@ EXPRESSED = frozenset(
         "payload",
         "spring_load",
         "torque_gain",
+        "torque_offset",
         "gravity_tilt",
     }
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.explain import Explained
-from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem
+from cellwatt_plugins.mismatch.fit.retuning import all_fixed, confirmed, links_fixed
+from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import FittedTerm
-from cellwatt_plugins.mismatch.simulators.correction import EXPRESSED, correction, remainder, why_left
+from cellwatt_plugins.mismatch.simulators.correction import EXPRESSED, correction, holds, remainder, why_left
 from cellwatt_plugins.mismatch.simulators.mjcf import write_mjcf
 from cellwatt_plugins.mismatch.simulators.mujoco import Simulator, load_simulator
 from cellwatt_plugins.mismatch.simulators.placing import Placing, placing
@@ -31,6 +33,8 @@ from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
 
+RISES = 1.01
+"""Factor on a joint's error on data left out that makes a file worse."""
 POSES = 60
 SAME = 1e-3
 """Share of a joint's torque by which the written file may differ from what was to be written."""
@@ -93,24 +97,50 @@ def to_mend(path: Path, body: Body) -> ToMend:
 def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mended:
     """Writes ``out/NAME.mended.xml`` (or ``.urdf``) with what was found, and compares it with the recordings.
 
-    Raises ``ConfigError`` where the file cannot be changed.
+    What the file holds is fitted anew without what it cannot hold. The numbers that stay the user's are more and more,
+    until the error on data left out rises at no joint. Raises ``ConfigError`` where the file cannot be changed, or
+    would be worse whatever is written.
     """
-    solution, simulator, frames = found.torque, user.simulator, user.frames
-    terms = [term for term in found.model.terms if term.term.effect.place != "supply"]
-    goal = _target(simulator, frames, solution, terms, found.mounted)
-    written = _write(simulator, goal, out)
-    _verify(simulator, frames, goal, solution.problem, written)
-    refused = [*goal.refused, *written.refused]
-    error = _held_out(simulator, frames, found, runs)
-    notes = (*simulator.notes, *frames.notes, *goal.notes)
-    return Mended(written.path, tuple(written.applied), tuple(_left(found, refused)), error, notes)
+    simulator, frames = user.simulator, user.frames
+    worse: list[str] = []
+    for solution in _choices(found):
+        error = _held_out(simulator, frames, found, solution, runs)
+        worse = [each.channel for each in error if each.after > RISES * each.before]
+        if worse:
+            continue
+        goal = _target(simulator, frames, solution, found.mounted)
+        written = _write(simulator, goal, out)
+        _verify(simulator, frames, goal, solution.problem, written)
+        refused = [*goal.refused, *written.refused]
+        notes = (*simulator.notes, *frames.notes, *goal.notes)
+        return Mended(written.path, tuple(written.applied), tuple(_left(found, solution, refused)), error, notes)
+    raise ConfigError(
+        f"{simulator.path}: not mended: whatever is written, its error on data left out would rise at "
+        f"{', '.join(worse)}; what was found is in findings.json and model.yaml"
+    )
 
 
-def _target(
-    simulator: Simulator, frames: Placing, solution: Solution, terms: Sequence[FittedTerm], mount: Float | None
-) -> Target:
+def _choices(found: Explained) -> Iterator[Solution]:
+    """What the file may hold, fitted: all of it first, then with more and more numbers as the user has them."""
+    torque = found.torque
+    free = torque.free or torque.problem
+    terms = [term for term in torque.terms if holds(term)]
+    for freedom in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
+        yield fitted(freedom.of(free), terms)
+    # Of what is left, joint after joint: the terms of a joint that is no better with them stay out.
+    problem = all_fixed(free).of(free)
+    held, kept = LeaveOut(problem, torque.factor), list(terms)
+    for joint in problem.told:
+        others = [t for t in kept if t.joint != joint]
+        if compared(held.errors(others), held.errors(kept), [joint]).share <= 0:
+            kept = others
+    yield fitted(problem, kept)
+
+
+def _target(simulator: Simulator, frames: Placing, solution: Solution, mount: Float | None) -> Target:
     """Values to be written, as far as the kind of file can hold them."""
     states = solution.problem.states
+    terms = [FittedTerm(term, solution.coefficients(term)) for term in solution.terms]
     found = correction(retuned(solution, None), terms, states, mount)
     goal = target(simulator, frames, found, states, solution.problem.floor)
     return what_urdf_holds(simulator, goal) if simulator.path.suffix.lower() == ".urdf" else goal
@@ -151,29 +181,29 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     return new, factor
 
 
-def _held_out(simulator: Simulator, frames: Placing, found: Explained, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
+def _held_out(
+    simulator: Simulator, frames: Placing, found: Explained, solution: Solution, runs: Sequence[Run]
+) -> tuple[ChannelError, ...]:
     """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
-    solution = found.torque
     problem, held = solution.problem, LeaveOut(solution.problem, solution.factor)
     measured = problem.stack([run.torque for run in runs])
     motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
     before = measured - simulator.torque(*motion)
     after = np.empty_like(before)
     for k, coefficients in enumerate(held.coefficients(solution.terms)):
-        part = solution.with_coefficients(coefficients)
-        terms = [FittedTerm(term, part.coefficients(term)) for term in part.terms]
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:
-            written = _write(simulator, _target(simulator, frames, part, terms, found.mounted), Path(folder))
-            new, factor = _mended(simulator, written)
+            goal = _target(simulator, frames, solution.with_coefficients(coefficients), found.mounted)
+            new, factor = _mended(simulator, _write(simulator, goal, Path(folder)))
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
         ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(rms(before), rms(after), problem.floor, strict=True))
+        if c in problem.told
     )
 
 
-def _left(found: Explained, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
+def _left(found: Explained, solution: Solution, refused: Sequence[tuple[str, int | None, str]]) -> list[Left]:
     """Findings that the file cannot hold, with the torque or power that they leave."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     out = []
@@ -189,7 +219,7 @@ def _left(found: Explained, refused: Sequence[tuple[str, int | None, str]]) -> l
         elif effect.name not in EXPRESSED:
             course = [remainder(fitted, s, problem.states) for s in problem.states]
             out += _entries(effect.name, why_left(fitted), course, problem)
-    rotor = found.model.retuned.rotor_inertia
+    rotor = retuned(solution, None).rotor_inertia
     if any(effect == "rotor_inertia" for effect, _ in why):
         reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")
         out += _entries("rotor_inertia", reason, [rotor * s.qdd for s in problem.states], problem)

@@ -21,6 +21,9 @@ Float = NDArray[np.float64]
 ROWS = 3000
 """Rows of the recordings, about, on which inertias are compared."""
 
+WEAK = 1e-3
+"""1/rad: stiffness of a spring in units of the constant torque that it stands for."""
+
 
 @dataclass(frozen=True)
 class Target:
@@ -133,9 +136,10 @@ def _springs(simulator: Simulator, found: Float) -> tuple[Float, Float, list[tup
     """The user's springs and those found (n, 2) as one a joint."""
     stiffness, rest = _spring(simulator)
     refused: list[tuple[str, int | None, str]] = []
-    for joint in np.flatnonzero(found[:, 0]):
+    for joint in np.flatnonzero(found.any(axis=1)):
         more, constant = found[joint]
-        together = stiffness[joint] + more
+        # Simulators have no constant torque at a joint: a weak spring that rests far away is one.
+        together = stiffness[joint] + (more or WEAK * abs(constant) * (stiffness[joint] == 0))
         if together <= 0:
             refused.append(("spring_load", int(joint), "no spring pushes away from its rest"))
             continue

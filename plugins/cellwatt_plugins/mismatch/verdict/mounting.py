@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.leave_out import rms
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.verdict.findings import Finding, Improvement, Where
@@ -44,7 +43,8 @@ def _residual(runs: Sequence[Run], states: Sequence[States]) -> Float:
 
 def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Finding:
     was, now = base.arm.body.gravity_field, found.field
-    gone = np.nan_to_num(rms(before) - rms(after))
+    was_off, is_off = (np.nan_to_num(np.sqrt(np.nanmean(np.square(part), axis=0))) for part in (before, after))
+    gone = was_off - is_off
     best = int(np.argmax(gone))
     felt = tuple(f"tau_{j + 1}" for j in np.flatnonzero(gone > 0.1 * gone[best]))
     parameters = {
@@ -56,7 +56,7 @@ def _finding(found: Mount, base: Baseline, before: Float, after: Float) -> Findi
         f'{_vector(was)}. In an MJCF that is <option gravity="{_vector(now)[1:-1].replace(",", "")}"/> where the base '
         "is not turned."
     )
-    error = Improvement(f"tau_{best + 1}", "N*m", float(rms(before)[best]), float(rms(after)[best]), 0.0, False)
+    error = Improvement(f"tau_{best + 1}", "N*m", float(was_off[best]), float(is_off[best]), 0.0, False)
     return Finding("gravity_tilt", None, "missing", 0.99, statement, parameters, Where(felt), error)
 
 

@@ -23,13 +23,14 @@ def solve(state: SearchState, terms: Sequence[Term]) -> Solution:
     """Fit terms; effects that act on the measured torque see the torque of this fit."""
     key = tuple(terms)
     if key not in state.solved:
-        state.solved[key] = _solved(state.problem, terms)
+        state.solved[key] = fitted(state.problem, terms)
         while len(state.solved) > KEPT:
             del state.solved[next(iter(state.solved))]
     return replace(state.solved[key], terms=list(terms))
 
 
-def _solved(problem: Problem, terms: Sequence[Term]) -> Solution:
+def fitted(problem: Problem, terms: Sequence[Term]) -> Solution:
+    """Fit terms to a problem outside a search."""
     if all(t.effect.by_motion_alone for t in terms):
         return _by_motion_alone(problem, terms)
     factor: Float | None = None

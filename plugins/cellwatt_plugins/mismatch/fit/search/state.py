@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.problem import MOVES, Problem, Term
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds, Trial
 from cellwatt_plugins.robot.blocks import Block
@@ -30,10 +30,6 @@ class Make(Protocol):
 
         ``looseness`` is a factor on the tolerances of the links.
         """
-
-
-MOVES = 0.05
-"""rad: a joint that goes further has moved."""
 
 
 @dataclass
@@ -100,9 +96,11 @@ class SearchState:
 
     @cached_property
     def moving(self) -> list[int]:
-        """Joints (0-based) that move: at rest friction may hold any torque, and nothing else can be told of a joint."""
-        travel = np.max([np.ptp(s.q, axis=0) for s in self.problem.states], axis=0)
-        return [int(joint) for joint in np.flatnonzero(travel > MOVES)]
+        """Joints (0-based) that move and of which torque was read: nothing else can be told of a joint."""
+        if self.problem.side == "supply":
+            travel = np.max([np.ptp(s.q, axis=0) for s in self.problem.states], axis=0)
+            return [int(joint) for joint in np.flatnonzero(travel > MOVES)]
+        return self.problem.told
 
     @property
     def robot(self) -> RobotDescription:

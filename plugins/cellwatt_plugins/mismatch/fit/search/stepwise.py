@@ -58,9 +58,10 @@ def search(
     if loose > 1 and not state.spent():
         state.loosen(loose)
         now = _found(state)
+    free = state.problem
     state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
     now = drop_unconfirmed(state, solve(state, now.terms))
-    now.spent = state.spent()
+    now.spent, now.free = state.spent(), free
     now = _compared(state, now)
     now.curved = with_curves(state, now)
     return now
