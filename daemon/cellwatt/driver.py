@@ -93,6 +93,9 @@ class Driver(ABC, Generic[S]):
     libraries: ClassVar[tuple[str, ...]] = ()
     """Modules that this driver imports on first use: the daemon loads them before a device is read, as that holds
     up all others."""
+    gather: float = 0.0
+    """s for which what the device sends may wait to be read together, set by the daemon; 0: read it as it comes. Only
+    for what the kernel stamps, so that no time of arrival depends on it."""
     writes: ClassVar[tuple[str, ...]]
     """Every kind of byte sequence this driver may send to the device, in words."""
 

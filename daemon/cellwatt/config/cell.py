@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
+from cellwatt.gather import FRAME, GATHER
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import unusable
@@ -20,6 +21,7 @@ from cellwatt.units import Units
 
 LARGEST_FRAME_RATE = 1000.0  # Hz
 
+Latency = Literal["normal", "low"]
 KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 """A name that is one part of a Zenoh key."""
 
@@ -38,6 +40,9 @@ class CellName(BaseModel):
     robot: str | None = None
     """Robot in the cell: its name, which must be that of models and references; or a path to its ``robot.yaml`` or
     the folder that holds it."""
+    latency: Latency = "normal"
+    """``normal``: samples travel in blocks of 10 ms (at most half a frame) and reach a subscriber within 25 ms.
+    ``low``: each goes on as it comes, for up to four times the processor time."""
 
 
 class FrameSettings(BaseModel):
@@ -119,6 +124,12 @@ class CellConfig:
     read_with: tuple[str, ...] = ()
     record_place: str = field(default="", compare=False)
     """``file:line:column`` of the record folder."""
+    latency: Latency = "normal"
+
+    @property
+    def gather(self) -> float:
+        """s for which samples gather before they are passed on; 0: not at all."""
+        return 0.0 if self.latency == "low" else min(GATHER, FRAME / self.frames.rate)
 
     @property
     def folder(self) -> Path:

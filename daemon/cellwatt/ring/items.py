@@ -153,20 +153,21 @@ class ItemReader:
 
     @property
     def bell(self) -> int:
-        """A descriptor that can be read once there is something new."""
+        """A descriptor that can be read once there is something new, if this reader listens."""
         return self.ring.bell(self.reader)
 
+    def listen(self) -> bool:
+        """Have ``bell`` rung at each new item; return True if there is one already."""
+        self.ring.listen(self.reader)
+        return self.ring.head > self.position
+
     def quiet(self) -> None:
-        """Reset ``bell``; look for items after this call, not before."""
+        """Reset ``bell``, and have it rung no more."""
+        self.ring.listen(self.reader, False)
         self.ring.quiet(self.reader)
 
     def items(self) -> Iterator[Item | Skipped]:
-        """Read all present items in order; resets ``bell`` first."""
-        self.quiet()
-        yield from self.rest()
-
-    def rest(self) -> Iterator[Item | Skipped]:
-        """Read all present items in order; leaves ``bell`` alone."""
+        """Read all present items in order."""
         while True:
             record, following = self.ring.read(self.position)
             missed = following - self.position

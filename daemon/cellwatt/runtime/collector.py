@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import importlib
 import logging
+import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -13,11 +14,11 @@ from cellwatt.batch import Batch, Tick
 from cellwatt.cell_clock import CellClock
 from cellwatt.config import CellConfig, SourceConfig
 from cellwatt.driver import Driver
+from cellwatt.gather import next_moment
 from cellwatt.registry import driver as find_driver
 from cellwatt.results import Event
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.tasks import Tasks
-from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
 
@@ -87,7 +88,9 @@ class Collector:
         driver_class = find_driver(config.driver)
 
         def make(outlet: Source) -> Driver[Any]:
-            return driver_class(config.name, config.settings, outlet)
+            driver = driver_class(config.name, config.settings, outlet)
+            driver.gather = self._config.gather
+            return driver
 
         source = Source(config.name, make, self.clock.now, self._take, self._give, sequence)
         self.sources[config.name] = source
@@ -100,8 +103,8 @@ class Collector:
 
     async def _ticks(self) -> None:
         await self._began.wait()
-        async with Ticker(self._config.frames.rate) as ticker:
-            async for _ in ticker:
-                if not self._fresh:
-                    self._give(Tick(self.clock.now()))
-                self._fresh = False
+        while True:
+            await asyncio.sleep(next_moment(1 / self._config.frames.rate) - time.monotonic())
+            if not self._fresh:
+                self._give(Tick(self.clock.now()))
+            self._fresh = False
