@@ -11,11 +11,15 @@ import time
 from typing import Final
 
 GATHER: Final = 0.010
-"""s for which samples gather by default …"""
+"""s for which samples gather while somebody awaits them …"""
 FRAME: Final = 0.5
 """… and the most of a frame's step."""
+UNAWAITED: Final = 0.040
+"""s for which they gather while nobody does …"""
+LATE: Final = 0.4
+"""… and the most of the time that a frame waits for late samples."""
 
 
-def next_moment(gather: float, share: float = 0.0) -> float:
-    """The next moment of the grid of ``gather`` s, and ``share`` of a gather later, s of CLOCK_MONOTONIC."""
-    return (math.floor(time.monotonic() / gather - share) + 1 + share) * gather
+def next_moment(period: float, after: float = 0.0) -> float:
+    """The next moment of a grid of ``period`` s, ``after`` s later than the grid, s of CLOCK_MONOTONIC."""
+    return (math.floor((time.monotonic() - after) / period) + 1) * period + after

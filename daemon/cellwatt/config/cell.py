@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
-from cellwatt.gather import FRAME, GATHER
+from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import unusable
@@ -42,7 +42,8 @@ class CellName(BaseModel):
     the folder that holds it."""
     latency: Latency = "normal"
     """``normal``: samples travel in blocks of 10 ms (at most half a frame) and reach a subscriber within 25 ms.
-    ``low``: each goes on as it comes, for up to four times the processor time."""
+    Where nobody subscribes to them, the blocks are longer. ``low``: each goes on as it comes, for several times the
+    processor time."""
 
 
 class FrameSettings(BaseModel):
@@ -126,10 +127,12 @@ class CellConfig:
     """``file:line:column`` of the record folder."""
     latency: Latency = "normal"
 
-    @property
-    def gather(self) -> float:
-        """s for which samples gather before they are passed on; 0: not at all."""
-        return 0.0 if self.latency == "low" else min(GATHER, FRAME / self.frames.rate)
+    def gather(self, *, awaited: bool) -> float:
+        """s for which samples gather before they go on, while somebody awaits them or nobody does; 0: not at all."""
+        if self.latency == "low":
+            return 0.0
+        shortest = min(GATHER, FRAME / self.frames.rate)
+        return shortest if awaited else max(shortest, min(UNAWAITED, LATE * self.frames.latency))
 
     @property
     def folder(self) -> Path:

@@ -65,6 +65,8 @@ class Publisher(threading.Thread):
         self._health = health
         self._seal = seal
         self._publishers: dict[str, Any] = {}
+        self._samples: list[Any] = []
+        """Publishers of samples and frames."""
         self._beat_due: float | None = None
         """Time, monotonic s, since which a health message is due; ``None`` if none is."""
         self._stop_at: float | None = None
@@ -72,6 +74,11 @@ class Publisher(threading.Thread):
         self._hindered_until = 0.0
         self._broken: Exception | None = None
         self._links = _LinkWatch(link)
+
+    @property
+    def awaited(self) -> bool:
+        """True if somebody subscribes to samples or frames that were published once."""
+        return self._session is not None and any(map(_awaited, list(self._samples)))
 
     def beat(self) -> None:
         """Publish a health message after the current put."""
@@ -158,6 +165,10 @@ class Publisher(threading.Thread):
     def _put(self, session: zenoh.Session, outgoing: Outgoing) -> None:
         import zenoh
 
+        publishers = [self._publisher(session, path, outgoing) for path in outgoing.paths]
+        if isinstance(outgoing.item, Batch | Frames) and not any(_awaited(p) for p in publishers):
+            self._outbox.sent(outgoing)
+            return
         try:
             payload = encode(outgoing)
             attachment = self._seal.message(outgoing.topic, outgoing.mark.encode(payload), payload)
@@ -167,8 +178,8 @@ class Publisher(threading.Thread):
             self._outbox.lost(outgoing, "not encodable")
             return
         try:
-            for path in outgoing.paths:
-                self._publisher(session, path, outgoing).put(payload, attachment=attachment)
+            for publisher in publishers:
+                publisher.put(payload, attachment=attachment)
         except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
             raise
@@ -201,6 +212,8 @@ class Publisher(threading.Thread):
                 priority=priority.DATA if samples else priority.INTERACTIVE_HIGH,
                 express=True,
             )
+            if samples:
+                self._samples.append(publisher)
         return publisher
 
     @staticmethod
@@ -211,6 +224,11 @@ class Publisher(threading.Thread):
             session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:
             log.warning("zenoh: the session did not close in order: %s", error)
+
+
+def _awaited(publisher: Any) -> bool:
+    """True if somebody subscribes to a publisher's key."""
+    return bool(publisher.matching_status.matching)
 
 
 class _LinkWatch:

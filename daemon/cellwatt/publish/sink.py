@@ -152,6 +152,12 @@ class ZenohSink(Sink[ZenohSettings]):
         if self._publisher is not None:
             self._publisher.beat()
 
+    @property
+    def awaited(self) -> bool:
+        """True if somebody subscribes to samples or frames."""
+        publisher = self._publisher
+        return publisher is not None and publisher.awaited
+
     def trouble(self) -> str | None:
         """The thread that is dead or stuck, in words; ``None`` if all is well."""
         publisher = self._publisher

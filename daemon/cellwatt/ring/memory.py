@@ -5,12 +5,12 @@ waits. A reader that falls behind by more than the ring holds learns how many by
 oldest record that is still whole.
 
 Layout: first native 64-bit words: number of bytes ever written (*head*), position of the oldest byte still whole
-(*tail*), 1 once no more will come, length of the declarations, a note of the writer; then the settled position of
-each reader, the next sequence number of each channel, and 1 for each reader that looks by itself. Declarations
-follow, to which lines are only ever added, then the records, each with a header of 32 bytes and a length that is a
-multiple of 32. A record becomes visible when *head* moves past it, so a writer that is killed leaves no half record.
-A record that was overwritten while it was copied is detected by *tail*, and by its checksum on machines that reorder
-stores.
+(*tail*), 1 once no more will come, length of the declarations, a note of the writer, 1 while somebody awaits the
+records; then the settled position of each reader, the next sequence number of each channel, and 1 for each reader
+that looks by itself. Declarations follow, to which lines are only ever added, then the records, each with a header of
+32 bytes and a length that is a multiple of 32. A record becomes visible when *head* moves past it, so a writer that
+is killed leaves no half record. A record that was overwritten while it was copied is detected by *tail*, and by its
+checksum on machines that reorder stores.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CHANNELS: Final = 4096
 DECLARATIONS: Final = 16 << 20
 """Room for what channels are; only what is used takes memory."""
 
-_HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _POSITIONS = 0, 1, 2, 3, 4, 8
+_HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _AWAITED, _POSITIONS = 0, 1, 2, 3, 4, 5, 8
 _COUNTS = _POSITIONS + READERS
 _DEAF = _COUNTS + CHANNELS
 _WORDS = _DEAF + READERS
@@ -187,6 +187,15 @@ class Ring:
                     return None, self.head
                 return Record(kind, channel, sequence, body), position + length
             position += length
+
+    @property
+    def awaited(self) -> bool:
+        """True while somebody awaits the records: a reader sets it, for the writer."""
+        return bool(self._words[_AWAITED])
+
+    @awaited.setter
+    def awaited(self, awaited: bool) -> None:
+        self._words[_AWAITED] = awaited
 
     def position(self, reader: int) -> int:
         """Settled position of a reader."""

@@ -8,7 +8,7 @@ import importlib
 import logging
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.cell_clock import CellClock
@@ -22,6 +22,8 @@ from cellwatt.runtime.tasks import Tasks
 
 log = logging.getLogger(__name__)
 
+AFTER: Final = 0.0005
+"""s after the moments at which drivers read, for the question whether any of them spoke."""
 Entry = Batch | Tick | Event
 """Items that a collector gives."""
 
@@ -35,13 +37,23 @@ def load_libraries(config: CellConfig) -> None:
 
 
 class Collector:
-    """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop."""
+    """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop.
 
-    def __init__(self, config: CellConfig, clock: CellClock, give: Callable[[Entry], None]) -> None:
+    ``awaited`` says whether somebody waits for samples, which then gather for less long.
+    """
+
+    def __init__(
+        self,
+        config: CellConfig,
+        clock: CellClock,
+        give: Callable[[Entry], None],
+        awaited: Callable[[], bool] = lambda: True,
+    ) -> None:
         self.clock = clock
         self.sources: dict[str, Source] = {}
         self._config = config
         self._give = give
+        self._awaited = awaited
         self._fresh = False
         self._began = asyncio.Event()
 
@@ -89,7 +101,7 @@ class Collector:
 
         def make(outlet: Source) -> Driver[Any]:
             driver = driver_class(config.name, config.settings, outlet)
-            driver.gather = self._config.gather
+            driver.gather = lambda: self._config.gather(awaited=self._awaited())
             return driver
 
         source = Source(config.name, make, self.clock.now, self._take, self._give, sequence)
@@ -103,8 +115,9 @@ class Collector:
 
     async def _ticks(self) -> None:
         await self._began.wait()
+        period = max(1 / self._config.frames.rate, self._config.gather(awaited=False))
         while True:
-            await asyncio.sleep(next_moment(1 / self._config.frames.rate) - time.monotonic())
+            await asyncio.sleep(next_moment(period, AFTER) - time.monotonic())
             if not self._fresh:
                 self._give(Tick(self.clock.now()))
             self._fresh = False

@@ -179,9 +179,14 @@ class Session:
 
 @asynccontextmanager
 async def connect(
-    host: str, port: int, timeout: float, now: Callable[[], int], account: Account, gather: float = 0.0
+    host: str,
+    port: int,
+    timeout: float,
+    now: Callable[[], int],
+    account: Account,
+    gather: Callable[[], float] = lambda: 0.0,
 ) -> AsyncIterator[tuple[Session, ControllerVersion]]:
-    """A connection that speaks protocol version 2, read each ``gather`` s, and who is there.
+    """A connection that speaks protocol version 2, read each ``gather()`` s, and who is there.
 
     Raises ``ConnectError`` where nobody answers within timeout s, ``WrongDeviceError`` where somebody else
     does, ``DeviceError`` where the controller is too old.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from cellwatt.gather import next_moment
@@ -20,36 +21,35 @@ class GatheringTransport(asyncio.Transport):
     small: what the kernel does not take at once breaks the connection.
     """
 
-    def __init__(self, opened: socket.socket, session: Session, gather: float) -> None:
+    def __init__(self, opened: socket.socket, session: Session, gather: Callable[[], float]) -> None:
         super().__init__()
         self._socket = opened
         self._session = session
         self._loop = asyncio.get_running_loop()
         # Without the kernel's stamps only reading at once tells when something came.
-        self._gather = gather if stamp_receipts(opened) else 0.0
+        self._gather = gather if stamp_receipts(opened) else lambda: 0.0
         self._timer: asyncio.TimerHandle | None = None
         session.connection_made(self)
         self.resume_reading()
 
     def pause_reading(self) -> None:
         """Read nothing until ``resume_reading``."""
+        self._loop.remove_reader(self._socket)
         if self._timer is not None:
             self._timer.cancel()
-        elif not self._gather:
-            self._loop.remove_reader(self._socket)
-        self._timer = None
+            self._timer = None
 
     def resume_reading(self) -> None:
         """Read from the next moment on."""
         if self.is_closing():
             return
-        if self._gather:
-            self._timer = self._loop.call_at(next_moment(self._gather), self._read)
+        if gather := self._gather():
+            self._timer = self._loop.call_at(next_moment(gather), self._read)
         else:
             self._loop.add_reader(self._socket, self._read)
 
     def _read(self) -> None:
-        if self._gather:
+        if self._timer is not None:
             self.resume_reading()
         room = self._session.get_buffer(-1)
         try:

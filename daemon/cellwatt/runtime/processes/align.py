@@ -16,6 +16,8 @@ from cellwatt.runtime.processes.rights import keep_up
 from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
+UNGATHERED: Final = 0.004
+"""s between looks at samples that do not gather: frames are given out later than that anyway."""
 BEFORE: Final = 3.0
 """s before the last frame from which a process that follows another reads again, so that its frames are the same."""
 SAID: Final = 1.0  # s between figures
@@ -45,7 +47,8 @@ class _Aligning:
     def run(self) -> None:
         self._out.put(Mark(self._generation))
         self._assignment.control.send(Ready())
-        for _ in turns(self._in, self._assignment.control, SAID, self._config.gather, ALIGNS):
+        pace = self._config.gather(awaited=False) or UNGATHERED
+        for _ in turns(self._in, self._assignment.control, SAID, pace, ALIGNS):
             for item in self._in.items():
                 self._take(item)
             self._look(time.monotonic())

@@ -34,7 +34,8 @@ class _Collecting:
         self._assignment = assignment
         self._config = assignment.config
         self._ring = ItemWriter(assignment.shared.raw)
-        self._collector = Collector(assignment.config, assignment.shared.clock, self._give)
+        raw = assignment.shared.raw
+        self._collector = Collector(assignment.config, assignment.shared.clock, self._give, lambda: raw.awaited)
         self._rights = claim()
         self._lag = 0.0
         self._refused = 0

@@ -31,8 +31,8 @@ TELL, OTHERS, TOLD = 0, 1, READERS - 1
 position without a reader of its own."""
 ALIGN = OTHERS
 """Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
-ALIGNS, TELLS = 0.2, 0.5
-"""Parts of a gather after which frames are made of it, and it is recorded and published with them."""
+ALIGNS, TELLS = 0.0015, 0.003
+"""s by which who makes frames, and who records and publishes, wake after who collects: in the order of the data."""
 ALARMS: Final = 2 << 20
 """Bytes of alarms and events that are kept for who tells next; of other results as much as ``RESULTS``."""
 

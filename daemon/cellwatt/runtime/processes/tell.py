@@ -116,7 +116,7 @@ class _Telling:
 
     def _turn(self) -> None:
         """Take what came in all rings; the next turn comes at the next moment or, if nothing came, at the next item."""
-        loop, gather = asyncio.get_running_loop(), self._config.gather
+        loop, gather = asyncio.get_running_loop(), self._gather
         self._next.cancel()
         most = max([self._drain(way) for way in self._ways])
         if all(way.reader.over and not way.held for way in self._ways):
@@ -125,13 +125,21 @@ class _Telling:
             self._next = loop.call_soon(self._turn)
         elif most and gather:
             self._next = loop.call_at(next_moment(gather, TELLS), self._turn)
+            for way in self._results:
+                way.reader.listen()
         else:
             there = [way.reader.listen() and not way.held for way in self._ways]
             self._next = loop.call_later(0.0 if any(there) else LISTENS, self._turn)
 
+    @property
+    def _gather(self) -> float:
+        """s for which samples gather now; who collects goes by it, too."""
+        awaited = self._raw.reader.ring.awaited = self._teller.awaited
+        return self._config.gather(awaited=awaited)
+
     def _rung(self, way: _Way) -> None:
         way.reader.quiet()
-        if gather := self._config.gather:
+        if gather := self._gather:
             self._next.cancel()
             self._next = asyncio.get_running_loop().call_at(next_moment(gather, TELLS), self._turn)
         else:

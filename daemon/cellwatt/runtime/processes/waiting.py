@@ -16,12 +16,12 @@ ALONE: Final = 5.0
 
 
 def turns(
-    reader: ItemReader, control: Connection, pause: float, gather: float = 0.0, share: float = 0.0
+    reader: ItemReader, control: Connection, pause: float, period: float = 0.0, after: float = 0.0
 ) -> Iterator[None]:
     """Turns to read a ring, until its writer has ended and all was read.
 
-    While something is read, they come at the moments of ``gather``, ``share`` of it later; else, and where that is 0,
-    at the next item or after ``pause`` s. Where the supervisor is gone, the writer ends by itself; it is waited for
+    While something is read, they come each ``period`` s, ``after`` s past its moments; else, and where that is 0, at
+    the next item or after ``pause`` s. Where the supervisor is gone, the writer ends by itself; it is waited for
     ``ALONE`` s.
     """
     waiting = select.poll()
@@ -33,7 +33,7 @@ def turns(
         yield
         if reader.over or time.monotonic() >= end:
             return
-        flowing = gather and reader.position > before
+        flowing = period and reader.position > before
         if not flowing and not reader.listen():
             for descriptor, event in waiting.poll(1e3 * pause):
                 if descriptor == control.fileno() and event & (select.POLLHUP | select.POLLERR):
@@ -41,5 +41,5 @@ def turns(
                     end = time.monotonic() + ALONE
         if not flowing:
             reader.quiet()
-        if gather:
-            time.sleep(max(next_moment(gather, share) - time.monotonic(), 0.0))
+        if period:
+            time.sleep(max(next_moment(period, after) - time.monotonic(), 0.0))
