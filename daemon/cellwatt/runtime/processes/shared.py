@@ -65,8 +65,11 @@ class Shared:
 
 
 def _ring(rate: float, readers: int) -> Ring:
-    """A ring for ``rate`` bytes a second."""
-    return Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
+    """A ring for ``rate`` bytes a second, whose readers wake by themselves until they listen."""
+    made = Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
+    for reader in range(readers):
+        made.listen(reader, False)
+    return made
 
 
 @dataclass(frozen=True, slots=True)
