@@ -50,7 +50,7 @@ class ZenohSettings(LinkSettings):
     """Items that are put on the bus live."""
     queue: PositiveInt = 4096
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
-    frame_memory: Bytes = 16e6
+    frame_memory: Bytes = 4e6
     """Memory for frames that a consumer may ask for after a cut; older ones it gets from the record, if they are
     recorded (``record: frames``), and raw samples always."""
     backfill: BytesPerSecond | None = None

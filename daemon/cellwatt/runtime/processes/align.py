@@ -12,7 +12,7 @@ from cellwatt.frames import Frames
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
-from cellwatt.runtime.processes.rights import keep_up
+from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
@@ -47,6 +47,7 @@ class _Aligning:
     def run(self) -> None:
         self._out.put(Mark(self._generation))
         self._assignment.control.send(Ready())
+        settle_memory()
         pace = self._config.gather(awaited=False) or UNGATHERED
         for _ in turns(self._in, self._assignment.control, SAID, pace, ALIGNS):
             for item in self._in.items():

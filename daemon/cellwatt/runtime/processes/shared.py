@@ -20,7 +20,7 @@ SLOTS: Final = 16
 """Chains of stages that may run at a time; during a reload the old ones and the new."""
 KEPT: Final = 10.0
 """s of data that a ring holds: how long a reader may stand still before it misses some."""
-SMALLEST, LARGEST = 4 << 20, 64 << 20  # bytes of a ring
+SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring
 RESULTS: Final = 4 << 20
 """Bytes of results that a chain may be ahead of who records and publishes them."""
 _USUAL_RATE = 100.0

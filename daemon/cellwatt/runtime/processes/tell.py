@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import logging
 import select
 import time
@@ -21,7 +20,7 @@ from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
-from cellwatt.runtime.processes.rights import keep_up
+from cellwatt.runtime.processes.rights import keep_up, settle_memory
 from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
@@ -92,8 +91,7 @@ class _Telling:
             self._next = loop.call_soon(self._turn)
             loop.add_reader(control.fileno(), self._hear)
             control.send(Ready())
-            gc.collect()
-            gc.freeze()
+            settle_memory()
             await self._over.wait()
             loop.remove_reader(control.fileno())
             self._next.cancel()
