@@ -133,14 +133,17 @@ class _Telling:
     def _gather(self) -> float:
         """s for which samples gather now; who collects goes by it, too."""
         awaited = self._raw.reader.ring.awaited = self._teller.awaited
-        return self._config.gather(awaited=awaited)
+        gather = self._config.gather(awaited=awaited)
+        if self._teller.recorder is not None:
+            self._teller.recorder.gathered = gather
+        return gather
 
     def _rung(self, way: _Way) -> None:
         way.reader.quiet()
         if gather := self._gather:
             self._next.cancel()
             self._next = asyncio.get_running_loop().call_at(next_moment(gather, TELLS), self._turn)
-        else:
+        elif self._drain(way) == AT_ONCE or way.reader.listen() or way.reader.over:
             self._turn()
 
     def _drain(self, way: _Way) -> int:
