@@ -199,6 +199,8 @@ class ItemReader:
             self._channel = record.channel
             rows = self._rows.get(record.channel) or self._look_up(record.channel)
             size = int.from_bytes(record.body[1:9], "little")
+            if isinstance(rows, SampleRows):
+                return rows.decode(record.body, 0, size, record.sequence, keep=True)[0]
             return rows.decode(record.body, 0, size, record.sequence)[0]
         if record.kind == _STATUS:
             return Status(json.loads(record.body))
