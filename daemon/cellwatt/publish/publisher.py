@@ -32,6 +32,8 @@ DRAIN: Final = 1.0
 HELD_UP: Final = 0.02
 """s for one put from which on a receiver is too slow to be served on the event loop, for the next ``HINDERED`` s."""
 HINDERED: Final = 1.0
+SETTLES: Final = 2.0
+"""s after its first message in which a key counts as subscribed to: Zenoh learns only then who subscribes."""
 _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 
@@ -65,8 +67,8 @@ class Publisher(threading.Thread):
         self._health = health
         self._seal = seal
         self._publishers: dict[str, Any] = {}
-        self._samples: list[Any] = []
-        """Publishers of samples and frames."""
+        self._samples: dict[str, tuple[Any, float]] = {}
+        """Publishers of samples and frames, each with the time, monotonic s, at which it was declared."""
         self._beat_due: float | None = None
         """Time, monotonic s, since which a health message is due; ``None`` if none is."""
         self._stop_at: float | None = None
@@ -78,7 +80,7 @@ class Publisher(threading.Thread):
     @property
     def awaited(self) -> bool:
         """True if somebody subscribes to samples or frames that were published once."""
-        return self._session is not None and any(map(_awaited, list(self._samples)))
+        return self._session is not None and any(map(self._subscribed, list(self._samples)))
 
     def beat(self) -> None:
         """Publish a health message after the current put."""
@@ -166,7 +168,7 @@ class Publisher(threading.Thread):
         import zenoh
 
         publishers = [self._publisher(session, path, outgoing) for path in outgoing.paths]
-        if isinstance(outgoing.item, Batch | Frames) and not any(_awaited(p) for p in publishers):
+        if isinstance(outgoing.item, Batch | Frames) and not any(map(self._subscribed, outgoing.paths)):
             self._outbox.sent(outgoing)
             return
         try:
@@ -213,8 +215,12 @@ class Publisher(threading.Thread):
                 express=True,
             )
             if samples:
-                self._samples.append(publisher)
+                self._samples[path] = publisher, time.monotonic()
         return publisher
+
+    def _subscribed(self, path: str) -> bool:
+        publisher, declared = self._samples[path]
+        return time.monotonic() < declared + SETTLES or bool(publisher.matching_status.matching)
 
     @staticmethod
     def _close(session: zenoh.Session) -> None:
@@ -224,11 +230,6 @@ class Publisher(threading.Thread):
             session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:
             log.warning("zenoh: the session did not close in order: %s", error)
-
-
-def _awaited(publisher: Any) -> bool:
-    """True if somebody subscribes to a publisher's key."""
-    return bool(publisher.matching_status.matching)
 
 
 class _LinkWatch:

@@ -243,6 +243,7 @@ async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str)
 async def test_nothing_is_encoded_while_nobody_subscribes(
     sink: ZenohSink, endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(publisher, "SETTLES", 0.0)
     encoded: list[Any] = []
     monkeypatch.setattr(publisher, "encode", lambda out, real=publisher.encode: encoded.append(out) or real(out))
     assert not sink.awaited
