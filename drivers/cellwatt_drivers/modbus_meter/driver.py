@@ -26,7 +26,7 @@ from cellwatt_drivers.modbus_meter.bus import (
     TcpPlace,
     open_bus,
 )
-from cellwatt_drivers.modbus_meter.counter import RisingCounter
+from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
@@ -34,6 +34,14 @@ from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
 
 PORT = 502
+
+_PLAUSIBLE = {"J": 1e6}
+"""Rise of a counter a second, by unit, that no two first readings of a cell's meter exceed."""
+_CHANGES = {
+    "wrapped": "began anew at its end",
+    "reset": "was set back; what is given goes on rising",
+    "misread": "jumped or fell and came back: its value was held meanwhile",
+}
 
 
 class ModbusMeterSettings(SourceSettings):
@@ -119,7 +127,11 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         self._factor = np.array([v.factor for v in values])
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
         self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
-        self._counters = {c: RisingCounter(self._map.wrap(n)) for c, n in enumerate(self._names) if values[c].counts}
+        self._counters = {
+            c: RisingCounter(self._map.wrap(n), 1 / settings.rate, _PLAUSIBLE.get(values[c].channel(n).unit, 0.0))
+            for c, n in enumerate(self._names)
+            if values[c].counts
+        }
         window = settings.window or self._map.window
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
@@ -159,6 +171,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         async with bus.turn:
             try:
                 raw = await self._reader.read(bus)
+                arrival = self.outlet.now()
             except WrongDeviceError as error:
                 raise await likeness.wrong(bus, unit, meter, "it has none of its registers") from error
             except RefusedError as error:
@@ -170,6 +183,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                 raise ConnectError(f"{error}{delivered}") from error
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
+        self._count_on(self._in_si(raw)[0], arrival)  # counters begin with two readings that agree
         notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
         return Identity(meter.maker, meter.model, notes=notes)
 
@@ -196,7 +210,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         else:
             self._told = ""
             self._heard = time.monotonic_ns()
-            values, quality = self._measured(raw)
+            values, quality = self._measured(raw, arrival)
             deliver(self.outlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
@@ -211,25 +225,43 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self._told = text
             self.outlet.event(kind, f"{self.name}: {text}")
 
-    def _measured(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], Quality]:
-        """Return the values in SI units and their quality from the numbers in the registers."""
-        for column, mark in self._missing:
-            if raw[column] == mark:
-                raw[column] = np.nan
-        over = np.abs(raw) > self._largest
-        row = np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor
-        for column, counter in self._counters.items():
-            row[column], fall = counter.take(float(row[column]))
-            if fall:
-                name = self._names[column]
-                text = "began anew at its end" if fall == "wrapped" else "was set back; what is given goes on rising"
-                self.outlet.event(f"counter_{fall}", f"{self.name}: {name} {text}", channel=name)
-        quality = Quality.MISSING if np.isnan(row).all() else Quality.GOOD
+    def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
+        """Return the values in SI units and their quality from the numbers in the registers, read at ``arrival`` ns."""
+        row, over = self._in_si(raw)
+        quality = Quality.INTERPOLATED if self._count_on(row, arrival) else Quality.GOOD
+        if np.isnan(row).all():
+            quality = Quality.MISSING
         if over.any():
             quality = Quality.CLIPPED
             self.outlet.account.count("overloads")
         self._note_overload(frozenset(n for n, o in zip(self._names, over, strict=True) if o))
         return row, quality
+
+    def _in_si(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the values in SI units, NaN where there is none, and which are beyond what the meter can measure."""
+        for column, mark in self._missing:
+            if raw[column] == mark:
+                raw[column] = np.nan
+        over = np.abs(raw) > self._largest
+        return np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor, over
+
+    def _count_on(self, row: NDArray[np.float64], arrival: int) -> bool:
+        """Replace the readings of counters by values that only rise; return whether any is held."""
+        held = False
+        for column, counter in self._counters.items():
+            counted = counter.take(float(row[column]), arrival * 1e-9)
+            row[column] = counted.value
+            held |= counted.held
+            self._note_counter(self._names[column], counted)
+        return held
+
+    def _note_counter(self, name: str, counted: Counted) -> None:
+        if counted.misread:
+            self.outlet.account.count("counter misread", counted.misread)
+        if counted.change:
+            self.outlet.event(
+                f"counter_{counted.change}", f"{self.name}: {name} {_CHANGES[counted.change]}", channel=name
+            )
 
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:
