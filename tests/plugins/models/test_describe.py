@@ -114,7 +114,7 @@ def with_weights_beside(folder: Path, seed: int) -> Path:
     """As PyTorch's exporter writes it: the weights in ``m.onnx.data``."""
     path = Mlp.random(seed).save(folder / "m.onnx", None)
     model = onnx.load(path)
-    onnx.save_model(model, path, save_as_external_data=True, location="m.onnx.data", size_threshold=20)
+    onnx.save_model(model, path, save_as_external_data=True, location="m.onnx.data", size_threshold=100)
     return path
 
 
