@@ -192,6 +192,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         (account.anomaly if what == "malformed" else account.count)(what)
 
     def _left_out(self, name: str, error: RefusedError) -> None:
+        self.left_out |= {name}
         self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
 
     async def _serve(self, bus: Bus) -> None:
