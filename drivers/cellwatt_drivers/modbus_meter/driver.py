@@ -29,12 +29,14 @@ from cellwatt_drivers.modbus_meter.bus import (
 from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
 
 PORT = 502
 
+_USUAL = {"timeouts", "retries", "refused reads"}
+"""Counts that also grow on a good line."""
 _PLAUSIBLE = {"J": 1e6}
 """Rise of a counter a second, by unit, that no two first readings of a cell's meter exceed."""
 _CHANGES = {
@@ -179,7 +181,8 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                     raise
                 raise await likeness.wrong(bus, unit, meter, f"it reads no {meter.function} registers") from error
             except NoAnswerError as error:
-                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if meter.delivered else ""
+                told = meter.delivered and not isinstance(error, OtherNumberError)
+                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if told else ""
                 raise ConnectError(f"{error}{delivered}") from error
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
@@ -189,7 +192,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
 
     def _count(self, what: str) -> None:
         account = self.outlet.account
-        (account.anomaly if what == "malformed" else account.count)(what)
+        (account.count if what in _USUAL else account.anomaly)(what)
 
     def _left_out(self, name: str, error: RefusedError) -> None:
         self.left_out |= {name}
@@ -203,7 +206,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                 arrival = self.outlet.now()
         except SourceError as error:
             self.outlet.account.lose(1, reason_of(error))
-            if isinstance(error, RefusedError):
+            if isinstance(error, RefusedError | OtherNumberError):
                 self._tell("device_error", str(error))
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
                 raise

@@ -60,7 +60,9 @@ class Variable:
         return _nested(found, tuple(max(along) + 1 for along in zip(*found, strict=True)))
 
 
-def _nested(found: Mapping[tuple[int, ...], float], shape: tuple[int, ...], at: tuple[int, ...] = ()) -> float | list[Any]:
+def _nested(
+    found: Mapping[tuple[int, ...], float], shape: tuple[int, ...], at: tuple[int, ...] = ()
+) -> float | list[Any]:
     """Return the values by their indices as arrays within each other; 0 where there is none."""
     if len(at) == len(shape):
         return found.get(at, 0.0)
