@@ -78,6 +78,8 @@ class RisingCounter:
         self._level: _Level | None = None
         self._doubted = 0
         """Readings since the last that was believed."""
+        self._highest = -math.inf
+        """Highest of these and of that one: a counter may wrap while its rise is not believed yet."""
         self._former: tuple[_Point, float] | None = None
         """Where the counter was before its last change of level, and what was added there."""
 
@@ -103,7 +105,7 @@ class RisingCounter:
         even = len(paces) == _SURE - 1 and 0 < max(paces) <= _FASTER * min(paces)
         if not plausible and not alike and not even:
             return Counted(math.nan)
-        self._settled, self._top = True, point.reading
+        self._settled, self._top, self._highest = True, point.reading, point.reading
         self._learn(paces[-1] if plausible or even else 0.0)
         self._seen = deque([point], _SURE)
         return Counted(point.reading)
@@ -138,7 +140,7 @@ class RisingCounter:
 
     def _believe(self, point: _Point) -> None:
         self._seen.append(point)
-        self._level, self._doubted = None, 0
+        self._level, self._doubted, self._highest = None, 0, point.reading
         if self._former and point.reading > self._former[0].reading:
             self._former = None
 
@@ -146,6 +148,7 @@ class RisingCounter:
         """Add a reading to the level that is held, or begin one with it."""
         level, last = self._level, self._seen[-1]
         self._doubted += 1
+        self._highest = max(self._highest, point.reading)
         if level and level.base <= point.reading < level.last.reading:
             level.readings, level.rises, level.last = level.readings + 1, 0, point
             return
@@ -188,7 +191,7 @@ class RisingCounter:
     def _fall(self, level: _Level, last: _Point) -> Change | None:
         """Return what a fall to this level is, once that is sure."""
         full, counts_on = self._range, level.rises >= _SURE
-        if full is not None and (1 - _NEAR) * full < last.reading <= full and level.base < _NEAR * full:
+        if full is not None and (1 - _NEAR) * full < self._highest <= full and level.base < _NEAR * full:
             return "wrapped" if counts_on or (level.readings >= _SURE and level.base > 0) else None
         stands = level.base < _NEAR * last.reading and level.last.time - level.since >= _STANDS
         return "reset" if counts_on or stands else None

@@ -147,6 +147,18 @@ class MeterMap(_Part):
         """Values that tell whether this is the meter."""
         return tuple(name for name, value in self.values.items() if value.between is not None)
 
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Power factors of phases, by which it is told whether this is the meter."""
+        return tuple(n for n in self.checked if n.startswith("phase_") and n.endswith(".power_factor"))
+
+    @property
+    def related(self) -> tuple[str, ...]:
+        """Values that the ``factors`` must agree with, and these."""
+        phases = [name.removesuffix("power_factor") for name in self.factors]
+        wanted = (f"{p}{q}" for p in phases for q in ("voltage", "current", "power", "power_factor"))
+        return tuple(name for name in wanted if name in self.values)
+
     def wrap(self, name: str) -> float | None:
         """Return the value at which a counter begins anew, in SI units; ``None`` if that is not known."""
         value = self.values[name]

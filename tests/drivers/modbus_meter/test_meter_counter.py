@@ -136,12 +136,13 @@ def test_nothing_read_changes_nothing():
     assert found[-1].value == readings[-1]
 
 
-@given(st.floats(0, 999), st.lists(st.floats(0, 90), max_size=60))
+@given(st.floats(0, 999), st.lists(st.floats(1, 9), min_size=8, max_size=200))
 def test_wraps_are_unwound_whatever_the_steps(start, steps):
     truth = [start, start, *itertools.accumulate(steps, initial=start)]
-    truth += [truth[-1] + n for n in range(1, 8)]
     found = taken([t % 1000.0 for t in truth], 1000.0)
-    assert found[-1].value % 1000.0 == pytest.approx(truth[-1] % 1000.0, abs=1e-6)
+    believed = [(c.value, t) for c, t in zip(found, truth, strict=True) if not c.held and c.value == c.value]
+    assert [value for value, _ in believed] == pytest.approx([t for _, t in believed], abs=1e-6)
+    assert len(believed) >= 3
 
 
 @given(st.lists(st.floats(0, 1e12), min_size=1), st.one_of(st.none(), st.floats(1, 1e12)))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import struct
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import pytest
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
 
 from cellwatt.errors import ConnectError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
@@ -29,26 +30,22 @@ values:
 @asynccontextmanager
 async def numbering(number: Callable[[int], int]) -> AsyncIterator[str]:
     """A meter that answers request ``n`` (from 1) with the transaction number ``number(n)``."""
-    asked, ended = 0, asyncio.Event()
+    answered = 0
 
-    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        nonlocal asked
-        ended.clear()
-        try:
-            while True:
-                await reader.readexactly(12)
-                asked += 1
-                writer.write(struct.pack(">HHHBBBHH", number(asked), 0, 7, 1, 3, 4, 230, 50))
-        except (asyncio.IncompleteReadError, ConnectionError):
-            pass
-        finally:
-            writer.close()
-            await writer.wait_closed()
-            ended.set()
+    def trace(sending: bool, data: bytes) -> bytes:
+        nonlocal answered
+        if not sending:
+            return data
+        answered += 1
+        return struct.pack(">H", number(answered)) + data[2:]
 
-    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
-        yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
-        await ended.wait()
+    device = SimDevice(0, simdata=[SimData(0, values=[230, 50], datatype=DataType.REGISTERS)])
+    server = ModbusTcpServer(device, address=("127.0.0.1", 0), trace_packet=trace)
+    await server.serve_forever(background=True)
+    try:
+        yield f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    finally:
+        await server.shutdown()
 
 
 async def test_answers_with_another_number_are_told_and_counted_apart(tmp_path):
