@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import foxglove
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -20,6 +21,8 @@ from cellwatt import FrameChannel, Frames, Layout
 from cellwatt.blocks import cut
 from cellwatt.errors import ConfigError, SinkError
 from cellwatt.foxglove import companion, serve
+from cellwatt.foxglove.outlet import Outlet
+from cellwatt.foxglove.topics import Moment, Outgoing, Topic
 from cellwatt.publish.link import LinkSettings
 from cellwatt.record import Header, Recorder, RecordSettings
 from tests.daemon.foxglove.cell import HEALTH, LAYOUT, LOGGED, TOLD, UNITS, URDF, frames
@@ -291,6 +294,25 @@ async def test_other_channels_start_the_server_anew_where_it_was() -> None:
             await eventually(lambda: client.told["/channels"], "the other channels")
             assert {len(told["channels"]) for told in client.decoded("/channels")} == {200}
         assert (await cell.end())[0] == 0
+
+
+def test_a_port_that_the_library_still_holds_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    started, refusals = foxglove.start_server, iter([True, True])
+
+    def start_server(**options: Any) -> Any:
+        if next(refusals, False):
+            raise RuntimeError("Failed to bind port: Address already in use (os error 98)")
+        return started(**options)
+
+    first = Topic("/first", "json", "First", b"{}")
+    with Outlet("cell", "127.0.0.1", 0, [first]) as outlet:
+        outlet.open()
+        port = outlet.port
+        monkeypatch.setattr(foxglove, "start_server", start_server)
+        outlet.send(Moment(1, (Outgoing(Topic("/second", "json", "Second", b"{}"), 1, b"{}"),)))
+        assert (outlet.is_open, outlet.port) == (True, port)
+        assert next(refusals, None) is None, "it was refused twice"
+        socket.create_connection(("127.0.0.1", port)).close()
 
 
 WIDE = 4000
