@@ -24,7 +24,6 @@ from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
 from cellwatt.errors import CellwattError, ConfigError, Problem, why
 from cellwatt.live.as_json import take_line
-from cellwatt.live.bulletin import EVERY, standing
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.sparkline import bars
 from cellwatt.live.state import LiveCell

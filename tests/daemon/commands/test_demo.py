@@ -69,32 +69,6 @@ def test_a_good_run(call: Call, folders: dict[str, Any]) -> None:
     assert "on change" in ended.out
 
 
-def test_what_happens_comes_as_lines_when_it_does(
-    call: Call, folders: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said: list[str] = []
-
-    async def run(demonstration: Any) -> dict[str, Any]:
-        def show(message: Any) -> None:
-            demonstration.show(json.loads(json.dumps(line_of(message))))
-            said.append(capsys.readouterr().out)
-
-        demonstration.say("http://127.0.0.1:1 shows the cell")
-        said.append(capsys.readouterr().out)
-        for message in (cells.health(), cells.alarm(severity="warning"), cells.alarm(severity="warning")):
-            show(message)
-        show(cells.alarm(active=False))
-        return GOOD
-
-    monkeypatch.setitem(demo.RUNS, "small", run)
-    ended = call("demo", "--seconds", "20")
-    assert said[0] == "http://127.0.0.1:1 shows the cell\n"
-    assert " sources ok, " in said[1]
-    assert said[2].startswith("warning: ") and said[3] == "", "told once"
-    assert said[4].startswith("cleared: ")
-    assert "nothing was lost" in ended.out
-
-
 def test_a_run_that_lost_something(call: Call, folders: dict[str, Any]) -> None:
     folders["summary"] = BAD
     ended = call("demo", "--cell", "all", "--seconds", "1")
