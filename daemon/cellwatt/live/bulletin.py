@@ -62,7 +62,7 @@ class Bulletin:
                 yield _line(f"no message for {gone:.0f} s; last at {_at(cell.heard_at)}")
         elif cell.status.get("sources") and now >= self._stands_at:
             self._stands_at = now + EVERY
-            yield _line(standing(cell))
+            yield _line(_standing(cell))
 
 
 def _is_news(alarm: Mapping[str, Any], before: Mapping[str, Any] | None) -> bool:
@@ -106,8 +106,7 @@ def _said(kind: str, content: Mapping[str, Any]) -> str:
     return ""
 
 
-def standing(cell: LiveCell) -> str:
-    """How a cell stands, in one line."""
+def _standing(cell: LiveCell) -> str:
     status = cell.status
     sources = status["sources"].values()
     lost = sum(sum(s["missed"].values()) + sum(s["dropped"].values()) for s in sources)
