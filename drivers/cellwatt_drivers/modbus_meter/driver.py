@@ -128,7 +128,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         self._reader = Reader(self._map, self._names, settings.unit, settings.retries, self._count, self._left_out)
         self._factor = np.array([v.factor for v in values])
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
-        self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
+        self._missing = [(c, float(m)) for c, n in enumerate(self._names) for m in self._map.marks(n)]
         self._counters = {
             c: RisingCounter(self._map.wrap(n), 1 / settings.rate, _PLAUSIBLE.get(values[c].channel(n).unit, 0.0))
             for c, n in enumerate(self._names)
@@ -184,9 +184,10 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                 told = meter.delivered and not isinstance(error, OtherNumberError)
                 delivered = f"; a {meter.model} is delivered with {meter.delivered}" if told else ""
                 raise ConnectError(f"{error}{delivered}") from error
+            values, _ = self._in_si(raw)
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
-        self._count_on(self._in_si(raw)[0], arrival)  # counters begin with two readings that agree
+        self._count_on(values, arrival)  # counters begin with two readings that agree
         notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
         return Identity(meter.maker, meter.model, notes=notes)
 
@@ -242,7 +243,10 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         return row, quality
 
     def _in_si(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the values in SI units, NaN where there is none, and which are beyond what the meter can measure."""
+        """Return the values in SI units, NaN where there is none, and which are beyond what the meter can measure.
+
+        ``raw`` is NaN afterwards where its number stands for no value.
+        """
         for column, mark in self._missing:
             if raw[column] == mark:
                 raw[column] = np.nan

@@ -149,3 +149,11 @@ def test_wraps_are_unwound_whatever_the_steps(start, steps):
 def test_it_never_falls(readings, wraps_at):
     values = [c.value for c in taken(readings, wraps_at) if not math.isnan(c.value)]
     assert all(b >= a for a, b in itertools.pairwise(values))
+
+
+@pytest.mark.parametrize("zeros", [20, 200, 2000])
+def test_a_meter_whose_firmware_is_updated_counts_on_as_before(zeros):
+    truth = rising(10971.988, n=100 + zeros + 100)
+    found = taken(struck(truth, range(100, 100 + zeros), lambda r: 0.0))
+    assert found[-1].value == pytest.approx(truth[-1], abs=1e-9)
+    assert max(c.value for c in found if c.value == c.value) <= truth[-1] + 1e-9

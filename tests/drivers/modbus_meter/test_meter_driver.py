@@ -199,8 +199,10 @@ async def test_overload_and_no_value(tmp_path):
         "maker: Acme\nmodel: A1\nfunction: holding\ntype: int32\nword_order: little\nvalues:\n"
         "  phase_1.voltage: {address: 0, unit: V, scale: 0.1, largest: 0x7FFEFFFF}\n"
         "  phase_1.current: {address: 2, unit: A, missing: [-2147483648]}\n"
+        "  phase_2.current: {address: 4, unit: A, scale: 0.1, type: uint16}\n"
+        "  phase_1.power: {address: 5, unit: W}\n"
     )
-    words = [0x0000, 0x7FFF, 0x0000, 0x8000]
+    words = [0x0000, 0x7FFF, 0x0000, 0x8000, 0xFFFF, 0x0000, 0x8000]
     server = ModbusTcpServer(
         SimDevice(0, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)]), address=("127.0.0.1", 0)
     )
