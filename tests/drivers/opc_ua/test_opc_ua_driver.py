@@ -294,6 +294,17 @@ async def test_a_server_that_says_nothing_is_given_up():
         await run.outlet.until(lambda o: len(o.readings) > before)
 
 
+async def test_a_server_that_loses_its_subscriptions_is_subscribed_to_anew():
+    async with emulated() as (emulator, place), running(place, silence="300 ms") as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+        service = emulator._server._server.iserver.subscription_service
+        await service.delete_subscriptions(list(service.subscriptions))
+        await run.outlet.until(lambda _: run.failures)
+        before = len(run.outlet.readings)
+        await run.outlet.until(lambda o: len(o.readings) > before)
+    assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
+
+
 async def test_every_sample_is_asked_for():
     async with emulated() as (_, place), running(place, every_sample=True) as run:
         await run.outlet.until(lambda o: sum(len(r.values) for r in o.readings) > 10)
