@@ -263,16 +263,12 @@ def _explain(endpoint: str, error: Exception) -> tuple[bool, str]:
     if "Unable to connect" not in text:
         return True, f"Zenoh session: {text}"
     answer = _probe(endpoint)
-    return answer is None, _answers({endpoint: answer})
+    return answer is None, f"{endpoint}: {answer or _REFUSED}"
 
 
 def why_unconnected(settings: LinkSettings) -> str:
     """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
-    return _answers({endpoint: _probe(endpoint) for endpoint in settings.connect})
-
-
-def _answers(answers: Mapping[str, str | None]) -> str:
-    return "; ".join(f"{endpoint}: {answer or _REFUSED}" for endpoint, answer in answers.items())
+    return "; ".join(f"{endpoint}: {_probe(endpoint) or _NOT_YET}" for endpoint in settings.connect)
 
 
 def unreadable(settings: LinkSettings) -> list[str]:
@@ -292,6 +288,11 @@ def unreadable(settings: LinkSettings) -> list[str]:
 
 _REFUSED: Final = (
     "somebody answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
+)
+
+_NOT_YET: Final = (
+    "somebody answers, but there is no session yet: if it stays so, check user and password, the certificates, and "
+    "that this is a Zenoh port"
 )
 
 

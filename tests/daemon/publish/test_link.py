@@ -138,7 +138,9 @@ def test_somebody_who_is_no_zenoh_is_told_apart(tmp_path: Path) -> None:
     with socket.create_server((HOST, 0)) as server:
         endpoint = f"tcp/{HOST}:{server.getsockname()[1]}"
         settings = LinkSettings(mode="client", connect=(endpoint,))
-        assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers but refuses the session")
+        assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers, but there is no session yet")
+        with pytest.raises(SinkError, match="somebody answers but refuses the session"):
+            open_session(settings, lambda: True)
 
 
 def test_a_router_on_a_pc_whose_cores_are_taken_is_no_refusal(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,6 +98,15 @@ def test_a_counter_set_back_that_stands_still_is_not_held_for_ever():
     assert not found[-1].held
 
 
+def test_a_register_of_the_day_counts_on_over_midnight():
+    """MaxGrmm/EF-PowerOcean-TcpModbus #57: it stands at 0 till dawn."""
+    day = [0.0] * 400 + [0.1 * (n // 9) for n in range(900)]
+    found = taken(day * 3)
+    assert set(changes(found)) == {"reset"}
+    assert found[-1].value == pytest.approx(3 * day[-1])
+    assert sum(c.held for c in found) < len(day) / 2
+
+
 def test_a_reset_that_is_taken_back_late_is_undone():
     truth = rising(n=800)
     found = taken(struck(truth, range(40, 440), lambda r: 0.0))
