@@ -96,6 +96,9 @@ class Driver(ABC, Generic[S]):
     writes: ClassVar[tuple[str, ...]]
     """Every kind of byte sequence this driver may send to the device, in words."""
 
+    left_out: frozenset[str] = frozenset()
+    """Channels that this device does not have, which was told when it answered: they are NaN, and no trouble."""
+
     def __init__(self, name: str, settings: S, outlet: Outlet) -> None:
         self.name = name
         self.settings = settings

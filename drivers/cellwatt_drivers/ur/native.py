@@ -125,6 +125,8 @@ class Session:
 
     def _packages(self, run: wire.Run) -> None:
         assert self.decoder is not None and self.intake is not None
+        if self._asked == Kind.START and self._answer is not None and not self._answer.done():
+            self._answer.set_result(wire.ACCEPTED)  # it has started, whether it confirms that later or never
         not_before, self._not_before = self._not_before, None
         controller_time, values = self.decoder.decode(run.data, run.count)
         self.intake.take(controller_time, values, not_before, self._arrival)
