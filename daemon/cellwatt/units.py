@@ -109,11 +109,16 @@ class Units(BaseModel):
             if name == "SI":
                 chosen = Units()
                 continue
-            kind = _KINDS.get(_WRITTEN.get(name.casefold(), name))
+            kind = kind_of(name)
             if kind is None:
                 raise ValueError(f"no unit {name!r}: expected SI, or any of {', '.join(_KINDS)}")
             chosen = chosen.model_copy(update={kind: _WRITTEN[name.casefold()]})
         return chosen
+
+
+def kind_of(name: str) -> str | None:
+    """Quantity that a unit measures, capitals aside: ``length`` of ``mm``; None where ``TABLE`` has no such unit."""
+    return _KINDS.get(_WRITTEN.get(name.casefold(), name))
 
 
 def named(name: str) -> Unit | None:

@@ -49,7 +49,9 @@ TABLE = {
     "pose": POSE,
     "operator": ["Ann"] * COUNT,
 }
-ROBOT: Any = SimpleNamespace(joints=[SimpleNamespace(name=f"joint_{i}", rated_torque=0.0) for i in (1, 2)])
+ROBOT: Any = SimpleNamespace(
+    joints=[SimpleNamespace(name=f"joint_{i}", kind="revolute", rated_torque=0.0) for i in (1, 2)]
+)
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cellwatt.channel import Quality, Stream
 from cellwatt.errors import RecordingError
 from cellwatt.imports.parts import Part, Samples
 from cellwatt.record import Header, Recorder, RecordSettings
+from cellwatt.turns import counted_on
 
 START = 1_000_000_000_000_000_000
 """UTC ns that the first part begins at: the publishers do not say when they recorded."""
@@ -47,7 +49,7 @@ def write_recording(folder: Path, parts: Iterable[Part], cell: str, rate: float)
             for name, each in part.sources.items():
                 if each.channels != streams[name][0].channels:
                     raise RecordingError(f"{part.name}: other columns than in the parts before")
-                batches += _batches(name, streams[name][0], each, start, zero, sequence)
+                batches += _batches(name, streams[name][0], _counted_on(each), start, zero, sequence)
             for batch in sorted(batches, key=lambda each: each.arrival):
                 _taken(recorder.batch(batch), recorder)
                 counts["samples"] += len(batch)
@@ -74,6 +76,15 @@ def write_recording(folder: Path, parts: Iterable[Part], cell: str, rate: float)
 def _stream(source: str, samples: Samples) -> Stream:
     rate = 1 / float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
     return Stream(source, samples.channels, round(rate, 3), "device")
+
+
+def _counted_on(samples: Samples) -> Samples:
+    """Angles modulo a turn counted on, so that no frame lies between one end of the turn and the other."""
+    angles = [i for i, channel in enumerate(samples.channels) if channel.unit == "rad" and "position" in channel.name]
+    values = samples.values.copy()
+    for i in angles:
+        values[:, i] = counted_on(values[:, i])
+    return replace(samples, values=values)
 
 
 def _batches(

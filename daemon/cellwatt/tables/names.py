@@ -1,9 +1,11 @@
 """The dialect of tables: which quantity of which joint a column's name stands for, and in which unit.
 
-Three families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
-(``actual_q_0``, ``target_qd_0``) and the channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and
+Four families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
+(``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``) and the channels of a cell
+(``arm.joint_1.position``, ``supply.power``). Capitals and
 the blank or ``_`` before a number do not matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may
-follow: ``q_1 [deg]``, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI unit of the quantity.
+follow: ``q_1 [deg]``, ``q_3 [mm]`` of a linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI
+unit of the quantity.
 """
 
 from __future__ import annotations
@@ -13,11 +15,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from cellwatt.units import TABLE, Unit
+from cellwatt.units import TABLE, Unit, kind_of
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
-    "position": ("q", "actual_q", "position"),
-    "velocity": ("qd", "actual_qd", "velocity"),
+    "position": ("q", "actual_q", "position", "qpos"),
+    "velocity": ("qd", "actual_qd", "velocity", "qvel"),
     "acceleration": ("qdd", "acceleration"),
     "torque": ("tau", "torque", "actual_current_as_torque"),
     "torque_ratio": ("torque_percent", "torque_ratio"),
@@ -27,6 +29,8 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
     "target_position": ("target_q", "target_position"),
     "target_velocity": ("target_qd", "target_velocity"),
     "target_acceleration": ("target_qdd", "target_acceleration"),
+    "command": ("command",),
+    "control": ("ctrl",),
     "came_from": ("q_from", "came_from"),
 }
 """Names of a joint's quantity, each before the joint's number, in the order in which they are preferred."""
@@ -44,14 +48,18 @@ _POWER: Final = TABLE["power"]
 _ANGLE: Final = {**TABLE["angle"], "°": TABLE["angle"]["deg"]}
 _PER_SECOND: Final = {**TABLE["angular_velocity"], "°/s": TABLE["angular_velocity"]["deg/s"]}
 _PER_SQUARE: Final = {**TABLE["angular_acceleration"], "°/s^2": TABLE["angular_acceleration"]["deg/s^2"]}
+_LENGTH: Final = TABLE["length"]
+_SPEED: Final = TABLE["velocity"]
+_ALONG: Final = {f"{name}/s^2": Unit(f"{name}/s^2", unit.factor) for name, unit in _LENGTH.items()}
+_FORCE: Final = TABLE["force"]
 _TEMPERATURE: Final = TABLE["temperature"]
 _RATIO: Final = {"1": Unit("1"), "%": Unit("%", 0.01)}
 _TIME: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
-    "position": _ANGLE,
-    "velocity": _PER_SECOND,
-    "acceleration": _PER_SQUARE,
-    "torque": _TORQUE,
+    "position": {**_ANGLE, **_LENGTH},
+    "velocity": {**_PER_SECOND, **_SPEED},
+    "acceleration": {**_PER_SQUARE, **_ALONG},
+    "torque": {**_TORQUE, **_FORCE},
     "torque_ratio": {**_RATIO, "percent": _RATIO["%"]},
     "torque_spread": {"Nm": _TORQUE["Nm"], "1": _RATIO["1"]},
     "current": TABLE["current"],
@@ -63,10 +71,12 @@ _UNITS: Final[Mapping[str, Mapping[str, Unit]]] = {
         "degF": _TEMPERATURE["degF"],
         "°F": _TEMPERATURE["degF"],
     },
-    "target_position": _ANGLE,
-    "target_velocity": _PER_SECOND,
-    "target_acceleration": _PER_SQUARE,
-    "came_from": _ANGLE,
+    "target_position": {**_ANGLE, **_LENGTH},
+    "target_velocity": {**_PER_SECOND, **_SPEED},
+    "target_acceleration": {**_PER_SQUARE, **_ALONG},
+    "command": {**_ANGLE, **_LENGTH},
+    "control": {"1": Unit("1")},
+    "came_from": {**_ANGLE, **_LENGTH},
     "time": {name: Unit(name, factor) for name, factor in _TIME.items()},
     "supply.power": _POWER,
     "bus.power": _POWER,
@@ -119,6 +129,14 @@ def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
     if found is None:
         return None
     return _UNITS[quantity][found].factor, float(_UNITS[quantity][found].si(0.0))
+
+
+def along(unit: str | None) -> bool | None:
+    """True for a unit of a linear axis, False for one of a turning joint, None where it does not tell."""
+    kind = None if unit is None else kind_of(unit)
+    if kind in ("length", "velocity", "force"):
+        return True
+    return False if kind in ("angle", "angular_velocity", "torque") else None
 
 
 def units_of(quantity: str) -> tuple[str, ...]:

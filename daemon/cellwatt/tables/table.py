@@ -14,11 +14,14 @@ from numpy.typing import NDArray
 
 from cellwatt.config.wording import did_you_mean
 from cellwatt.errors import RecordingError
-from cellwatt.tables.names import Name, scale, understood, units_of, usual
+from cellwatt.tables.names import Name, along, scale, understood, units_of, usual
+from cellwatt.turns import counted_on, wraps
 from cellwatt.units import named
 
 Float = NDArray[np.float64]
 
+ANGLES: Final = ("position", "target_position")
+"""Quantities that some devices count modulo a turn."""
 MOST_NAMES: Final = 12
 """Columns that a message lists."""
 
@@ -115,6 +118,18 @@ class Table:
             raise RecordingError(f"{self.path}: no column {gone}; there are {there}")
         return tuple(family[number] for number in numbers)
 
+    def some_joint_names(self, quantity: str, joints: int, like: str) -> tuple[str, ...]:
+        """Names of the columns of a quantity that may lack some of ``joints``: "" for those; () where it lacks all.
+
+        Where its own numbers do not tell whether they begin with 0 or 1, those of the quantity ``like`` do. Raises
+        ``RecordingError`` as ``joints``.
+        """
+        family = self._family(quantity)
+        if not family:
+            return ()
+        first = _first(family if 0 in family or joints in family else self._family(like))
+        return tuple(family.get(first + i, "") for i in range(max(joints, 1 + max(family) - first)))
+
     def needed(self, quantity: str, joints: int) -> Float:
         """``joints`` of the first n joints, (N, n). Raises ``RecordingError`` where one is missing."""
         found = self.joints(quantity)
@@ -145,6 +160,15 @@ class Table:
         if len(found) > 1:
             raise self._several(name, found)
         return self._values(found[0]) if found else None
+
+    def wraps(self, name: str) -> int:
+        """How often the angles of a column jump by a turn; they are given counted on across it."""
+        return len(wraps(self._scaled(name))) if self._counted_on(name) else 0
+
+    def along(self, name: str) -> bool | None:
+        """True where the unit stated of a column is a linear axis's (m, N), False a turning one's, None without one."""
+        known = self._understood.get(name)
+        return along((known and known.unit) or self.units.get(name))
 
     def plain(self, name: str) -> Float:
         """Column (N,) by its own name; in the SI unit where the file holds its unit beside it."""
@@ -207,6 +231,14 @@ class Table:
         return RecordingError(f"{self.path}: column {name} {self.unfit[name]}")
 
     def _values(self, name: str) -> Float:
+        values = self._scaled(name)
+        return counted_on(values) if self._counted_on(name) else values
+
+    def _counted_on(self, name: str) -> bool:
+        known = self._understood.get(name)
+        return known is not None and known.quantity in ANGLES and not self.along(name)
+
+    def _scaled(self, name: str) -> Float:
         if name in self.unfit:
             raise self.refused(name)
         known = self._understood.get(name)

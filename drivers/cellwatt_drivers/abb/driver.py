@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field, SecretStr, field_validator, model_validator
 
@@ -49,6 +49,8 @@ class AbbSettings(SourceSettings):
     """Packets a second as the RAPID program asks for with ``\\SampleRate``: 250 Hz or a whole part of it."""
     axes: int = Field(6, ge=1, le=6)
     """Joints of the robot."""
+    linear: tuple[Annotated[int, Field(ge=1, le=6)], ...] = ()
+    """Joints of the robot that go along a line, ``[3]`` of a SCARA: their channels are in m and N."""
     external: tuple[wire.External, ...] = Field((), max_length=6)
     """External axes, in the controller's order; the seventh joint of a 7-axis arm is one."""
     web: tuple[Page, ...] = ("state", "energy")
@@ -91,6 +93,12 @@ class AbbSettings(SourceSettings):
         if rate > 10:
             raise ValueError(f"{rate:g} Hz is too much for a controller's web server: at most 10 Hz")
         return rate
+
+    @model_validator(mode="after")
+    def _linear_exist(self) -> AbbSettings:
+        if self.linear and max(self.linear) > self.axes:
+            raise ValueError(f"'linear' names joint {max(self.linear)}, 'axes' says {self.axes}")
+        return self
 
     @model_validator(mode="after")
     def _something(self) -> AbbSettings:
@@ -136,7 +144,7 @@ class AbbDriver(Driver[AbbSettings]):
 
     def _make_intake(self) -> Intake:
         s = self.settings
-        found = wire.columns(s.egm, s.axes, s.external, s.robotware)
+        found = wire.columns(s.egm, s.axes, s.external, s.robotware, s.linear)
         return Intake(self.outlet, Stream("egm", found.channels, s.rate, "device"), found, self._delivers)
 
     def _make_controller(self) -> tuple[Controller, list[Stream]]:

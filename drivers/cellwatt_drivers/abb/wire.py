@@ -25,6 +25,8 @@ External = Literal["rotary", "linear"]
 _RAD = math.radians(1.0)
 _NAN = float("nan")
 _FACTOR = {"rotary": _RAD, "linear": 1e-3}
+_POSITION = {"rotary": "rad", "linear": "m"}
+_EFFORT = {"rotary": "Nm", "linear": "N"}
 _ON_OFF = {1: 1.0, 2: 0.0}
 _RUNNING = {1: 0.0, 2: 1.0}
 _LAST_SECOND = 9_000_000_000
@@ -72,19 +74,30 @@ class Columns:
         return found
 
 
-def columns(groups: Sequence[Group], axes: int, external: Sequence[External], robotware: int = 7) -> Columns:
-    """The columns for a robot with ``axes`` joints and ``external`` axes; no RobotWare 6 has a ``move_index``."""
+def columns(
+    groups: Sequence[Group],
+    axes: int,
+    external: Sequence[External],
+    robotware: int = 7,
+    linear: Sequence[int] = (),
+) -> Columns:
+    """The columns for a robot with ``axes`` joints and ``external`` axes; no RobotWare 6 has a ``move_index``.
+
+    ``linear``: the numbers of joints that go along a line.
+    """
+    arm: _Kinds = tuple("linear" if i in linear else "rotary" for i in range(1, axes + 1))
     makers = _GROUPS if robotware > 6 else _GROUPS | {"state": _state(_STATES[:-1])}
     channels: list[Channel] = []
     readers: list[Callable[[Any], Sequence[float]]] = []
     for group in groups:
-        made, read = makers[group](axes, tuple(external))
+        made, read = makers[group](arm, tuple(external))
         channels += made
         readers.append(read)
     return Columns(tuple(channels), tuple(readers))
 
 
 _Made = tuple[list[Channel], Callable[[Any], Sequence[float]]]
+_Kinds = tuple[External, ...]
 
 
 def _fit(values: Sequence[float], factors: Sequence[float]) -> list[float]:
@@ -93,13 +106,13 @@ def _fit(values: Sequence[float], factors: Sequence[float]) -> list[float]:
     return found + [_NAN] * (len(factors) - len(found))
 
 
-def _motion(part: Literal["feedBack", "planned"], quantity: str) -> Callable[[int, tuple[External, ...]], _Made]:
-    def make(axes: int, external: tuple[External, ...]) -> _Made:
-        joints = [_RAD] * axes
+def _motion(part: Literal["feedBack", "planned"], quantity: str) -> Callable[[_Kinds, _Kinds], _Made]:
+    def make(arm: _Kinds, external: _Kinds) -> _Made:
+        # A linear joint's way in m is sent as if it were an angle in rad: in degrees.
+        joints = [_RAD] * len(arm)
         others = [_FACTOR[kind] for kind in external]
-        channels = [Channel(f"joint_{i}.{quantity}", "rad") for i in range(1, axes + 1)]
-        for i, kind in enumerate(external, 1):
-            channels.append(Channel(f"external_{i}.{quantity}", "rad" if kind == "rotary" else "m"))
+        channels = [Channel(f"joint_{i}.{quantity}", _POSITION[kind]) for i, kind in enumerate(arm, 1)]
+        channels += [Channel(f"external_{i}.{quantity}", _POSITION[kind]) for i, kind in enumerate(external, 1)]
 
         def read(message: Any) -> Sequence[float]:
             motion = getattr(message, part)
@@ -111,7 +124,7 @@ def _motion(part: Literal["feedBack", "planned"], quantity: str) -> Callable[[in
     return make
 
 
-def _tool(axes: int, external: tuple[External, ...]) -> _Made:
+def _tool(arm: _Kinds, external: _Kinds) -> _Made:
     channels = [Channel(f"tool.{axis}", "m") for axis in "xyz"]
     # A quaternion and its negative are one orientation: a value between two samples would be wrong at a change.
     channels += [Channel(f"tool.q{axis}", "1", align="hold") for axis in "wxyz"]
@@ -128,8 +141,8 @@ def _tool(axes: int, external: tuple[External, ...]) -> _Made:
 _STATES = ("motors_on", "program_running", "egm_state", "move_index")
 
 
-def _state(names: Sequence[str]) -> Callable[[int, tuple[External, ...]], _Made]:
-    def make(axes: int, external: tuple[External, ...]) -> _Made:
+def _state(names: Sequence[str]) -> Callable[[_Kinds, _Kinds], _Made]:
+    def make(arm: _Kinds, external: _Kinds) -> _Made:
         def read(message: Any) -> Sequence[float]:
             return (
                 _ON_OFF.get(message.motorState.state, _NAN),
@@ -143,7 +156,7 @@ def _state(names: Sequence[str]) -> Callable[[int, tuple[External, ...]], _Made]
     return make
 
 
-def _force(axes: int, external: tuple[External, ...]) -> _Made:
+def _force(arm: _Kinds, external: _Kinds) -> _Made:
     channels = [Channel(f"tool.force_{axis}", "N") for axis in "xyz"]
     channels += [Channel(f"tool.torque_{axis}", "Nm") for axis in "xyz"]
 
@@ -173,12 +186,12 @@ def force(message: Any) -> Sequence[float]:
     return list(older.force)
 
 
-def _torque(axes: int, external: tuple[External, ...]) -> _Made:
-    channels = [Channel(f"joint_{i}.target_torque", "Nm") for i in range(1, axes + 1)]
-    return channels, lambda message: _fit(message.torqueRef.joints, [1.0] * axes)
+def _torque(arm: _Kinds, external: _Kinds) -> _Made:
+    channels = [Channel(f"joint_{i}.target_torque", _EFFORT[kind]) for i, kind in enumerate(arm, 1)]
+    return channels, lambda message: _fit(message.torqueRef.joints, [1.0] * len(arm))
 
 
-def _collision(axes: int, external: tuple[External, ...]) -> _Made:
+def _collision(arm: _Kinds, external: _Kinds) -> _Made:
     def read(message: Any) -> Sequence[float]:
         known = message.HasField("CollisionInfo")
         return (float(message.CollisionInfo.collsionTriggered) if known else _NAN,)
@@ -186,7 +199,7 @@ def _collision(axes: int, external: tuple[External, ...]) -> _Made:
     return [Channel("robot.collision", "1", "discrete")], read
 
 
-_GROUPS: dict[str, Callable[[int, tuple[External, ...]], _Made]] = {
+_GROUPS: dict[str, Callable[[_Kinds, _Kinds], _Made]] = {
     "joints": _motion("feedBack", "position"),
     "planned": _motion("planned", "target_position"),
     "tool": _tool,

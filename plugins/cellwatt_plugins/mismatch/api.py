@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
+from cellwatt.errors import ConfigError
 from cellwatt.files import Place, Places, paths_of
+from cellwatt.tables import read_table
 from cellwatt_plugins.mismatch.explain import Explained
 from cellwatt_plugins.mismatch.explain import explain as explain_runs
 from cellwatt_plugins.mismatch.input.admission import admit
@@ -18,12 +21,13 @@ from cellwatt_plugins.mismatch.model import Prediction, load_model, predict_stat
 from cellwatt_plugins.mismatch.verdict.others import compare, with_others
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.description import robot_file
+from cellwatt_plugins.robot.simulated import described
 
 
 def explain(
     recordings: Places,
     *,
-    robot: Place,
+    robot: Place | Arm | None = None,
     simulation: Places = (),
     meter: Places = (),
     seconds: float = 50.0,
@@ -32,17 +36,18 @@ def explain(
 
     ``recordings`` are Parquet, CSV or cellwatt's own: t (s), q_i (rad), qd_i (rad/s), tau_i (Nm) and power (W);
     ``simulation`` the same of the simulator, one a recording, or a simulator's own file (MJCF, URDF). Without one,
-    ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion. ``meter`` are tables of power on a clock
+    ``robot`` (robot.yaml, or its folder) is simulated on the recorded motion; without ``robot``, the simulator's file
+    describes the arm. ``meter`` are tables of power on a clock
     of their own, one a recording. Of many recordings those are looked at closely whose motions differ most; the others
     are compared with what is found there. After ``seconds`` of computing nothing more is looked for. The result has
     ``findings``, the augmented ``model``, ``as_json`` and ``report``.
 
     Raises ``RecordingError`` where a file cannot be used, ``ConfigError`` where the description lacks what it needs.
     """
-    arm = Arm.load(robot)
     recorded, simulated, metered = paths_of(recordings), paths_of(simulation), paths_of(meter)
+    simulator = simulator_file(simulated)
+    arm = robot if isinstance(robot, Arm) else arm_of(robot, simulator, recorded)
     with threadpool_limits(1):
-        simulator = simulator_file(simulated)
         selection = select(sources(recorded, simulated, metered), arm.description)
         runs = read_sources(selection.close, arm.description, simulator)
         admitted = admit(runs, arm)
@@ -50,7 +55,23 @@ def explain(
         rate = 1 / min(run.step for run in runs)
         others = compare(selection.others, found.findings, found.model, simulator, rate)
         found = replace(found, findings=with_others(found.findings, others, len(runs)))
-    return replace(found, inputs=(*recorded, *simulated, *metered, robot_file(robot), arm.description.urdf))
+    own = () if robot is None or isinstance(robot, Arm) else (robot_file(robot),)
+    files = dict.fromkeys((*recorded, *simulated, *metered, *own, arm.description.urdf))
+    return replace(found, inputs=tuple(files))
+
+
+def arm_of(robot: Place | None, simulator: Path | None, recordings: Sequence[Path]) -> Arm:
+    """The arm of ``robot``; without it that of a simulator's file, with as many joints as the first recording has.
+
+    Raises ``ConfigError`` and ``RecordingError``.
+    """
+    if robot is not None:
+        return Arm.load(robot)
+    if simulator is None:
+        raise ConfigError("nothing describes the arm: give --robot robot.yaml, or a simulator's file (MJCF, URDF)")
+    table = read_table(recordings[0])
+    joints = len(table.joint_names("position") or table.joint_names("target_position"))
+    return Arm.of(described(simulator, joints or None))
 
 
 def simulate(model: Place, motion: Place, simulation: Place | None = None) -> Prediction:

@@ -17,11 +17,11 @@ from cellwatt.tables import write_table
 from cellwatt_plugins.mismatch import api
 from cellwatt_plugins.mismatch.experiments.suggest import suggest, suggestion_in_words, write_suggestion
 from cellwatt_plugins.mismatch.explain import Explained
+from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 from cellwatt_plugins.mismatch.verdict.findings import Findings
-from cellwatt_plugins.robot import Arm
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
 METER = "Power (t, power) that a meter logged on its own clock, one a recording."
@@ -48,7 +48,9 @@ class _Explain(click.Command):
     "--simulation", "simulations", multiple=True, type=INPUT, help="What the simulation says, one a recording."
 )
 @click.option("--meter", "meters", multiple=True, type=INPUT, help=METER)
-@click.option("--robot", required=True, type=INPUT, help="The robot's YAML description, or the folder that holds it.")
+@click.option(
+    "--robot", type=INPUT, help="robot.yaml, or its folder; a simulator's file describes the arm where it is left out."
+)
 @click.option("--out", required=True, type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings.json.")
 @click.option(
@@ -73,7 +75,7 @@ def explain(
     recordings: tuple[Path, ...],
     simulations: tuple[Path, ...],
     meters: tuple[Path, ...],
-    robot: Path,
+    robot: Path | None,
     out: Path,
     as_json: bool,
     seconds: float,
@@ -84,12 +86,14 @@ def explain(
     """Say where RECORDINGs differ from the simulation, which physics it leaves out, and what a model gains.
 
     Recordings and simulations are Parquet, CSV or cellwatt's own. Several simulations may follow one --simulation.
+    A simulator's own file (MJCF, URDF) may stand for them: it is run on each recorded motion, and needs no robot.yaml.
     Without simulations, robot.yaml is simulated on the recorded motion. Writes findings.json, model.yaml and
     report.html.
     """
-    user = None if simulator is None else to_mend(simulator, Arm.load(robot).body)
     given = simulations or ((simulator,) if simulator else ())
-    found = api.explain(recordings, robot=robot, simulation=given, meter=meters, seconds=seconds)
+    arm = api.arm_of(robot, simulator_file(given) or simulator, recordings)
+    user = None if simulator is None else to_mend(simulator, arm.body)
+    found = api.explain(recordings, robot=robot or arm, simulation=given, meter=meters, seconds=seconds)
     out.mkdir(parents=True, exist_ok=True)
     content = found.as_json()
     (out / "findings.json").write_text(json.dumps(content, indent=1))
@@ -152,6 +156,7 @@ def in_words(found: Explained, out: Path) -> str:
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
     lines += [f"  ? {left.statement}" for left in findings.unexplained]
+    lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]
     written = ", ".join(name for name in WRITTEN if (out / name).exists())
     return "\n".join([*lines, f"written to {out}: {written}"])

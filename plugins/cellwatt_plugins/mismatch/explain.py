@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cellwatt.files import Place
 from cellwatt.progress import stage
-from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
@@ -25,9 +25,10 @@ from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
-from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Findings, Verdict
+from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
-from cellwatt_plugins.mismatch.verdict.naming import findings_of, unknown_findings
+from cellwatt_plugins.mismatch.verdict.mounting import as_mounted
+from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects.states import States
 
@@ -67,6 +68,12 @@ class Explained:
         """The content of ``findings.json``, which ``cellwatt explain --json`` prints."""
         return self.findings.as_json()
 
+    @property
+    def mounted(self) -> Float | None:
+        """What gravity (3,) m/s² in the base's frame differs by from the simulation's; None where the mount is right."""
+        model = self.model
+        return None if model.mount is None else model.mount - model.arm().body.gravity_field
+
     def report(self, path: Place) -> None:
         """Write the page, ``report.html``. Raises ``CellwattError`` where the file cannot be written."""
         from cellwatt.report import Provenance
@@ -95,25 +102,24 @@ def explain(
     """
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
+    with stage("looking how the arm is mounted"):
+        base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
     with stage("fitting the nominal parameters"):
         nominal = search(torques, body.joints, thresholds, effects=())
+    powered = any(run.power is not None for run in runs)
+    limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        torque = search(
-            torques,
-            body.joints,
-            thresholds,
-            until=until - SUPPLY_SHARE * seconds if any(run.power is not None for run in runs) else until,
-        )
-    driven, doubt = _torque_for_power(runs, torque)
+        torque = search(torques, body.joints, thresholds, until=limit, powered=powered)
+    driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(Supply(supplied), 1, thresholds, until=until)
     with stage("judging by data left out"):
-        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)))
-    return Explained(findings, model_of(torque, supply), torque, supply, nominal, tuple(runs))
+        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted)
+    return Explained(findings, model_of(torque.best, supply, base), torque, supply, nominal, tuple(runs))
 
 
 def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[States], list[Float]]:
@@ -150,20 +156,28 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     return out
 
 
-def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, admitted: Sequence[str]) -> Findings:
+def _findings(
+    runs: Sequence[Run],
+    torque: Solution,
+    supply: Solution | None,
+    admitted: Sequence[str],
+    mounted: Finding | None,
+) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, left, fit, tried = [], [], [], []
+    found, left, fit, tried = [] if mounted is None else [mounted], [], [], []
+    curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
     size = torque.problem.states[0].robot.tolerances.unexplained
     limits = Limits(excess=EXCESS if planned else WITHOUT_PLAN, size=size)
     for solution in sides:
-        held = CrossValidation(solution.problem, solution.factor)
+        held, best = LeaveOut(solution.problem, solution.factor), solution.best
         own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
         found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, own, held)
         left += [unexplained_channel(u, *channel(solution.problem, u.channel)) for u in own]
-        fit += _fit(solution, held)
+        curves += curves_of(best, LeaveOut(best.problem, best.factor))
+        fit += _fit(best, LeaveOut(best.problem, best.factor))
         tried += solution.tried
     named = any(f.effect != "unknown" for f in found)
     # Of what is there at one time only, no data can be left out.
@@ -171,7 +185,13 @@ def _findings(runs: Sequence[Run], torque: Solution, supply: Solution | None, ad
     far = not once and any(c.model > FAR * c.noise_floor for c in fit)
     verdict = _verdict(named, bool(left) or (named and far))
     return Findings(
-        verdict, tuple(merged(found)), tuple(left), tuple(fit), tuple(tried), (*admitted, *_notes(runs, torque, supply))
+        verdict,
+        tuple(merged(found)),
+        tuple(left),
+        tuple(fit),
+        tuple(tried),
+        (*admitted, *_notes(runs, torque, supply)),
+        curves=tuple(curves),
     )
 
 
@@ -186,7 +206,7 @@ def _nominal_chi2(problem: Problem) -> Float:
     return problem.chi2(problem.fit([]).residual)
 
 
-def _fit(solution: Solution, held: CrossValidation) -> list[ChannelFit]:
+def _fit(solution: Solution, held: LeaveOut) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated, retuned, with the model."""
     problem = solution.problem
     refit, model = rms(held.residual([])), rms(held.residual(solution.terms))

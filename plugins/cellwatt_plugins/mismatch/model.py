@@ -18,6 +18,7 @@ from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.robot import Arm, RobotDescription
+from cellwatt_plugins.robot.body import urdf_bytes
 from cellwatt_plugins.robot.drive import copper_loss
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
@@ -80,23 +81,28 @@ class Model:
     terms: tuple[FittedTerm, ...] = ()
     links: Float | None = None
     """(10 n,) inertial parameters where the simulation has others than the URDF."""
+    gravity: Float | None = None
+    """(3,) m/s² in the base's frame where the simulation has another mount than the URDF."""
+    mount: Float | None = None
+    """The same of the arm, where the simulation has another one than the arm."""
 
     def arm(self) -> Arm:
         """The arm as the simulation has it. Raises ``ConfigError``."""
         arm = Arm.of(self.robot)
-        return arm if self.links is None else arm.with_parameters(self.links)
+        arm = arm if self.links is None else arm.with_parameters(self.links)
+        return arm if self.gravity is None else arm.with_gravity(self.gravity)
 
     @property
     def baseline(self) -> Baseline:
         """The law of the simulation that it adds to. Raises ``ConfigError``."""
-        return Baseline(self.arm())
+        return Baseline(self.arm(), self.mount)
 
 
 def predict(model: Model, motion: Motion) -> Prediction:
     """Torque and power of a motion that is known exactly; hidden states start cold and at rest."""
     moved = exact(motion.position, motion.velocity, motion.acceleration)
-    states = States("motion", -1, motion.time, moved, model.arm(), motion.temperature)
-    return predict_states(model, states)
+    arm = model.arm() if model.mount is None else model.arm().with_gravity(model.mount)
+    return predict_states(model, States("motion", -1, motion.time, moved, arm, motion.temperature))
 
 
 def predict_states(model: Model, states: States) -> Prediction:
@@ -149,7 +155,7 @@ def save_model(model: Model, path: Path) -> None:
     """Write ``model.yaml`` with the URDF beside it."""
     urdf = path.with_name("robot.urdf")
     if urdf.resolve() != model.robot.urdf.resolve():
-        urdf.write_bytes(model.robot.urdf.read_bytes())
+        urdf.write_bytes(urdf_bytes(model.robot.urdf, [joint.name for joint in model.robot.joints]))
     robot = model.robot.model_dump(mode="json", exclude_none=True) | {"urdf": urdf.name}
     retuned = {name: np.asarray(value).tolist() for name, value in vars(model.retuned).items()}
     terms = [
@@ -161,8 +167,9 @@ def save_model(model: Model, path: Path) -> None:
         }
         for f in model.terms
     ]
-    links = {} if model.links is None else {"links": model.links.tolist()}
-    content = {"format": FORMAT, "robot": robot, **links, "retuned": retuned, "effects": terms}
+    arrays = {"links": model.links, "gravity": model.gravity, "mount": model.mount}
+    known = {name: values.tolist() for name, values in arrays.items() if values is not None}
+    content = {"format": FORMAT, "robot": robot, **known, "retuned": retuned, "effects": terms}
     path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120))
 
 
@@ -188,6 +195,8 @@ class _File(BaseModel):
     format: Annotated[int, reads_version(FORMAT, "run `cellwatt explain` again")]
     robot: RobotDescription
     links: tuple[float, ...] | None = None
+    gravity: tuple[float, float, float] | None = None
+    mount: tuple[float, float, float] | None = None
     retuned: _Retuned
     effects: tuple[_Effect, ...]
 
@@ -213,7 +222,7 @@ def load_model(path: Path) -> Model:
         found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}),
         Retuned(inertial, coulomb, viscous, rotor, given.standby_power, resistance),
         tuple(terms),
-        None if found.links is None else _array(found.links),
+        *(None if each is None else _array(each) for each in (found.links, found.gravity, found.mount)),
     )
 
 

@@ -57,9 +57,8 @@ class MismatchStage(Stage[MismatchSettings]):
         super().__init__(name, settings, layout, cell)
         streams = any(channel.source == settings.simulation for channel in layout.channels)
         self._simulation = _simulation(name, "robot" if streams else settings.simulation, settings, layout, cell)
-        robot = self._simulation.model.robot
-        constants = np.array([joint.torque_constant for joint in robot.joints])
-        self._intake = intake(name, layout, settings.arm, settings.power, constants)
+        robot = self._simulation.model.arm().description
+        self._intake = intake(name, layout, settings.arm, settings.power, robot)
         self._streamed = streamed(name, settings.simulation, layout, self._intake)
         places = self._intake.places
         motion = [c for q in ("position", "velocity") if q in places for c in range(places[q].start, places[q].stop)]

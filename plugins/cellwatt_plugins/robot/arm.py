@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from cellwatt_plugins.robot.body import Body
 from cellwatt_plugins.robot.description import RobotDescription, load_robot
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.simulated import described, is_simulator
+from cellwatt_plugins.robot.units import Kind, unit_at
 
 Float = NDArray[np.float64]
 
@@ -33,19 +36,38 @@ class Arm:
     body: Body
 
     @classmethod
-    def load(cls, robot: Place, needs: Sequence[str] = ()) -> Arm:
-        """Read an arm: a packaged robot's name (``"mh12"``), a ``robot.yaml`` or the folder that holds one.
+    def load(cls, robot: Place, needs: Sequence[str] = (), weighed: bool = True) -> Arm:
+        """Read an arm: a packaged robot's name (``"mh12"``), a ``robot.yaml`` or its folder, or an MJCF or URDF alone.
 
-        ``needs`` are keys that every joint must have above 0, such as ``torque_constant``.
+        ``needs`` are keys that every joint must have above 0, such as ``torque_constant``; ``weighed``: links must have
+        masses.
 
         Raises ``ConfigError`` naming the file and the key where the description or the URDF cannot be used.
         """
-        return cls.of(load_robot(robot, needs))
+        path = Path(robot)
+        if not is_simulator(path):
+            return cls.of(load_robot(robot, needs), weighed)
+        if needs:
+            raise ConfigError(
+                f"{path} does not say {needs[0]}: write a robot.yaml with it that names this file as urdf"
+            )
+        return cls.of(described(path), weighed)
 
     @classmethod
-    def of(cls, description: RobotDescription) -> Arm:
-        """The arm of a description. Raises ``ConfigError`` where its URDF cannot be read or has other joints."""
-        return cls(description, Body(description.urdf, tuple(joint.name for joint in description.joints)))
+    def of(cls, description: RobotDescription, weighed: bool = True) -> Arm:
+        """The arm of a description, its joints of the kinds that its URDF says.
+
+        Raises ``ConfigError`` where the URDF cannot be read, has other joints, joints of other kinds, or, if they are
+        to be ``weighed``, links without mass.
+        """
+        body = Body(description.urdf, tuple(joint.name for joint in description.joints))
+        body = body.with_gravity(np.array(description.gravity))
+        if weighed and (missing := body.without_mass()):
+            raise ConfigError(
+                f"{description.urdf}: no mass of {', '.join(missing)}: without it the arm's weight and inertia are not "
+                "known: write <inertial> into these links, from CAD or the maker's data"
+            )
+        return cls(_with_kinds(description, body), body)
 
     @property
     def name(self) -> str:
@@ -84,7 +106,8 @@ class Arm:
         for joint, pair in zip(self.description.joints, limits, strict=True):
             if not (np.isfinite(pair).all() and pair[0] < pair[1]):
                 raise ConfigError(
-                    f"{self.description.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in rad"
+                    f"{self.description.urdf}: {joint.name} has no range: write lower_limit and upper_limit, in "
+                    f"{unit_at(joint.kind, 'rad')}"
                 )
         return limits
 
@@ -95,6 +118,10 @@ class Arm:
     def with_parameters(self, parameters: Float) -> Arm:
         """The same arm with other inertial ``parameters`` (10 n,) of its links; see ``Body.parameters``."""
         return replace(self, body=self.body.with_parameters(parameters))
+
+    def with_gravity(self, field: Float) -> Arm:
+        """The same arm where gravity is ``field`` (3,) m/s² in the base's frame."""
+        return replace(self, body=self.body.with_gravity(field))
 
     def torque(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Motor torques (N, n) Nm that a motion needs: links, rotors, Coulomb and viscous friction.
@@ -115,3 +142,16 @@ class Arm:
     def forward(self, q: Float) -> Float:
         """Frames (N, n, 4, 4) m of the joints in the base's frame at ``q`` (N, n) rad; the last one is the flange's."""
         return self.body.forward(q)
+
+
+def _with_kinds(description: RobotDescription, body: Body) -> RobotDescription:
+    kinds: list[Kind] = ["revolute" if turns else "prismatic" for turns in body.turns]
+    for joint, kind in zip(description.joints, kinds, strict=True):
+        if "kind" in joint.model_fields_set and joint.kind != kind:
+            raise ConfigError(
+                f"{description.urdf}: joint {joint.name} is {kind}, the robot's description says otherwise"
+            )
+    if all(kind == "revolute" for kind in kinds):
+        return description
+    joints = (joint.model_copy(update={"kind": kind}) for joint, kind in zip(description.joints, kinds, strict=True))
+    return description.model_copy(update={"joints": tuple(joints)})

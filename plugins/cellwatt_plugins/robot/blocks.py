@@ -8,7 +8,8 @@ samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -81,6 +82,12 @@ class Design:
         self.size = self.slices[-1].stop if self.slices else 0
         self.channels = self.by_channel(self.blocks, self.slices)
         self._products: dict[Block, list[_Product]] = {}
+
+    def with_priors(self, priors: Sequence[Prior]) -> Design:
+        """Return the same design where its blocks have other ``priors``; its products are shared."""
+        new = copy(self)
+        new.blocks = tuple(replace(block, prior=prior) for block, prior in zip(self.blocks, priors, strict=True))
+        return new
 
     def by_channel(self, blocks: Sequence[Block], slices: Sequence[slice]) -> list[_Channel]:
         """Return the columns of ``blocks`` at each channel; ``slices`` are the places of their coefficients."""
@@ -168,6 +175,10 @@ class Regression:
     def covariance(self) -> Float:
         """Posterior covariance of all coefficients."""
         return self._fit.covariance
+
+    def added(self, part: slice) -> float:
+        """Return the log evidence (nats) that coefficients of this fit add to its others."""
+        return self._fit.gain(part)
 
     @cached_property
     def _weighed(self) -> list[Float]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
+from cellwatt_plugins.robot.mjcf import is_mjcf, urdf_of
 
 Float = NDArray[np.float64]
 
@@ -24,6 +25,9 @@ PER_LINK = 10
 
 LEAST_MASS = 1e-6
 """kg: without a mass, a link's first moment has no centre."""
+
+NO_MASS, NO_LENGTH = 1e-3, 0.02
+"""kg and m up to which a link between two joints is a point of their axes, and not a casting."""
 
 TURNS = 2 * np.pi
 """rad each way that a joint without limits is taken to turn."""
@@ -47,7 +51,7 @@ class Body:
     def __init__(self, urdf: Path, joints: tuple[str, ...]) -> None:
         """Raise ``ConfigError`` where the URDF cannot be read, lacks a joint or has them in another order."""
         try:
-            model = pin.buildModelFromXML(_with_one_angle_each(urdf))
+            model = pin.buildModelFromXML(_with_one_angle_each(urdf_bytes(urdf, joints)))
         except (OSError, ET.ParseError, ValueError, RuntimeError) as error:
             raise ConfigError(f"{urdf}: cannot be read as a URDF: {error}") from error
         names = list(model.names)[1:]
@@ -72,6 +76,21 @@ class Body:
     def joints(self) -> int:
         """Number of joints, n."""
         return len(self.names)
+
+    def without_mass(self) -> tuple[str, ...]:
+        """Names of the links whose mass is missing.
+
+        A link that ends where it begins, as between the axes of a wrist, and a flange at the end may have none, unless
+        no link has any.
+        """
+        heavy = np.array([self._model.inertias[i + 1].mass > NO_MASS for i in range(self.joints)])
+        long = np.linalg.norm(self.placements[1:, :3, 3], axis=1) > NO_LENGTH
+        missing = ~heavy & np.append(long, False) if heavy.any() else ~heavy
+        names: dict[int, str] = {}
+        for frame in self._model.frames.tolist():
+            if frame.type == pin.FrameType.BODY:
+                names.setdefault(frame.parentJoint, frame.name)
+        return tuple(names[int(i) + 1] for i in np.flatnonzero(missing))
 
     @property
     def limits(self) -> Float:
@@ -219,9 +238,17 @@ class Body:
         return out
 
 
-def _with_one_angle_each(urdf: Path) -> str:
+def urdf_bytes(path: Path, joints: Sequence[str]) -> bytes:
+    """The URDF of an arm with these ``joints``: the file itself, or what a MuJoCo file says.
+
+    Raises ``ConfigError``, and ``OSError`` where the file cannot be read.
+    """
+    return urdf_of(path, joints).encode() if is_mjcf(path) else read_bytes(path)
+
+
+def _with_one_angle_each(urdf: bytes) -> str:
     """The URDF with its ``continuous`` joints, and those without limits, as ones that turn ``TURNS`` each way."""
-    root = ET.fromstring(read_bytes(urdf))
+    root = ET.fromstring(urdf)
     for joint in root.iter("joint"):
         limit = joint.find("limit")
         if joint.get("type") == "continuous" or (joint.get("type") == "revolute" and not _has_room(limit)):

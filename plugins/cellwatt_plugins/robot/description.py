@@ -21,6 +21,7 @@ from pydantic import (
 from cellwatt.config import KeyPath, read_settings
 from cellwatt.errors import ConfigError
 from cellwatt.files import Place
+from cellwatt_plugins.robot.units import Kind, unit_at
 
 PACKAGED: Final = Path(__file__).with_name("packaged")
 """Folder of the robots that come with cellwatt, one folder each."""
@@ -51,10 +52,15 @@ class Tolerances(_Keys, extra="forbid"):
 
 
 class Joint(_Keys):
-    """One joint; torques, inertias and friction at the joint side. 0 means that the simulation leaves the term out."""
+    """One joint; torques, inertias and friction at the joint side. 0 means that the simulation leaves the term out.
+
+    Of a prismatic joint, read m for rad, N for Nm and kg for kg m².
+    """
 
     name: str
     """Name of the joint in the URDF; joints come in the order from the base."""
+    kind: Kind = "revolute"
+    """``revolute`` or ``prismatic``: the URDF's."""
     gear_ratio: PositiveFloat = 1.0
     """Turns of the motor for one of the joint."""
     torque_constant: NonNegative = 0.0
@@ -96,9 +102,11 @@ class RobotDescription(_Keys):
     robot: str
     """Name of the robot."""
     urdf: Path
-    """The URDF, beside this file unless absolute."""
+    """The URDF, or a MuJoCo file, beside this file unless absolute."""
     joints: Annotated[tuple[Joint, ...], Field(min_length=1)]
     """The joints that move, from the base."""
+    gravity: Point = (0.0, 0.0, -9.81)
+    """m/s² in the base's frame: of an arm on a wall or a ceiling, or mounted sideways, it does not point down."""
     sample_rate: PositiveFloat | None = None
     """Hz of its recordings; found in the recording where absent."""
     standby_power: NonNegative = 0.0
@@ -136,6 +144,10 @@ class RobotDescription(_Keys):
         if last and any(capsule.link > last for capsule in capsules):
             raise ValueError(f"a link above {last}, the last")
         return capsules
+
+    def unit(self, joint: int, unit: str) -> str:
+        """Unit at a ``joint`` (0-based) of what has ``unit`` at a revolute one: ``N`` for ``Nm`` at a prismatic one."""
+        return unit_at(self.joints[joint].kind, unit)
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One number of every joint, e.g. ``coulomb_friction``: (n,), in the unit of that key."""

@@ -73,9 +73,8 @@ class SegmentStage(Stage[SegmentSettings]):
     def __init__(self, name: str, settings: SegmentSettings, layout: Layout, cell: CellInfo) -> None:
         super().__init__(name, settings, layout, cell)
         self._columns = list(layout.joints("position", settings.arm))
-        if any(layout.channels[c].unit != "rad" for c in self._columns):
-            wrong = next(layout.channels[c] for c in self._columns if layout.channels[c].unit != "rad")
-            raise ConfigError(f"stage {name!r}: {wrong.name} is in {wrong.unit}, expected rad")
+        if wrong := [layout.channels[c] for c in self._columns if layout.channels[c].unit not in ("rad", "m")]:
+            raise ConfigError(f"stage {name!r}: {wrong[0].name} is in {wrong[0].unit}, expected rad, or m of a slide")
         thresholds = Thresholds(
             start_speed=settings.start_speed,
             stop_speed=settings.stop_speed,

@@ -71,6 +71,21 @@ def test_voraus_ad(tmp_path):
     assert values[inside, layout.index("joint_6.current")] == pytest.approx(3.0)
 
 
+def test_angles_modulo_a_turn_have_no_frame_in_between(tmp_path):
+    voraus(tmp_path / "data.parquet", samples=1)
+    table = pq.read_table(tmp_path / "data.parquet")
+    angle = 2.9 + 0.5 * table["time"].to_numpy()
+    turned = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+    at = table.column_names.index("joint_position_2")
+    pq.write_table(table.set_column(at, "joint_position_2", pa.array(turned)), tmp_path / "data.parquet")
+    called("voraus-ad", tmp_path / "data.parquet", "--out", tmp_path / "out")
+    layout, _, values = frames_of(tmp_path / "out")
+    found = values[:, layout.index("joint_2.position")]
+    found = found[np.isfinite(found)]
+    assert np.ptp(found) == pytest.approx(0.5 * 1.99, abs=0.02)
+    assert np.max(np.abs(np.diff(found))) < 0.01
+
+
 def test_between_two_repetitions_nothing_is_made_up(tmp_path):
     voraus(tmp_path / "data.parquet")
     called("voraus-ad", tmp_path / "data.parquet", "--out", tmp_path / "out")

@@ -65,6 +65,10 @@ def test_names_of_the_supplys_power(name: str) -> None:
         ("q_1(mrad)", "position", 1e-3),
         ("q_1_deg", "position", np.pi / 180),
         ("joint_1.position [°]", "position", np.pi / 180),
+        ("q_1 [mm]", "position", 1e-3),
+        ("velocity_1 [m/s]", "velocity", 1.0),
+        ("qdd_1 [mm/s²]", "acceleration", 1e-3),
+        ("torque_1 [N]", "torque", 1.0),
         ("qd_1 [deg/s]", "velocity", np.pi / 180),
         ("velocity_1_deg_s", "velocity", np.pi / 180),
         ("qdd_1 [rad/s²]", "acceleration", 1.0),
@@ -127,9 +131,12 @@ def test_a_channel_of_no_joint_is_found_with_its_source() -> None:
         ({"q_1": ONE, "q_4": ONE}, "no column q_2, q_3; there are q_1, q_4"),
         (
             {"q_1 [grad]": ONE},
-            "column q_1 [grad]: unknown unit 'grad'; did you mean 'rad'? (expected rad, mrad, deg, °)",
+            "column q_1 [grad]: unknown unit 'grad'; did you mean 'rad'? (expected rad, mrad, deg, °, m, mm)",
         ),
-        ({"q_1 [Nm]": ONE}, "column q_1 [Nm]: unknown unit 'Nm' (expected rad, mrad, deg, °)"),
+        (
+            {"q_1 [Nm]": ONE},
+            "column q_1 [Nm]: unknown unit 'Nm'; did you mean 'm'? (expected rad, mrad, deg, °, m, mm)",
+        ),
         ({"qq_1": ONE, "t": ONE}, "no column q_1; did you mean 'qq_1'?; there are: qq_1"),
     ],
 )

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import numpy as np
 import pytest
@@ -84,6 +85,22 @@ def test_external_axes_turn_or_slide():
     values = read(MINIMAL + external, ("joints",), 2, ("rotary", "linear"))
     assert values["external_1.position"] == pytest.approx(math.radians(10))
     assert values["external_2.position"] == pytest.approx(0.020)
+
+
+def test_a_linear_joint_of_the_robot_is_sent_like_an_angle_and_given_in_m():
+    ways = [0.4, -0.09]  # m, as a SCARA's controller sends them: in degrees
+    sent = b"".join(b"\x09" + struct.pack("<d", math.degrees(way)) for way in ways)
+    datagram = MINIMAL[:8] + b"\x12" + bytes([len(sent) + 2]) + b"\x0a" + bytes([len(sent)]) + sent
+    columns = wire.columns(("joints", "planned", "torque"), 2, (), linear=(2,))
+    assert {channel.name: channel.unit for channel in columns.channels} == {
+        "joint_1.position": "rad",
+        "joint_2.position": "m",
+        "joint_1.target_position": "rad",
+        "joint_2.target_position": "m",
+        "joint_1.target_torque": "Nm",
+        "joint_2.target_torque": "N",
+    }
+    assert columns.row(wire.decode(datagram).message)[:2] == pytest.approx(ways)
 
 
 def test_what_no_robot_sends_is_refused():

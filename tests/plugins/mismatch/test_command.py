@@ -196,9 +196,9 @@ def explain_words(cell, out):
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"tau_2": None}, "tau_2"),
+        ({"q_2": None}, "q_2"),
         ({"t": None}, "time"),
-        ({"tau_1": lambda x: np.full_like(x, np.nan)}, "tau_1"),
+        ({"q_1": lambda x: np.full_like(x, np.nan)}, "q_1"),
         ({"q_1": np.degrees, "q_2": np.degrees, "q_3": np.degrees}, "deg"),
     ],
 )

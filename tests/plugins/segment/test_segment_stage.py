@@ -72,9 +72,10 @@ def test_several_arms_need_a_choice(tmp_path):
     assert stage.settings.arm == "other"
 
 
-def test_positions_must_be_in_rad(tmp_path):
-    with pytest.raises(ConfigError, match=r"arm\.joint_1\.position is in m, expected rad"):
-        SegmentStage("segment", SegmentSettings(), layout("arm", unit="m"), cell(tmp_path))
+def test_positions_must_be_in_rad_or_m(tmp_path):
+    SegmentStage("segment", SegmentSettings(), layout("arm", unit="m"), cell(tmp_path))
+    with pytest.raises(ConfigError, match=r"arm\.joint_1\.position is in 1, expected rad, or m of a slide"):
+        SegmentStage("segment", SegmentSettings(), layout("arm", unit="1"), cell(tmp_path))
 
 
 def test_settings_take_units():

@@ -20,6 +20,7 @@ from cellwatt_plugins.robot.blocks import Block, Design, Regression
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.effect import Effect, Shape
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 K = TypeVar("K")
@@ -32,6 +33,8 @@ SLOW = 0.3
 """s over which the slow part of a residual is averaged."""
 FINEST = 0.002
 """Share of what was measured that a noise floor is at least: no law of an arm is finer, however quiet its sensors."""
+MADE = 300
+"""Blocks that are remembered."""
 STOP = 0.1
 """s over which the sign of the velocity stays unknown at a stop."""
 
@@ -79,6 +82,8 @@ class Problem:
 
     simulated: dict[tuple[object, ...], list[Float]] = field(default_factory=dict)
     """Columns of terms that depend on the motion alone."""
+    made: dict[tuple[object, ...], Block] = field(default_factory=dict)
+    """Blocks of such terms."""
     of_design: dict[str, object] = field(default_factory=dict)
     """See ``kept``."""
 
@@ -96,8 +101,15 @@ class Problem:
         return [rows.samples(part) for rows, part in zip(self.rows, self.split(stacked), strict=True)]
 
     def block(self, term: Term) -> Block:
-        """The columns of a term over all runs, with their prior."""
-        return self.prior_block(term, self.stack(self.columns(term)))
+        """The columns of a term over all runs, with their prior; made once where they depend on the motion alone."""
+        if not term.effect.by_motion_alone:
+            return self.prior_block(term, self.stack(self.columns(term)))
+        key = (*term.place, term.shape)
+        if key not in self.made:
+            if len(self.made) > MADE:
+                self.made.clear()
+            self.made[key] = self.prior_block(term, self.stack(self.columns(term)))
+        return self.made[key]
 
     def columns(self, term: Term) -> list[Float]:
         """Columns of a term in each run; simulated once where they depend on the motion alone."""
@@ -176,6 +188,13 @@ class Problem:
         new.__dict__["design"] = self.design
         return new
 
+    def with_priors(self, priors: Sequence[Prior]) -> Problem:
+        """The same problem where the nominal parameters have other priors."""
+        nuisance = tuple(replace(block, prior=prior) for block, prior in zip(self.nuisance, priors, strict=True))
+        new = replace(self, nuisance=nuisance)
+        new.__dict__["design"] = self.design.with_priors(priors)
+        return new
+
     def kept(self, name: str, made: Callable[[], K]) -> K:
         """What is made once of the design, which stays whatever torque is fitted."""
         if name not in self.of_design:
@@ -183,8 +202,10 @@ class Problem:
         return cast("K", self.of_design[name])
 
 
-def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float | None = None) -> Problem:
-    """The joints' torques of all runs.
+def torque_problem(
+    runs: Sequence[Run], states: Sequence[States], turning: Float | None = None, looseness: float = 1.0
+) -> Problem:
+    """The joints' torques of all runs; ``looseness`` is a factor on the tolerances of the links.
 
     ``turning`` (n,) Nm is friction beyond the nominal that turns over with the sign of the velocity: the less is known
     of that sign, the less a sample counts.
@@ -215,7 +236,7 @@ def torque_problem(runs: Sequence[Run], states: Sequence[States], turning: Float
         variance=tuple(r.of(part) for r, part in zip(rows, variance, strict=True)),
         floor=noise,
         size=size,
-        nuisance=torque_nuisance(states),
+        nuisance=torque_nuisance(states, looseness),
         measured=np.std(measured, axis=0),
     )
 

@@ -21,11 +21,13 @@ class Torques:
         self._runs, self._states = tuple(runs), tuple(states)
         self._plain: Problem | None = None
 
-    def __call__(self, turning: Float, /) -> Problem:
-        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign."""
-        if turning.any():
-            self._plain = None
-            return torque_problem(self._runs, self._states, turning)
+    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
+        """The problem for friction (n,) Nm beyond the nominal that turns over with the velocity's sign.
+
+        ``looseness`` is a factor on the tolerances of the links.
+        """
+        if turning.any() or looseness != 1.0:
+            return torque_problem(self._runs, self._states, turning, looseness)
         if self._plain is None:
             self._plain = torque_problem(self._runs, self._states)
         return self._plain
@@ -37,6 +39,6 @@ class Supply:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
 
-    def __call__(self, turning: Float, /) -> Problem:
+    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
         """The problem."""
         return self._problem

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +20,26 @@ class Thresholds:
 
     gain: float = 16.0
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
-    share: float = 0.05
-    """Share of what is unexplained in its channels that it must explain."""
-    least: float = 0.004
-    """Share of the whole residual of its channels that it must explain."""
-    held_out: float = 0.015
-    """Share by which it must lower the error on data left out of a channel that is far from its noise."""
+    share: float = 0.1
+    """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
+    share_near: float = 0.0
+    """The same near the noise, where it must be ``sure``."""
+    near: float = 1.3
+    """Mean square residual, in units of the noise, up to which a channel is near it."""
+    steady: float = 1.5
+    sure: float = 2.5
+    much: float = 0.15
+    """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
+    better: float = 0.4
+    """Share that a fancier name must take off beyond a plainer one in its place."""
+    least: float = 4.0
+    """Log evidence (nats) that it must add in any case."""
+    rise: float = 0.02
+    """Share by which another channel's error may rise."""
+    relaxed: float = 1.5
+    """Stretch of the nominal parameters, in units of their number, that is within their tolerances."""
     blur: float = 4.0
     """Factor on another term's standard deviation from which the two cannot be told apart."""
-    credible: float = 0.6
-    """Share of all that differs at its joint that it must explain where much stays unexplained."""
     costly: float = 1.3
     """Mean square of the residual's fast part, in units of the noise, from which costly effects are tried."""
     most: int = 40
@@ -75,13 +86,26 @@ class Solution:
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
     """True if the time was up before all was tried."""
+    curved: Solution | None = None
+    """The same terms with curves of what is left, where data left out confirm any."""
     rivals: dict[tuple[str, int | None], tuple[float, tuple[Candidate, ...]]] = field(default_factory=dict)
     """Evidence of each term beside the others, and of the best other names in its place."""
+
+    @property
+    def best(self) -> Solution:
+        """This one with its curves, where it has any."""
+        return self if self.curved is None else self.curved
 
     @property
     def residual(self) -> Float:
         """Residual (N, C)."""
         return self.fit.residual
+
+    def with_coefficients(self, coefficients: Float) -> Solution:
+        """The same terms with other coefficients (P,), such as those of a fit without some of the data."""
+        fit = copy(self.fit)
+        fit.coefficients = coefficients
+        return replace(self, fit=fit)
 
     def block(self, term: Term) -> tuple[Block, slice]:
         """The block of a term in the fit and the place of its coefficients."""

@@ -22,6 +22,7 @@ from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import nominal_power
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import SIGN_WIDTH, Moved, Plan, direction
+from cellwatt_plugins.robot.mount import mount
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 from cellwatt_plugins.robot.regression import Prior
 
@@ -43,6 +44,8 @@ NO_WORSE = 1.1
 """A number is the description's, or 0, where the rms left with that is no more than this times what it is without."""
 LOSSIEST = 0.4
 """Efficiency of a converter at least."""
+MOVES = 0.05
+"""rad or m that a joint must go for its friction and rotor to be found from the simulation."""
 SLOW = 0.03
 """rad/s below which simulators turn friction over each in its own way."""
 FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
@@ -53,6 +56,8 @@ class Baseline:
     """The arm as the simulation has it."""
 
     arm: Arm
+    field: Float | None = None
+    """Gravity (3,) m/s² in the base's frame where the arm is mounted otherwise than its simulation says."""
 
     def states(self, run: Run, index: int, motion: Moved | None = None) -> States:
         """The arm along a run, number ``index`` of those explained, as its simulation has it."""
@@ -60,7 +65,8 @@ class Baseline:
 
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
-        return States(run.name, index, run.time, motion, self.arm, run.temperature, torque, power)
+        arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
+        return States(run.name, index, run.time, motion, arm, run.temperature, torque, power)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""
@@ -111,6 +117,10 @@ def _mechanics(said: Simulated, arm: Arm) -> Baseline:
     described = Baseline(arm)
     if _left(said, described).max() < SAME:
         return described
+    plan = said.plan
+    beside = said.torque - described.torque(plan)
+    if (found := mount(arm.body, plan.position, plan.velocity, plan.acceleration, beside)) is not None:
+        arm = arm.with_gravity(found.field)
     rubbing = Baseline(_with_friction(said, arm))
     if _left(said, rubbing).max() < SAME:
         return rubbing
@@ -146,12 +156,12 @@ def _with_friction(said: Simulated, arm: Arm) -> Arm:
     """The arm with the simulation's friction and rotors at these links; joints that do not move keep their own."""
     plan = said.plan
     rest = said.torque - arm.body.inverse_dynamics(plan.position, plan.velocity, plan.acceleration)
-    clear, joints = _clear(plan), []
+    clear, travelled, joints = _clear(plan), np.ptp(plan.position, axis=0) > MOVES, []
     for i, joint in enumerate(arm.description.joints):
         own = np.array([getattr(joint, name) for name in FRICTION])
         courses = _courses(plan, i)[clear[:, i]]
         moved = np.sqrt(np.mean(courses**2, axis=0)) if len(courses) else np.zeros(len(FRICTION))
-        if np.all(moved > 0):
+        if travelled[i] and np.all(moved > 0):
             found = nnls(courses / moved, rest[clear[:, i], i])[0] / moved
             small = FINE * float(np.sqrt(np.mean(said.torque[:, i] ** 2)))
             found = np.where(found * moved < small, 0.0, found)
@@ -164,9 +174,10 @@ def _other_links(said: Simulated, arm: Arm) -> Baseline:
     """Links, friction and rotors together; what can as well be the description's, or nothing, is that."""
     own = np.stack([arm.column(name) for name in FRICTION], axis=1).ravel()
     fit = _LinkFit(said, arm.body, own)
-    fixed: dict[int, float] = {}
+    resting = np.repeat(np.ptp(said.plan.position, axis=0) <= MOVES, len(FRICTION))
+    fixed = {int(i): float(own[i]) for i in np.flatnonzero(resting)}
     best = fit.left(fixed)
-    for i in range(len(own)):
+    for i in np.flatnonzero(~resting).tolist():
         for value in dict.fromkeys((float(own[i]), 0.0)):
             left = fit.left({**fixed, i: value})
             if left < NO_WORSE * best:

@@ -58,13 +58,15 @@ def even(
     columns: Mapping[str, Float],
     slow: Collection[str] = (),
     positions: Collection[str] = (),
+    lossy: Collection[str] = (),
     power: str | None = None,
 ) -> Even:
     """Columns (R,) at ``time`` (R,) s, brought onto the grid of their median rate by linear interpolation.
 
     Holes in time and the few cells without a number are filled and marked as gaps; those of ``slow`` columns, which
-    change over minutes, are filled and not marked; single wild values of ``positions`` are replaced; ``power`` of a
-    slow meter is held. Raises ``RecordingError`` where too much is missing or the time does not rise.
+    change over minutes, are filled and not marked; single wild values of ``positions`` are replaced; ``lossy`` columns
+    stay NaN where more than a few numbers are missing; ``power`` of a slow meter is held. Raises ``RecordingError``
+    where too much is missing or the time does not rise.
     """
     kept, notes = _rising(place, time)
     time, columns = time[kept], {name: values[kept] for name, values in columns.items()}
@@ -75,6 +77,9 @@ def even(
         wrong = ~(np.abs(values) < ABSURD)
         if name in positions and not wrong.all():
             wrong |= _glitches(time, np.where(wrong, np.nan, values))
+        if name in lossy and not _few(time, wrong):
+            filled[name] = np.where(wrong, np.nan, values)
+            continue
         if name not in slow:
             _few_enough(place, name, time, wrong)
             bad |= wrong
@@ -138,14 +143,18 @@ def _glitches(time: Float, values: Float) -> Bool:
 
 
 def _few_enough(place: str, name: str, time: Float, wrong: Bool) -> None:
-    share = float(np.mean(wrong))
-    longest = _longest(time, wrong)
-    one_row = HOLE * float(np.median(np.diff(time)))
-    if wrong.sum() > max(1, FEW * len(wrong)) or longest > max(LONGEST, one_row):
+    if not _few(time, wrong):
         raise RecordingError(
-            f"{place}: column {name} has no usable number in {100 * share:.1f} % of its rows, first at "
-            f"t = {time[wrong][0]:.3f} s, the longest stretch {longest:.2f} s: record it again or cut the file there"
+            f"{place}: column {name} has no usable number in {100 * float(np.mean(wrong)):.1f} % of its rows, first at "
+            f"t = {time[wrong][0]:.3f} s, the longest stretch {_longest(time, wrong):.2f} s: record it again or cut "
+            "the file there"
         )
+
+
+def _few(time: Float, wrong: Bool) -> bool:
+    """True where the values that are missing may be filled in."""
+    one_row = HOLE * float(np.median(np.diff(time)))
+    return bool(wrong.sum() <= max(1, FEW * len(wrong)) and _longest(time, wrong) <= max(LONGEST, one_row))
 
 
 def _longest(time: Float, wrong: Bool) -> float:

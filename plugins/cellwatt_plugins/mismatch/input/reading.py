@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,12 @@ from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
+from cellwatt_plugins.mismatch.input.factors import joints_text
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.mismatch.input.signals import Signals, motor_torque, read_signals
 from cellwatt_plugins.mismatch.input.sources import Source, run_name, simulator_file, sources
+from cellwatt_plugins.mismatch.input.unread import without_unread
 from cellwatt_plugins.mismatch.simulators import Simulator, load_simulator
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.meter import power_beside
@@ -50,35 +52,50 @@ def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Pa
     every = spread(read_source, files, "reading recordings", shared=robot)
     rate = min(RATE, SAMPLES / sum(float(signals.time[-1] - signals.time[0]) for signals in every))
     slowed = [each.slower(rate) for each in every]
-    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=robot)
-    if simulator is None:
+    loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
+    known = _Known(robot, None if loaded is None else loaded.control_gains())
+    runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=known)
+    if loaded is None:
         return runs
-    loaded = load_simulator(simulator, [joint.name for joint in robot.joints])
     return [_run_through(loaded, run) for run in steps(runs, "simulating run")]
 
 
 def read_one(source: Source, robot: RobotDescription, simulator: Path | None, rate: float) -> Run:
     """One of many recordings as a run of ``rate`` Hz or less. Raises as ``read_runs``."""
-    run = _prepared((source, read_source(source, robot).slower(rate)), robot)
-    if simulator is None:
-        return run
-    return _run_through(load_simulator(simulator, [joint.name for joint in robot.joints]), run)
+    loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
+    known = _Known(robot, None if loaded is None else loaded.control_gains())
+    run = _prepared((source, read_source(source, robot).slower(rate)), known)
+    return run if loaded is None else _run_through(loaded, run)
 
 
-def _prepared(told: tuple[Source, Signals], robot: RobotDescription) -> Run:
+@dataclass(frozen=True)
+class _Known:
+    """What the numbers of a recording are read with."""
+
+    robot: RobotDescription
+    gains: Float | None
+    """(n,) Nm of one unit of a simulator's control; NaN where it is no torque."""
+
+
+def _prepared(told: tuple[Source, Signals], known: _Known) -> Run:
     """The run of its files and of what was recorded."""
     source, signals = told
-    run = Run(
-        name=source.name,
-        time=signals.time,
-        position=signals.needed("position"),
-        velocity=signals.joints.get("velocity"),
-        torque=motor_torque(signals, robot),
-        power=signals.power,
-        temperature=signals.joints.get("temperature"),
-        gaps=signals.gaps if signals.gaps.any() else None,
-        torque_from="torque" if "torque" in signals.joints else "current",
-        notes=signals.notes,
+    robot = known.robot
+    signals = signals.with_controls(known.gains)
+    run = without_unread(
+        Run(
+            name=source.name,
+            time=signals.time,
+            position=signals.needed("position"),
+            velocity=signals.joints.get("velocity"),
+            torque=motor_torque(signals, robot),
+            power=signals.power,
+            temperature=signals.joints.get("temperature"),
+            command=signals.joints.get("command"),
+            gaps=signals.gaps if signals.gaps.any() else None,
+            torque_from="current" if "current" in signals.joints and "torque" not in signals.joints else "torque",
+            notes=signals.notes,
+        )
     )
     if source.simulation is not None:
         simulated = read_signals(source.simulation, robot)
@@ -142,6 +159,9 @@ def _with_simulation(run: Run, simulation: Signals, cut: bool = True) -> Run:
         when, note = when + shift, f"recording and simulation have different clocks ({shift:.3f} s apart), {how}"
     run = _with_plan(run, simulation, when, planned, note, cut)
     torque = simulation.joints.get("torque")
+    if torque is not None and not np.isfinite(torque).all():
+        silent = joints_text((1 + np.flatnonzero(np.isnan(torque).any(axis=0))).tolist())
+        raise RecordingError(f"{simulation.place}: no torque of {silent}: a simulation tells the torque of every joint")
     return replace(run, simulated=None if torque is None else Simulated(when, planned, torque, simulation.power))
 
 
@@ -200,6 +220,7 @@ def _cut(run: Run, part: slice) -> Run:
         torque=run.torque[part],
         power=None if run.power is None else run.power[part],
         temperature=None if run.temperature is None else run.temperature[part],
+        command=None if run.command is None else run.command[part],
         gaps=None if run.gaps is None else run.gaps[part],
         notes=(*run.notes, note),
     )

@@ -41,11 +41,13 @@ class Run:
     velocity: Float | None
     """(N, n) rad/s, where recorded."""
     torque: Float
-    """(N, n) Nm, motor torque at the joint side."""
+    """(N, n) Nm, motor torque at the joint side; NaN where it was not recorded or not read, also whole columns."""
     power: Float | None = None
     """(N,) W of the supply, where recorded."""
     temperature: Float | None = None
     """(N, n) °C, where recorded."""
+    command: Float | None = None
+    """(N, n) rad, positions that the controller was told, where recorded."""
     plan: Plan | None = None
     simulated: Simulated | None = None
     """Simulation that the recording is compared with; None: the law in robot.yaml."""

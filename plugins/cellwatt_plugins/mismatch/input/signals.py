@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,8 +21,10 @@ Bool = NDArray[np.bool_]
 
 SLOW = "temperature"
 """Changes over minutes and is often logged more rarely than the rest."""
-OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature")
+OPTIONAL = ("velocity", "acceleration", "torque", "current", "temperature", "command", "control")
 """Count as not recorded where all their columns are empty."""
+LOSSY = ("torque", "current")
+"""May lack joints, and samples of joints: these are NaN."""
 NEEDED = ("position", "target_position", "target_velocity", "target_acceleration")
 POWER = "power"
 
@@ -56,6 +58,18 @@ class Signals:
                 return self.joints[quantity]
         names = " or ".join(_family(quantity) for quantity in quantities)
         raise RecordingError(f"{self.place}: no {quantities[0]}: expected {names}; there are: {listed(self.columns)}")
+
+    def with_controls(self, gains: Float | None) -> Signals:
+        """A simulator's controls as torques, by ``gains`` (n,) Nm a unit, or as commands where these are NaN."""
+        if gains is None or "control" not in self.joints:
+            return self
+        control, motors = self.joints["control"], np.isfinite(gains)
+        found = dict(self.joints)
+        if motors.any():
+            found.setdefault("torque", control * gains)
+        if not motors.all():
+            found.setdefault("command", np.where(motors, np.nan, control))
+        return replace(self, joints=found)
 
     def slower(self, rate: float) -> Signals:
         """Means of as many samples as bring it to ``rate`` Hz or less; a mean is a gap where one of them is."""
@@ -105,7 +119,7 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
     if positions is None:
         wanted = f"{_family('position')} or {_family('target_position')}"
         raise RecordingError(f"{path}: no position: expected {wanted}; {table.there()}")
-    columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True)}
+    columns = {name: column for q in joints for name, column in zip(names[q], joints[q].T, strict=True) if name}
     # Rows in which no joint was heard hold nothing: to leave them out makes them holes in time.
     heard = np.isfinite(joints[positions]).any(axis=1)
     grid = even(
@@ -114,51 +128,76 @@ def read_signals(path: Path, robot: RobotDescription) -> Signals:
         {name: column[heard] for name, column in (columns if power is None else columns | {POWER: power}).items()},
         slow=names.get(SLOW, ()),
         positions=names[positions],
+        lossy=[name for q in LOSSY for name in names.get(q, ())],
         power=POWER,
     )
+    silent = np.full(len(grid.time), np.nan)
     return Signals(
         place=str(path),
         time=grid.time,
-        joints={q: np.column_stack([grid.columns[name] for name in names[q]]) for q in joints},
+        joints={q: np.column_stack([grid.columns.get(name, silent) for name in names[q]]) for q in joints},
         power=grid.columns.get(POWER),
         gaps=grid.gaps,
-        notes=grid.notes,
+        notes=(*_turned(path.name, table, names), *grid.notes),
         columns=table.names,
     )
 
 
 def _joints(table: Table, robot: RobotDescription) -> tuple[dict[str, tuple[str, ...]], dict[str, Float]]:
-    """Names of the columns and values (N, n) of each quantity that the file holds, for all joints of the robot."""
-    names, joints, expected = {}, {}, len(robot.joints)
+    """Names of the columns and values (N, n) of each quantity that the file holds, for all joints of the robot.
+
+    The name of a column that is absent from a ``LOSSY`` quantity is "".
+    """
+    names: dict[str, tuple[str, ...]] = {}
+    joints, expected = {}, len(robot.joints)
     for quantity in (*NEEDED, *OPTIONAL):
-        found = table.joints(quantity)
-        if found is None or (quantity in OPTIONAL and not np.isfinite(found).any()):
+        lossy = quantity in LOSSY
+        own = table.some_joint_names(quantity, expected, "position") if lossy else table.joint_names(quantity)
+        found = [np.full(len(table), np.nan) if (one := table.channel(name)) is None else one for name in own]
+        if not found or (quantity in OPTIONAL and not np.isfinite(found).any()):
             continue
-        names[quantity], joints[quantity] = table.joint_names(quantity), found
-        if len(names[quantity]) != expected:
-            first, *rest = names[quantity]
+        names[quantity], joints[quantity] = own, np.column_stack(found)
+        if len(own) != expected:
+            first, *rest = own
             many = f"{first} … {rest[-1]}" if rest else first
             raise RecordingError(
-                f"{table.path}: {len(names[quantity])} joints in the columns {many}, but the robot's description has "
+                f"{table.path}: {len(own)} joints in the columns {many}, but the robot's description has "
                 f"{expected} ({listed([joint.name for joint in robot.joints])})"
             )
+        for name, joint in zip(own, robot.joints, strict=True):
+            if table.along(name) not in (None, joint.kind == "prismatic"):
+                raise RecordingError(
+                    f"{table.path}: the unit of column {name} is not one of joint {joint.name}, which is {joint.kind}"
+                )
     return names, joints
 
 
-def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
-    """Torque (N, n) Nm as recorded, or current times torque constant.
+def _turned(place: str, table: Table, names: Mapping[str, tuple[str, ...]]) -> Iterator[str]:
+    """One line where angles modulo a turn were counted on."""
+    found = {name: count for q in NEEDED for name in names.get(q, ()) if (count := table.wraps(name))}
+    if found:
+        times = ", ".join(f"{name} ({count} times)" for name, count in found.items())
+        yield f"{place}: angles modulo a turn, counted on by whole turns: {times}"
 
-    Raises ``RecordingError`` where neither was recorded and ``ConfigError`` where a constant is not known.
+
+def motor_torque(signals: Signals, robot: RobotDescription) -> Float:
+    """Torque (N, n) Nm as recorded, or current times torque constant; NaN where a joint's is missing.
+
+    It is NaN throughout where commands were recorded alone. Raises ``RecordingError`` where nothing of these was, and
+    ``ConfigError`` where a constant is not known.
     """
+    if not {"torque", "current"} & signals.joints.keys() and "command" in signals.joints:
+        return np.full_like(signals.joints["command"], np.nan)
     if "torque" in signals.joints or "current" not in signals.joints:
         return signals.needed("torque", "current")
-    constants = robot.column("torque_constant")
-    if unknown := [joint.name for joint in robot.joints if joint.torque_constant == 0]:
+    currents, constants = signals.joints["current"], robot.column("torque_constant")
+    heard = np.flatnonzero(np.isfinite(currents).any(axis=0) & (constants == 0)).tolist()
+    if unknown := [robot.joints[i].name for i in heard]:
         raise ConfigError(
             f"{signals.place} has currents, no torques, and the torque_constant of {listed(unknown)} is 0: "
             "write it into the robot's description, in Nm/A at the joint side"
         )
-    return signals.joints["current"] * constants
+    return np.asarray(currents * constants)
 
 
 def _family(quantity: str) -> str:

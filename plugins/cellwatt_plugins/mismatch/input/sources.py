@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.simulators import is_simulator
 from cellwatt_plugins.robot.meter import with_meters
+from cellwatt_plugins.robot.simulated import is_simulator
 
 ENDINGS = (".part", ".parquet", ".csv", ".txt", ".mcap", ".recording", ".simulation")
 """Taken off a file's name, from the end, to have the run's."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames, Layout
+
+if TYPE_CHECKING:
+    from cellwatt_plugins.robot import RobotDescription
 
 Float = NDArray[np.float64]
 Quantity = Literal[
@@ -60,6 +63,8 @@ class Intake:
     power_name: str
     gain: Float
     """(n,) Nm for one unit of what is measured: 1, or the torque constants."""
+    efforts: tuple[str, ...]
+    """(n,) unit of each joint's torque: ``Nm``, of a prismatic joint ``N``."""
 
     @property
     def measured(self) -> Quantity:
@@ -81,8 +86,8 @@ class Intake:
     def judged(self) -> tuple[Judged, ...]:
         """The channels that are compared, torques first."""
         torques = [
-            Judged(f"{self.source}.joint_{j}.torque", "Nm", j, f"The torque of joint {j}")
-            for j in range(1, len(self.gain) + 1)
+            Judged(f"{self.source}.joint_{j}.torque", unit, j, f"The torque of joint {j}")
+            for j, unit in enumerate(self.efforts, start=1)
         ]
         return (*torques, *([] if self.power is None else [Judged(self.power_name, "W", None, "The supply's power")]))
 
@@ -98,11 +103,12 @@ class Intake:
         return rows
 
 
-def intake(stage: str, layout: Layout, arm: str | None, power: str | None, constants: Float) -> Intake:
-    """The columns of an arm with as many joints as ``constants`` (n,), its torque constants in Nm/A.
+def intake(stage: str, layout: Layout, arm: str | None, power: str | None, robot: RobotDescription) -> Intake:
+    """The columns of an arm with the joints of ``robot``, which knows their kinds and torque constants.
 
     Raises ``ConfigError`` where a quantity is missing, or not in its unit.
     """
+    constants = robot.column("torque_constant")
     positions = layout.joints("position", arm)
     source = layout.channels[positions[0]].source
     if len(positions) != len(constants):
@@ -113,7 +119,8 @@ def intake(stage: str, layout: Layout, arm: str | None, power: str | None, const
     for quantity in UNITS:
         columns = _family(layout, source, quantity, len(constants))
         if columns and not (quantity == "current" and "torque" in joints):
-            _check_unit(stage, layout, columns, UNITS[quantity])
+            for i, column in enumerate(columns):
+                _check_unit(stage, layout, column, robot.unit(i, UNITS[quantity]))
             joints[quantity] = columns
     if "torque" not in joints and "current" not in joints:
         raise ConfigError(f"stage {stage!r}: source {source} gives no joint_1.torque and no joint_1.current")
@@ -124,7 +131,8 @@ def intake(stage: str, layout: Layout, arm: str | None, power: str | None, const
             f"{', '.join(unknown)} is 0: write it into the robot's description, in Nm/A at the joint side"
         )
     supply = _supply(stage, layout, power)
-    return Intake(source, joints, supply, "" if supply is None else layout.names[supply], gain)
+    efforts = tuple(robot.unit(i, "Nm") for i in range(len(constants)))
+    return Intake(source, joints, supply, "" if supply is None else layout.names[supply], gain, efforts)
 
 
 def _family(layout: Layout, source: str, quantity: str, joints: int) -> tuple[int, ...]:
@@ -136,11 +144,11 @@ def _supply(stage: str, layout: Layout, power: str | None) -> int | None:
     if power is None and not any(channel.short == SUPPLY for channel in layout.channels):
         return None
     column = layout.index(power or SUPPLY)
-    _check_unit(stage, layout, (column,), "W")
+    _check_unit(stage, layout, column, "W")
     return column
 
 
-def _check_unit(stage: str, layout: Layout, columns: tuple[int, ...], unit: str) -> None:
-    for channel in (layout.channels[c] for c in columns):
-        if channel.unit != unit:
-            raise ConfigError(f"stage {stage!r}: {channel.name} is in {channel.unit}, expected {unit}")
+def _check_unit(stage: str, layout: Layout, column: int, unit: str) -> None:
+    channel = layout.channels[column]
+    if channel.unit != unit:
+        raise ConfigError(f"stage {stage!r}: {channel.name} is in {channel.unit}, expected {unit}")

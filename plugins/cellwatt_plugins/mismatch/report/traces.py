@@ -15,7 +15,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import retuned
 
 def traces_of(runs: Sequence[Run], model: Model, torque: Solution, nominal: Solution) -> list[Trace]:
     """Return one trace a run, at all samples; ``torque`` and ``nominal`` are the solutions with and without effects."""
-    refit = Model(model.robot, retuned(nominal, None), links=model.links)
+    refit = Model(model.robot, retuned(nominal, None), (), model.links, model.gravity, model.mount)
     out = []
     for run, states in zip(runs, torque.problem.states, strict=True):
         tuned, full = predict_states(refit, states), predict_states(model, states)

@@ -1,5 +1,5 @@
 """Simulators that people have: run on a motion, and given back what their files leave out."""
 
-from cellwatt_plugins.mismatch.simulators.mujoco import Simulator, is_simulator, load_simulator
+from cellwatt_plugins.mismatch.simulators.mujoco import Simulator, load_simulator
 
-__all__ = ["Simulator", "is_simulator", "load_simulator"]
+__all__ = ["Simulator", "load_simulator"]

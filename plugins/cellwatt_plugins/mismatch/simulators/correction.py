@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 
 from cellwatt_plugins.mismatch.model import FittedTerm, Retuned
 from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.effects.gravity_tilt import turned
 from cellwatt_plugins.robot.effects.states import States
 
 Float = NDArray[np.float64]
@@ -38,13 +39,20 @@ class Correction:
     """(3,) m/s² in the base's frame."""
 
 
-def correction(retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[States]) -> Correction:
-    """Return what a model adds to the simulation that it was compared with."""
+def correction(
+    retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[States], mount: Float | None = None
+) -> Correction:
+    """Return what a model adds to the simulation that it was compared with.
+
+    ``mount`` (3,) m/s² is what gravity differs by where the arm is mounted otherwise.
+    """
     n = len(retuned.coulomb_friction)
     friction, armature = retuned.coulomb_friction.copy(), retuned.rotor_inertia.copy()
     damping = np.column_stack([retuned.viscous_friction, np.zeros((n, 2))])
     links = retuned.inertial.reshape(n, PER_LINK).copy()
     spring, gain, gravity, payload = np.zeros((n, 2)), np.zeros(n), np.zeros(3), None
+    if mount is not None:
+        gravity += mount
     for fitted in terms:
         joint, own = fitted.term.joint or 0, fitted.coefficients
         match fitted.term.effect.name:
@@ -67,8 +75,7 @@ def correction(retuned: Retuned, terms: Sequence[FittedTerm], states: Sequence[S
             case "torque_gain":
                 gain[joint] += own[0]
             case "gravity_tilt":
-                down = -float(states[0].arm.body.gravity_field[2])
-                gravity += down * np.array([own[1], -own[0], 0.0])
+                gravity += own @ turned(states[0].arm.body.gravity_field, fitted.term.shape)
     return Correction(friction, damping, armature, links, payload, spring, gain, gravity)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.explain import Explained
-from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
@@ -97,19 +97,21 @@ def mend(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mend
     """
     solution, simulator, frames = found.torque, user.simulator, user.frames
     terms = [term for term in found.model.terms if term.term.effect.place != "supply"]
-    goal = _target(simulator, frames, solution, terms)
+    goal = _target(simulator, frames, solution, terms, found.mounted)
     written = _write(simulator, goal, out)
     _verify(simulator, frames, goal, solution.problem, written)
     refused = [*goal.refused, *written.refused]
-    error = _held_out(simulator, frames, solution, runs)
+    error = _held_out(simulator, frames, found, runs)
     notes = (*simulator.notes, *frames.notes, *goal.notes)
     return Mended(written.path, tuple(written.applied), tuple(_left(found, refused)), error, notes)
 
 
-def _target(simulator: Simulator, frames: Placing, solution: Solution, terms: Sequence[FittedTerm]) -> Target:
+def _target(
+    simulator: Simulator, frames: Placing, solution: Solution, terms: Sequence[FittedTerm], mount: Float | None
+) -> Target:
     """Values to be written, as far as the kind of file can hold them."""
     states = solution.problem.states
-    found = correction(retuned(solution, None), terms, states)
+    found = correction(retuned(solution, None), terms, states, mount)
     goal = target(simulator, frames, found, states, solution.problem.floor)
     return what_urdf_holds(simulator, goal) if simulator.path.suffix.lower() == ".urdf" else goal
 
@@ -149,25 +151,24 @@ def _mended(simulator: Simulator, written: Written) -> tuple[Simulator, Float]:
     return new, factor
 
 
-def _held_out(
-    simulator: Simulator, frames: Placing, solution: Solution, runs: Sequence[Run]
-) -> tuple[ChannelError, ...]:
+def _held_out(simulator: Simulator, frames: Placing, found: Explained, runs: Sequence[Run]) -> tuple[ChannelError, ...]:
     """Each block judged by a file mended with the other folds; measured torque less the simulator's."""
-    problem, held = solution.problem, CrossValidation(solution.problem, solution.factor)
+    solution = found.torque
+    problem, held = solution.problem, LeaveOut(solution.problem, solution.factor)
     measured = problem.stack([run.torque for run in runs])
     motion = [problem.stack([getattr(s, name) for s in problem.states]) for name in ("q", "qd", "qdd")]
     before = measured - simulator.torque(*motion)
     after = np.empty_like(before)
-    for k, fit in enumerate(held.fits(solution.terms)):
-        part = Solution(problem, solution.terms, fit, solution.factor)
-        terms = [FittedTerm(term, fit.coefficients[part.block(term)[1]]) for term in part.terms]
+    for k, coefficients in enumerate(held.coefficients(solution.terms)):
+        part = solution.with_coefficients(coefficients)
+        terms = [FittedTerm(term, part.coefficients(term)) for term in part.terms]
         rows = held.fold == k
         with tempfile.TemporaryDirectory() as folder:
-            written = _write(simulator, _target(simulator, frames, part, terms), Path(folder))
+            written = _write(simulator, _target(simulator, frames, part, terms, found.mounted), Path(folder))
             new, factor = _mended(simulator, written)
         after[rows] = measured[rows] - new.torque(*(course[rows] for course in motion)) / factor
     return tuple(
-        ChannelError(f"tau_{c + 1}", "N*m", float(b), float(a), float(f))
+        ChannelError(f"tau_{c + 1}", simulator.unit(c, "N*m"), float(b), float(a), float(f))
         for c, (b, a, f) in enumerate(zip(rms(before), rms(after), problem.floor, strict=True))
     )
 
@@ -208,5 +209,5 @@ def _whole(fitted: FittedTerm, states: States) -> Float:
 def _entries(effect: str, why: str, course: Sequence[Float], problem: Problem) -> list[Left]:
     """One entry for each joint where a course (N, n) Nm of each run counts."""
     size = rms(np.concatenate(course))
-    there = np.flatnonzero(size > WORTH * problem.floor)
-    return [Left(effect, int(joint) + 1, why, float(size[joint]), "N*m") for joint in there]
+    there, robot = np.flatnonzero(size > WORTH * problem.floor), problem.states[0].robot
+    return [Left(effect, joint + 1, why, float(size[joint]), robot.unit(joint, "N*m")) for joint in there.tolist()]

@@ -86,23 +86,23 @@ def _write_joint(
     for what, value, was, of in plain:
         if differs(value, was):
             one.markup.set(element, **{what: number(value)})
-            done.applied.append(Applied(what, f"joint {name}", float(value), float(was), of))
+            done.applied.append(Applied(what, f"joint {name}", float(value), float(was), simulator.unit(at, of)))
     if differs(goal.rest[at], model.qpos_spring[place]):
         one.markup.set(element, springref=number(goal.rest[at] / unit))
-        done.applied.append(
-            Applied("springref", f"joint {name}", float(goal.rest[at]), float(model.qpos_spring[place]), "rad")
-        )
-    _write_damping(goal.damping[at], damping_of(simulator)[at], name, one, element, done)
+        rest, was = float(goal.rest[at]), float(model.qpos_spring[place])
+        done.applied.append(Applied("springref", f"joint {name}", rest, was, simulator.unit(at, "rad")))
+    of = simulator.unit(at, "N*m*s/rad")
+    _write_damping(goal.damping[at], damping_of(simulator)[at], name, one, element, done, of)
 
 
-def _write_damping(wanted: Float, was: Float, name: str, one: One, element: Element, done: Written) -> None:
+def _write_damping(wanted: Float, was: Float, name: str, one: One, element: Element, done: Written, unit: str) -> None:
     """One number, or three where powers of the speed are there."""
     if not differ(wanted, was):
         return
     count = 3 if np.any(wanted[1:] != 0) or np.any(was[1:] != 0) else 1
     one.markup.set(element, damping=" ".join(map(number, wanted[:count])))
     new, before = (tuple(values[:count].tolist()) if count > 1 else float(values[0]) for values in (wanted, was))
-    done.applied.append(Applied("damping", f"joint {name}", new, before, "N*m*s/rad"))
+    done.applied.append(Applied("damping", f"joint {name}", new, before, unit))
 
 
 def _inertial(parameters: Float) -> str:

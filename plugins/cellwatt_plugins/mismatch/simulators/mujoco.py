@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,20 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import ConfigError
-from cellwatt.files import WRITTEN, check_file, read_text
 from cellwatt_plugins.mismatch.simulators.inertia import about_origin
+from cellwatt_plugins.robot.mjcf import compiled, library, scalar_types
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.units import unit_at
 
 Float = NDArray[np.float64]
 
-SUFFIXES = (".xml", ".mjcf", ".urdf")
 LEFT_OUT = ("mjDSBL_CONTACT", "mjDSBL_LIMIT", "mjDSBL_EQUALITY", "mjDSBL_FRICTIONLOSS")
 """Contributions that are no motor torque on a planned motion, and dry friction, taken as the file states it."""
-
-
-def is_simulator(path: Path) -> bool:
-    """True if a file, by its name, is a simulator's model and not a table of its results."""
-    return path.suffix.lower() in SUFFIXES
 
 
 @dataclass(frozen=True)
@@ -62,6 +56,11 @@ class Simulator:
             out[i] = data.qfrc_inverse[dof]
         return np.asarray(out + self.model.dof_frictionloss[dof] * direction(velocity))
 
+    def unit(self, joint: int, unit: str) -> str:
+        """Unit at a ``joint`` (0-based) of what has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""
+        slides = self.model.joint(self.joints[joint]).type[0] == scalar_types(self.path)[1]
+        return unit_at("prismatic" if slides else "revolute", unit)
+
     @property
     def bodies(self) -> NDArray[np.intp]:
         """The body that each joint moves, (n,)."""
@@ -84,6 +83,12 @@ class Simulator:
             and model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
         ]
         return plain[0] if len(acting) == len(plain) == 1 else None
+
+    def control_gains(self) -> Float:
+        """Torque (n,) Nm of one unit of control at each joint; NaN where its actuator takes something else."""
+        motors = [self.motor(joint) for joint in range(len(self.joints))]
+        gear, gain = self.model.actuator_gear, self.model.actuator_gainprm
+        return np.array([np.nan if i is None else gear[i, 0] * gain[i, 0] for i in motors])
 
     def poses(self, position: Float) -> tuple[Float, Float, Float]:
         """Frames (N, n, 4, 4) of those bodies in the world, and the joints' anchors and axes there, (N, n, 3) each."""
@@ -119,7 +124,9 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
 
     Raises ``ConfigError`` where the extra is not installed, the file cannot be used, or it has no such arm.
     """
-    model = _compiled(path)
+    model = compiled(path)
+    for flag in LEFT_OUT:
+        model.opt.disableflags |= int(getattr(library(path).mjtDisableBit, flag))
     names, notes = _matched(path, model, joints)
     _check_base(path, model, names)
     others = [j.name or f"number {j.id}" for j in map(model.joint, range(model.njnt)) if j.name not in names]
@@ -132,46 +139,9 @@ def load_simulator(path: Path, joints: Sequence[str]) -> Simulator:
     return Simulator(path, model, tuple(names), tuple(notes))
 
 
-def _compiled(path: Path) -> Any:
-    """``mujoco.MjModel`` of a file. Raises ``ConfigError``."""
-    mujoco = _mujoco(path)
-    try:
-        if path.suffix.lower() == ".urdf":
-            model = mujoco.MjModel.from_xml_string(_without_shapes(read_text(path)))
-        else:
-            check_file(path, WRITTEN)
-            model = mujoco.MjModel.from_xml_path(str(path))
-    except (OSError, UnicodeDecodeError, ET.ParseError, ValueError) as error:
-        raise ConfigError(f"{path}: MuJoCo cannot read it: {_one_line(error)}") from error
-    for flag in LEFT_OUT:
-        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, flag))
-    return model
-
-
-def _mujoco(path: Path) -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise ConfigError(f'{path}: needs MuJoCo: pip install "cellwatt[simulators]"') from error
-    return mujoco
-
-
-def _without_shapes(text: str) -> str:
-    """A URDF without what is only seen or touched: meshes are seldom where the file says. Each link is a body."""
-    root = ET.fromstring(text)
-    for link in root.iter("link"):
-        for shape in [child for child in link if child.tag in ("visual", "collision")]:
-            link.remove(shape)
-    own = root.find("mujoco")
-    own = ET.SubElement(root, "mujoco") if own is None else own
-    compiler = own.find("compiler")
-    (ET.SubElement(own, "compiler") if compiler is None else compiler).set("fusestatic", "false")
-    return ET.tostring(root, encoding="unicode")
-
-
 def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names of the joints in the file, and what is to be said of them."""
-    scalar = [j.name for j in map(model.joint, range(model.njnt)) if j.type[0] in _scalar_types(path)]
+    scalar = [j.name for j in map(model.joint, range(model.njnt)) if j.type[0] in scalar_types(path)]
     missing = [name for name in joints if name not in scalar]
     if not missing:
         return list(joints), []
@@ -180,11 +150,6 @@ def _matched(path: Path, model: Any, joints: Sequence[str]) -> tuple[list[str], 
         raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {there}")
     taken = scalar[: len(joints)]
     return taken, [f"{path.name}: has none of the joints of robot.yaml; taken in its order: {', '.join(taken)}"]
-
-
-def _scalar_types(path: Path) -> tuple[int, int]:
-    types = _mujoco(path).mjtJoint
-    return int(types.mjJNT_HINGE), int(types.mjJNT_SLIDE)
 
 
 def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:
@@ -196,12 +161,8 @@ def _check_base(path: Path, model: Any, names: Sequence[str]) -> None:
         above = [*range(first, first + count), *above]
         body = int(model.body_parentid[body])
     chain = [model.joint(i) for i in above]
-    loose = [j.name or "(without name)" for j in chain if j.type[0] not in _scalar_types(path)]
+    loose = [j.name or "(without name)" for j in chain if j.type[0] not in scalar_types(path)]
     if loose:
         raise ConfigError(f"{path}: joint {', '.join(loose)} leaves the base free: give a model whose base is fixed")
     if [j.name for j in chain if j.name in names] != list(names):
         raise ConfigError(f"{path}: its joints do not follow one another from the base in the order of robot.yaml")
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -50,7 +50,7 @@ def _write_dynamics(simulator: Simulator, goal: Target, at: int, one: One, joint
     new = {what: number(value) for what, (value, was, _) in wanted.items() if differs(value, was)}
     for what in new:
         value, was, unit = wanted[what]
-        done.applied.append(Applied(what, f"joint {name}", float(value), float(was), unit))
+        done.applied.append(Applied(what, f"joint {name}", float(value), float(was), simulator.unit(at, unit)))
     if there is not None:
         one.markup.set(there, **new)
     elif new:

@@ -21,13 +21,19 @@ def mended_in_words(mended: Mended) -> str:
     lines += [f"  left out: {_left(left)}" for left in mended.left]
     lines += [f"  note: {note}" for note in mended.notes]
     lines.append("  held-out error of the simulator, before → after (noise):")
-    lines += [f"    {e.channel}: {e.before:.3g} → {e.after:.3g} Nm ({e.noise_floor:.3g})" for e in mended.error]
+    lines += [
+        f"    {e.channel}: {e.before:.3g} → {e.after:.3g} {_plain(e.unit)} ({e.noise_floor:.3g})" for e in mended.error
+    ]
     return "\n".join(lines)
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("*", "")
 
 
 def _left(left: Left) -> str:
     where = "" if left.joint is None else f" at joint {left.joint}"
-    return f"{left.effect.replace('_', ' ')}{where}, {left.rms:.3g} {left.unit.replace('*', '')} rms: {left.why}"
+    return f"{left.effect.replace('_', ' ')}{where}, {left.rms:.3g} {_plain(left.unit)} rms: {left.why}"
 
 
 def _worth_a_line(change: Applied) -> bool:

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.cross_validation import confirmed_share
+from cellwatt_plugins.mismatch.fit.swinging_links import confirmed_share
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.model import FittedTerm, Model, Retuned
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.blocks import Block, Regression
 from cellwatt_plugins.robot.effects.effect import Estimate
 from cellwatt_plugins.robot.regression import Prior
@@ -18,13 +20,17 @@ from cellwatt_plugins.robot.regression import Prior
 Float = NDArray[np.float64]
 
 
-def model_of(torque: Solution, supply: Solution | None) -> Model:
-    """The model that both solutions make."""
+def model_of(torque: Solution, supply: Solution | None, base: Baseline) -> Model:
+    """The model that both solutions make, added to ``base``."""
     states = torque.problem.states[0]
     terms = [FittedTerm(term, _foreseen(torque, term)) for term in torque.terms]
     if supply is not None:
         terms += [FittedTerm(term, supply.fit.coefficients[supply.block(term)[1]]) for term in supply.terms]
-    return Model(states.robot, retuned(torque, supply), tuple(terms), states.arm.body.changed)
+    body = base.arm.body
+    gravity = (
+        None if np.array_equal(body.gravity_field, Arm.of(states.robot).body.gravity_field) else body.gravity_field
+    )
+    return Model(states.robot, retuned(torque, supply), tuple(terms), body.changed, gravity, base.field)
 
 
 def _foreseen(solution: Solution, term: Term) -> Float:

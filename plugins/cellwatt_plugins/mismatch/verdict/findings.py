@@ -85,6 +85,23 @@ class UnexplainedChannel:
 
 
 @dataclass(frozen=True)
+class FoundCurve:
+    """A curve of no known form that a joint's torque follows; it is in the model as a table."""
+
+    channel: str
+    along: str
+    """The course: ``its velocity``."""
+    unit: str
+    """Of the knots."""
+    knots: tuple[float, ...]
+    values: tuple[float, ...]
+    """Nm at the knots."""
+    share: float
+    """Of the mean square error on data left out that it takes off."""
+    statement: str
+
+
+@dataclass(frozen=True)
 class ChannelFit:
     """Held-out error of the simulation, of the nominal parameters refitted, and of the model."""
 
@@ -124,6 +141,8 @@ class Findings:
     """Remarks on what the data could not tell, e.g. effects that this motion cannot show."""
     others: tuple[Other, ...] = ()
     """Recordings beyond those that were looked at closely."""
+    curves: tuple[FoundCurve, ...] = ()
+    """What is left goes with."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.fit.cross_validation import CrossValidation, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
-from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, Improvement, Span, Where
+from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
+from cellwatt_plugins.robot.curves import Curve
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -25,16 +26,14 @@ CLOSE = 12.0
 """nats: or one that is this close."""
 
 
-def findings_of(solution: Solution, held: CrossValidation, gain: float = 0.0) -> list[Finding]:
+def findings_of(solution: Solution, held: LeaveOut, gain: float = 0.0) -> list[Finding]:
     """The terms of one side as findings; ``gain`` is the tolerance of the common factor of all measured torques."""
     known = estimates(solution)
     after = held.residual(solution.terms)
     return [_finding(solution, held, term, known[term.place], after, gain) for term in solution.terms]
 
 
-def _finding(
-    solution: Solution, held: CrossValidation, term: Term, estimate: Estimate, after: Float, gain: float
-) -> Finding:
+def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
     robot = solution.problem.states[0].robot
     parameters = {
         name: _scaled(parameter, 0.0 if name == "phase" else term.effect.uncertainty.inherited.get(name, INHERITED))
@@ -99,16 +98,36 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
     return (Alternative("torque_gain", None, why),)
 
 
-def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: CrossValidation) -> list[Finding]:
+def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
+    """The curves of a solution, each with the share of the error that it takes off."""
+    out = []
+    for term in solution.terms:
+        curve, joint = term.effect, term.joint or 0
+        if not isinstance(curve, Curve):
+            continue
+        others = [t for t in solution.terms if t is not term]
+        share = compared(held.errors(others), held.errors(solution.terms), [joint]).share
+        statement = (
+            f"{100 * share:.0f} % of what is left at joint {joint + 1} goes with {curve.along}, by no known law: the "
+            "curve is in the model."
+        )
+        values = tuple(solution.coefficients(term).tolist())
+        out.append(FoundCurve(f"tau_{joint + 1}", curve.along, curve.unit, term.shape, values, share, statement))
+    return out
+
+
+def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveOut) -> list[Finding]:
     """Findings of channels where something real is left that is none of the known effects."""
     if solution.problem.side == "supply":
         return [_unknown(solution, u, held, None) for u in left]
     return [_unknown(solution, u, held, u.channel) for u in left]
 
 
-def _unknown(solution: Solution, left: LackOfFit, held: CrossValidation, joint: int | None) -> Finding:
+def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
     name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
     error = float(rms(held.residual(solution.terms))[left.channel])
+    best = solution.best
+    after = float(rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = ""
     if left.position is not None:
@@ -127,7 +146,7 @@ def _unknown(solution: Solution, left: LackOfFit, held: CrossValidation, joint: 
         statement=f"{place} shows {left.rms:.3g} {unit.replace('*', '')} that no known effect explains{where}.",
         parameters={"rms": Parameter(left.rms, 0.0, unit)},
         where=Where((name,), left.position, left.velocity, left.times),
-        improvement=Improvement(name, unit, error, error, left.floor),
+        improvement=Improvement(name, unit, error, after, left.floor),
     )
 
 

@@ -69,7 +69,7 @@ def write_plan(
     name: str,
 ) -> PlanReport:
     """Plans, and writes plan.csv and the job. Raises ``ConfigError`` and ``CellwattError``."""
-    arm = Arm.load(PAPERS if robot is None else robot)
+    arm = Arm.load(PAPERS if robot is None else robot, weighed=False)
     limits = arm.finite_limits()
     fastest = np.where(arm.velocity_limits > 0, arm.velocity_limits, UNSTATED)
     plan = plan_poses(count, limits, fastest, Checker(arm, limits))

@@ -3,6 +3,7 @@
 import importlib
 import pkgutil
 
+from cellwatt_plugins.robot.curves import CURVES
 from cellwatt_plugins.robot.effects.effect import Effect
 from cellwatt_plugins.robot.effects.friction import Friction
 
@@ -20,6 +21,6 @@ def _written_here() -> list[Effect]:
 
 
 EFFECTS: tuple[Effect, ...] = tuple(_written_here())
-BY_NAME = {effect.name: effect for effect in EFFECTS}
+BY_NAME: dict[str, Effect] = {effect.name: effect for effect in (*EFFECTS, *CURVES)}
 FRICTION: tuple[Friction, ...] = tuple(effect for effect in EFFECTS if isinstance(effect, Friction))
 """The laws of friction."""

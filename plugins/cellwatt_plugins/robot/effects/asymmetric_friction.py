@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Confusion, Form
+from cellwatt_plugins.robot.effects.declaration import Confusion, Form, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
@@ -19,6 +19,7 @@ class AsymmetricFriction(Effect):
 
     name = "asymmetric_friction"
     acts_on = "friction"
+    relations = Relations(along="velocity", beats=("torque_offset",))
     form = Form(reverses=True)
     confusions = (
         Confusion("torque_offset", "hold the arm still: an offset stays, friction goes"),

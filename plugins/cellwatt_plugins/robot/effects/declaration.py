@@ -59,6 +59,8 @@ class Acceptance:
     """s that the longest run must last to show it."""
     least_rate: float = 0.0
     """Samples a second that it takes to show it."""
+    usual: bool = False
+    """Most arms have it: data left out alone may confirm it, where much else is unexplained."""
     common: bool = False
     """No rare thing: half as much evidence is asked."""
 
@@ -73,6 +75,10 @@ class Relations:
     """Effects of one family stand for one another: one of them at a joint."""
     plainer: float = 0.0
     """nats by which it goes before a name that fits as well: the plainer fact of an installation."""
+    along: Literal["", "position", "velocity"] = ""
+    """What its torque is a law of, where it is a law of one thing: a free curve of that must not fit much better."""
+    beats: tuple[str, ...] = ()
+    """Plainer effects in whose place it must lower the error on data left out."""
 
 
 @dataclass(frozen=True)

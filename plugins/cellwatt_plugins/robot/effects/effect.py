@@ -95,13 +95,18 @@ class Effect(ABC):
         """True if its columns and shapes stay as they are whatever is fitted."""
         return self.acts_on != "reading" and self.depends_on == "motion"
 
+    @property
+    def usual(self) -> bool:
+        """True for what most arms have: friction of any law, and what descriptions have a number for."""
+        return self.acceptance.usual or self.acts_on == "friction" or bool(self.nominal)
+
     def described(self, robot: RobotDescription, joint: int | None) -> float:
         """The value that the description has for it, 0 where it has none (0-based joint)."""
         if not self.nominal:
             return 0.0
         return float(getattr(robot if joint is None else robot.joints[joint], self.nominal))
 
-    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+    def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         """True if coefficients (m,) are this effect, not a plainer fact that looks the same (0-based joint)."""
         return True
 
@@ -127,6 +132,10 @@ class Effect(ABC):
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         """True if these recordings can show such a shape, not only what their sampling makes of motion."""
         return True
+
+    def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        """Shapes so unlike this one that they must fit clearly worse, if it is this one."""
+        return []
 
     def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
         """Columns of several shapes; effects that are simulated do all at once."""

@@ -41,7 +41,7 @@ class ExternalContact(Effect):
         Confusion("payload_change", "look at all joints that gravity loads: a payload shows in several"),
     )
 
-    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+    def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         """Less than a share of the friction is how friction turns over at a stop."""
         return abs(float(coefficients[0])) > OF_FRICTION * robot.joints[joint or 0].coulomb_friction
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,28 +13,44 @@ from cellwatt_plugins.robot.effects.states import States
 
 
 class GravityTilt(Effect):
-    """Gravity turned by roll and pitch about the base's x and y axes."""
+    """Gravity turned about the two axes of the base that lie nearest to level: x (roll), y (pitch), z (yaw)."""
 
     name = "gravity_tilt"
     acts_on = "links"
     whole_arm = True
     acceptance = Acceptance(several_channels=True)
-    uncertainty = Uncertainty({"roll": 0.015, "pitch": 0.015})
+    uncertainty = Uncertainty({"roll": 0.015, "pitch": 0.015, "yaw": 0.015})
     """The weight that tilts is as uncertain as the links."""
     confusions = (
         Confusion("payload", "turn joint 1 about its vertical axis: a tilt loads it, a payload does not"),
         Confusion("link_inertial_error", "turn joint 1 about its vertical axis"),
     )
 
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        # The axes come as the shape: after the fit nothing else tells which they were.
+        return [tuple(float(axis) for axis in level(runs[0].arm.body.gravity_field))]
+
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        down = -float(run.arm.body.gravity_field[2])
-        parts = [run.arm.body.with_gravity(np.array(g)).gravity(run.q) for g in ((down, 0.0, 0.0), (0.0, down, 0.0))]
-        # Rolling the base by r turns gravity towards -y of the base, pitching by p towards +x.
-        return np.stack([-parts[1], parts[0]], axis=2)
+        body = run.arm.body
+        ways = [body.with_gravity(way).gravity(run.q) for way in turned(body.gravity_field, shape)]
+        return np.stack(ways, axis=2)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
-        return {"roll": estimate.coefficient(0, "rad"), "pitch": estimate.coefficient(1, "rad")}
+        return {AXES[int(axis)]: estimate.coefficient(i, "rad") for i, axis in enumerate(estimate.shape)}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
-        roll, pitch = (np.degrees(parameters[n].value) for n in ("roll", "pitch"))
-        return f"The base is not level: it leans {roll:.1f}° in roll and {pitch:.1f}° in pitch."
+        leans = " and ".join(f"{np.degrees(each.value):.1f}° in {name}" for name, each in parameters.items())
+        return f"The base is not level: it leans {leans}."
+
+
+AXES = ("roll", "pitch", "yaw")
+
+
+def level(field: Float) -> list[int]:
+    """The two axes (0-based) of the base that lie nearest to level where gravity is ``field`` (3,)."""
+    return sorted(np.argsort(np.abs(field), kind="stable")[:2].tolist())
+
+
+def turned(field: Float, axes: Shape) -> Float:
+    """Changes (2, 3) of gravity ``field`` (3,) in the base's frame, for 1 rad by which the base turns about ``axes``."""
+    return np.stack([np.cross(field, np.eye(3)[int(axis)]) for axis in axes or (0.0, 1.0)])

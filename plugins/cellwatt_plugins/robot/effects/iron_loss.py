@@ -35,7 +35,7 @@ class IronLoss(Effect):
         speed = np.abs(run.qd)
         return np.hstack([speed, speed**2]) if shape[0] == BOTH else speed ** shape[0]
 
-    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+    def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         parts = coefficients.reshape(-1, len(robot.joints))
         return bool(np.all(np.mean(parts, axis=1) > 0))
 

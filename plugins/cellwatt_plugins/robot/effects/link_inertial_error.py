@@ -31,7 +31,7 @@ class LinkInertialError(Effect):
         Confusion("torque_gain", "compare with the supply's power at constant speed"),
     )
 
-    def sensible(self, coefficients: Float, robot: RobotDescription, joint: int | None) -> bool:
+    def sensible(self, coefficients: Float, shape: Shape, robot: RobotDescription, joint: int | None) -> bool:
         # More on the last link looks the same as a payload in every motion, and a payload is what changes in a cell.
         return joint != len(robot.joints) - 1 or bool(coefficients[0] < 0)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations
 from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 from cellwatt_plugins.robot.effects.states import States
@@ -22,6 +22,7 @@ class NonlinearViscousFriction(Friction):
 
     name = "nonlinear_viscous_friction"
     acts_on = "friction"
+    relations = Relations(along="velocity", beats=("viscous_friction", "coulomb_friction"))
     acceptance = Acceptance(inside_bounds=True)
     trained = MappingProxyType({"quadratic viscous friction": (2.0,), "cubic viscous friction": (3.0,)})
     split = 0.5, (2.0,)

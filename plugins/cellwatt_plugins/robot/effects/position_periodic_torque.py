@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Confusion
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
@@ -16,11 +16,16 @@ LEAST = 3
 MOST = 60
 """Cycles a turn that are tried, beside those of the gear."""
 
+APART = 1.5
+"""Periods over the way of the joint by which two ripples differ clearly."""
+
 
 class PositionPeriodicTorque(Effect):
     """A sin(n q + phase)."""
 
     name = "position_periodic_torque"
+    relations = Relations(along="position")
+    acceptance = Acceptance(inside_bounds=True)
     confusions = (
         Confusion("external_contact", "repeat the same path: a contact does not repeat"),
         Confusion("link_inertial_error", "move the joint over more than a turn of the ripple"),
@@ -32,12 +37,18 @@ class PositionPeriodicTorque(Effect):
         tried = {float(n) for n in range(LEAST, MOST + 1)} | {gear, 2 * gear}
         return [(n,) for n in sorted(tried) if n * span > 2 * np.pi and _seen(runs, joint, n)]
 
+    def unlike(self, runs: Sequence[States], joint: int | None, shape: Shape) -> Sequence[Shape]:
+        span = max(float(np.ptp(run.q[:, joint])) for run in runs)
+        apart = APART * 2 * np.pi / span
+        others = np.arange(1.0, max(shape[0] + 3 * apart, 12.0), max(0.5, apart / 3))
+        return [(float(n),) for n in others if abs(n - shape[0]) > apart]
+
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         angle = shape[0] * run.q[:, joint]
         return np.column_stack([np.sin(angle), np.cos(angle)])
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(max(LEAST - 0.5, shape[0] - 0.5), shape[0] + 0.5)]
+        return [(LEAST - 0.5, 2 * MOST) if shape[0] < MOST else (shape[0] - 0.5, shape[0] + 0.5)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         a, b = estimate.coefficients[:2]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Uncertainty
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations, Uncertainty
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import FAST
@@ -18,17 +18,28 @@ WAYS = np.geomspace(1.5e-4, 0.3, 16)
 RESOLVED = 6.0
 """Standard deviations of the encoder's noise that a way must be to be told from a sign."""
 
-
+RESOLVED_SPEED = 3.0
+"""Standard deviations of the velocity that a speed must be to be told from a sign."""
 SAMPLES = 2.0
 """Samples after a reversal in which nobody sees how friction builds up, where the plan is not known."""
 
 
+SLOW = 0.0
+"""In the place of the way: friction that turns over within a speed."""
+SPEEDS = (0.015, 0.025, 0.04, 0.07, 0.12, 0.2)
+"""rad/s that are tried."""
+
+
 class PreslidingHysteresis(Effect):
-    """F (z - sign(w)), dz/dq = (1 - z sign(w)) / way: Dahl, Solid Friction Damping of Mechanical Vibrations (1976)."""
+    """F (z - sign(w)), dz/dq = (1 - z sign(w)) / way: Dahl, Solid Friction Damping of Mechanical Vibrations (1976).
+
+    Or z = tanh(w / speed): gears whose friction turns over with the speed, slowly, as the lubricant builds up.
+    """
 
     name = "presliding_hysteresis"
     acts_on = "friction"
     form = Form(reverses=True)
+    relations = Relations(beats=("coulomb_friction",))
     acceptance = Acceptance(least_rate=FAST, above=0.0, inside_bounds=True)
     uncertainty = Uncertainty({"displacement": 0.05})
     """The law of the way after a reversal differs from gear to gear."""
@@ -38,10 +49,13 @@ class PreslidingHysteresis(Effect):
     )
 
     def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
-        return [(float(way),) for way in WAYS]
+        fastest = max(float(np.max(np.abs(run.qd[:, joint]))) for run in runs)
+        return [*((float(way),) for way in WAYS), *((SLOW, speed) for speed in SPEEDS if speed < 0.5 * fastest)]
 
     def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
         axis = joint or 0
+        if shape[0] == SLOW:
+            return shape[1] > RESOLVED_SPEED * max(float(np.median(run.moved.velocity_spread[:, axis])) for run in runs)
         least = RESOLVED * max(float(run.moved.resolution[axis]) for run in runs)
         if any(run.unplanned for run in runs):
             # What passes between two samples after a reversal is seen as the reversal itself.
@@ -51,18 +65,27 @@ class PreslidingHysteresis(Effect):
         return shape[0] > least
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        if shape[0] == SLOW:
+            return (np.tanh(run.qd[:, joint] / shape[1]) - run.sign[:, joint])[:, None]
         return (dahl_state(run.q[:, joint], shape[0]) - run.sign[:, joint])[:, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
-        return [(5e-5, 0.6)]
+        return [(SLOW, SLOW), (0.01, 0.5)] if shape[0] == SLOW else [(5e-5, 0.6)]
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        if estimate.shape[0] == SLOW:
+            return {"force": estimate.coefficient(0, "N*m"), "velocity": estimate.shaped(1, "rad/s")}
         return {"force": estimate.coefficient(0, "N*m"), "displacement": estimate.shaped(0, "rad")}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        over = (
+            f"over {parameters['displacement'].value:.2g} rad"
+            if "displacement" in parameters
+            else f"up to about {parameters['velocity'].value:.2g} rad/s"
+        )
         return (
-            f"Friction of {who.lower()} ({said(parameters['force'])}) builds up over "
-            f"{parameters['displacement'].value:.2g} rad after each reversal: presliding hysteresis is missing."
+            f"Friction of {who.lower()} ({said(parameters['force'])}) builds up {over} after each reversal, and not at "
+            "once: presliding hysteresis is missing."
         )
 
 

@@ -21,7 +21,7 @@ class SpringLoad(Effect):
 
     name = "spring_load"
     acceptance = Acceptance(above=0.0)
-    relations = Relations(contains=("torque_offset",))
+    relations = Relations(contains=("torque_offset",), along="position", beats=("torque_offset",))
     confusions = (
         Confusion("link_inertial_error", "move the joint over its whole range: gravity turns back, a spring does not"),
         Confusion("torque_offset", "hold the joint at several positions"),

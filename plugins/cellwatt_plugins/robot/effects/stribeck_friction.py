@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion, Form, Relations
 from cellwatt_plugins.robot.effects.effect import Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.friction import Friction, Sliding
 from cellwatt_plugins.robot.effects.states import States
@@ -27,6 +27,7 @@ class StribeckFriction(Friction):
 
     name = "stribeck_friction"
     acts_on = "friction"
+    relations = Relations(along="velocity", beats=("coulomb_friction",))
     form = Form(reverses=True)
     acceptance = Acceptance(above=0.0, inside_bounds=True)
     trained = MappingProxyType({f"Stribeck friction ({speed} rad/s)": (speed,) for speed in TRAINED})

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Confusion
+from cellwatt_plugins.robot.effects.declaration import Confusion, Relations
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
@@ -20,6 +20,7 @@ class TorqueDrift(Effect):
 
     name = "torque_drift"
     acts_on = "reading"
+    relations = Relations(beats=("torque_offset",))
     confusions = (
         Confusion("temperature_dependent_friction", "hold the arm still for minutes: a drift goes on, friction rests"),
     )

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cellwatt_plugins.robot.description import RobotDescription
-from cellwatt_plugins.robot.effects.declaration import Confusion
+from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape, said
 from cellwatt_plugins.robot.effects.states import States
 
@@ -16,6 +16,7 @@ class TorqueOffset(Effect):
     """A constant, at rest too."""
 
     name = "torque_offset"
+    acceptance = Acceptance(usual=True)
     acts_on = "reading"
     confusions = (
         Confusion("asymmetric_friction", "hold the arm still: an offset stays, friction goes"),

@@ -11,12 +11,13 @@ import yaml
 from cellwatt.errors import RecordingError
 from cellwatt_plugins.mismatch.input.admission import examine
 from cellwatt_plugins.mismatch.input.reading import read_runs
-from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.input.run import Run, Simulated
 from cellwatt_plugins.robot.effects.backlash import Backlash
 from cellwatt_plugins.robot.effects.joint_elasticity import JointElasticity
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import exact
+from cellwatt_plugins.robot.motion import Plan, exact
 from tests.plugins.mismatch.recorded_arm import JOINTS, NOISE, excitation, load, model, needed, write_robot
+from tests.plugins.robot import scara
 
 
 @pytest.fixture(scope="module")
@@ -248,3 +249,51 @@ def test_a_last_link_without_inertia_swings_on_no_gear(tmp_path, described):
     for effect in (JointElasticity(), Backlash()):
         assert not effect.shapes(states, 5, [np.zeros((len(moves.time), JOINTS))])
     assert JointElasticity().shapes(states, 4, [np.zeros((len(moves.time), JOINTS))])
+
+
+def test_columns_of_a_linear_axis_have_its_units(tmp_path):
+    time, q, qd, qdd = scara.motion()
+    arm = load(scara.write(tmp_path))
+    torque = scara.torque(q, qd, qdd)
+    columns = {"t": time, "q_1 [deg]": np.degrees(q[:, 0]), "q_2": q[:, 1], "q_3 [mm]": 1e3 * q[:, 2]}
+    columns |= {"tau_1": torque[:, 0], "tau_2": torque[:, 1], "tau_3 [N]": torque[:, 2]}
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    (run,) = read_runs([tmp_path / "log.parquet"], [], arm.description)
+    np.testing.assert_allclose(run.position, q)
+    assert examine([run], arm)[1] == ["no power recorded: nothing can be said of the supply"]
+    columns["tau_2 [N]"] = columns.pop("tau_2")
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    with pytest.raises(
+        RecordingError, match=r"unit of column tau_2 \[N\] is not one of joint axis_2, which is revolute"
+    ):
+        read_runs([tmp_path / "log.parquet"], [], arm.description)
+
+
+@pytest.mark.parametrize("low", [-np.pi, 0.0])
+def test_angles_modulo_a_turn_are_counted_on(low, tmp_path, described, arm):
+    """One joint turns on and on, one swings across where the count begins anew; velocities are what they were."""
+    moves = excitation(seed=2)
+    screw, start = np.array([0, 0, 0, 0, 0, 0.7]), np.array([0, low, 0, 0, 0, 0])
+    moves = replace(moves, q=moves.q + start + np.outer(moves.time, screw), qd=moves.qd + screw)
+    run = recorded(described, moves)
+    turned = low + np.mod(run.position - low, 2 * np.pi)
+    assert np.abs(np.diff(turned[:, [1, 5]], axis=0)).max(axis=0).min() > 6
+    path = logged(tmp_path, run, **{f"q_{j + 1}": turned[:, j] for j in (1, 5)})
+    (found,) = read_runs([path], [], arm.description)
+    turns = (found.position - run.position) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.tile(np.round(turns[0]), (len(turns), 1)), atol=1e-9)
+    (note,) = [note for note in examine([found], arm)[1] if "modulo a turn" in note]
+    assert "q_2 (" in note
+    assert "q_6 (" in note
+
+
+def test_remarks_of_a_linear_axis_are_in_newtons(tmp_path):
+    time, q, qd, qdd = scara.motion()
+    arm = load(scara.write(tmp_path))
+    torque = scara.torque(q, qd, qdd)
+    torque[:, 2] = np.round(torque[:, 2] / 5.0) * 5.0
+    law = arm.torque(q, qd, qdd) + [0.0, 0.0, 4.0] * np.tanh(qd / 0.004)
+    run = Run("run", time, q, qd, torque, simulated=Simulated(time, Plan(q, qd, qdd), law))
+    notes = "\n".join(examine([run], arm)[1])
+    assert "the torque of joint 3 comes in steps of 5 N: smaller effects" in notes
+    assert "joint 3 by 3.9 N (coulomb friction 12 instead of 16 N)" in notes

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cellwatt.errors import ConfigError
-from cellwatt_plugins.mismatch.simulators import is_simulator, load_simulator
+from cellwatt_plugins.mismatch.simulators import load_simulator
+from cellwatt_plugins.robot.simulated import is_simulator
 from tests.plugins.mismatch.simulators.arms import FULL, TwoLinks, moves
 
 pytest.importorskip("mujoco")
@@ -87,3 +88,10 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
 def test_simulators_are_known_by_their_suffix(tmp_path):
     assert [is_simulator(tmp_path / name) for name in ("a.xml", "a.URDF", "a.mjcf", "a.simulation.parquet", "a.csv")] \
         == [True, True, True, False, False]  # fmt: skip
+
+
+def test_units_of_a_slide(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(TwoLinks().mjcf().replace('name="elbow"', 'name="elbow" type="slide"'))
+    simulator = load_simulator(path, ("shoulder", "elbow"))
+    assert [simulator.unit(i, "N*m*s/rad") for i in range(2)] == ["N*m*s/rad", "N*s/m"]

@@ -4,25 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.fit.acceptance import (
-    lowers_held_out_error,
-    raises_held_out_error,
-    relieves_tension,
-    required_gain,
-    seen_by_several,
-)
+from cellwatt_plugins.mismatch.fit.acceptance import physical, required_gain, seen_by_several, unconfirmed
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.candidates import has_friction
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
-from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 
-FRICTION = ("coulomb_friction", "viscous_friction")
-PLAIN = 0.4
-"""Of the share that other terms must explain, what plain friction must."""
-EXCESS = 0.35
-"""Mean square residual beyond noise, in units of the noise, that is much."""
+
+UNSURE = 0.65
+"""Share of a term's evidence from which a quite different shape of it fits about as well."""
 
 
 def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
@@ -35,8 +27,10 @@ def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
         rest = solve(state, others)
         gain = rest.fit.gain(now.problem.block(term))[0]
         if gain < required_gain(term, state.robot, state.thresholds):
-            state.refuse(term, gain, "needless beside the others")
-            now = rest
+            last = solve(state, [*others, term])
+            if gain < state.thresholds.least or unconfirmed(rest, last, state.thresholds, gain) is not None:
+                state.refuse(term, gain, "needless beside the others")
+                now = rest
     return now
 
 
@@ -51,60 +45,59 @@ def drop_within_model_error(state: SearchState, now: Solution) -> Solution:
     return now
 
 
-def drop_minor(state: SearchState, now: Solution) -> Solution:
-    """Terms of a joint that explain little of what differs there leave: they only lean on the unknown.
-
-    Plain friction that the simulation lacks is judged as one, and by less: every joint has some.
-    """
+def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
+    """Terms leave in whose place a plainer one does as well on data left out; it comes in where it holds by itself."""
+    effects = {effect.name: effect for effect in state.effects}
     for term in list(now.terms):
-        left = remaining_chi2(now)
-        if term not in now.terms or term.joint is None or term.effect.form.sample_by_sample:
-            continue
-        if left[term.joint] - 1 < EXCESS:
-            continue
-        plain = _plain_friction(state, now, term)
-        together = plain or [term]
-        rest = solve(state, [t for t in now.terms if t not in together])
-        drop = float(remaining_chi2(rest)[term.joint] - left[term.joint])
-        share = drop / (drop + float(left[term.joint]) - 1)
-        if share < state.thresholds.credible * (PLAIN if plain else 1.0):
-            for each in together:
-                state.refuse(each, 0.0, f"explains {100 * share:.0f} % of what differs")
-            now = rest
+        rest, there = without(state, now, term), {t.place for t in now.terms}
+        for name in term.effect.relations.beats:
+            if name not in effects or (name, term.joint) in there or effects[name].described(state.robot, term.joint):
+                continue
+            if state.powered and term.effect.acts_on == "friction" and effects[name].acts_on == "reading":
+                continue
+            plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
+            if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
+                continue
+            old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (plain, now))
+            found = compared(old, new, [term.joint or 0])
+            if found.share < state.thresholds.better or found.sure < state.thresholds.steady:
+                gain = rest.fit.gain(rest.problem.block(term))[0]
+                state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
+                now = rest if unconfirmed(rest, plain, state.thresholds, gain) else plain
+                break
     return now
 
 
-def _plain_friction(state: SearchState, now: Solution, term: Term) -> list[Term]:
-    """All plain friction that the simulation lacks at the joint of a term of that kind; else nothing."""
-
-    def plain(each: Term) -> bool:
-        return each.effect.name in FRICTION and each.effect.described(state.robot, each.joint) == 0
-
-    return [t for t in now.terms if t.joint == term.joint and plain(t)] if plain(term) else []
+def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
+    """Terms leave whose shape could as well be quite another one."""
+    for term in list(now.terms):
+        rivals = [
+            Term(term.effect, term.joint, s) for s in term.effect.unlike(now.problem.states, term.joint, term.shape)
+        ]
+        if not rivals:
+            continue
+        rest = without(state, now, term)
+        own, *others = rest.fit.gains([rest.problem.block(t) for t in (term, *rivals)])
+        if max(gain for gain, _ in others) > UNSURE * own[0]:
+            best = max(zip(others, rivals, strict=True), key=lambda each: each[0][0])[1]
+            state.refuse(term, own[0], f"its shape is as well {best.shape[0]:.3g} as {term.shape[0]:.3g}")
+            now = rest
+    return now
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
-    """Terms that, beside the later ones, no longer show on data left out or in several channels leave."""
+    """Terms that data left out do not confirm beside the others leave, the smallest first."""
     for term in sorted(now.terms, key=lambda t: _size(now, t)):
-        if term.effect.form.intermittent or term.effect.form.sample_by_sample:
-            continue
         rest = without(state, now, term)
         last = solve(state, [*rest.terms, term])
-        if (why := _unconfirmed(state, rest, last, term)) is not None:
-            state.refuse(term, rest.fit.gain(rest.problem.block(term))[0], why)
+        gain = rest.fit.gain(rest.problem.block(term))[0]
+        why = unconfirmed(rest, last, state.thresholds, gain)
+        if why is None and term.effect.acceptance.several_channels and not seen_by_several(rest, last.block(term)[0]):
+            why = "only one channel asks for it"
+        if why is not None:
+            state.refuse(term, gain, f"beside the others {why}")
             now = rest
     return now
-
-
-def _unconfirmed(state: SearchState, rest: Solution, last: Solution, term: Term) -> str | None:
-    """Why the last term is not confirmed beside the others; None where it is."""
-    if term.effect.acceptance.several_channels and not seen_by_several(rest, last.block(term)[0]):
-        return "beside the others only one channel asks for it"
-    if raises_held_out_error(rest, last):
-        return "beside the others it raises the error on data left out"
-    if relieves_tension(rest, last, state.thresholds) or lowers_held_out_error(rest, last, state.thresholds):
-        return None
-    return "beside the others it hardly lowers the error on data left out"
 
 
 def _size(now: Solution, term: Term) -> float:

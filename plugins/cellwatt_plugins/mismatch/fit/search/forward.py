@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from cellwatt.progress import steps
-from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection, required_gain
+from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection
 from cellwatt_plugins.mismatch.fit.problem import Term, said
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
 from cellwatt_plugins.mismatch.fit.search.refine import refine
@@ -25,7 +25,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
     """The solution with the best new term; None where none is accepted."""
     looked_at: Counter[int | None] = Counter()
     for candidate in steps(candidates(state, now), "fitting", _said):
-        if candidate.gain < required_gain(candidate.term, state.robot, state.thresholds):
+        if candidate.gain < state.thresholds.least:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
         if looked_at[candidate.term.joint] == BEST or state.spent():
@@ -38,7 +38,7 @@ def enter(state: SearchState, now: Solution) -> Solution | None:
                 return instead
             why: str | None = f"cannot be told from {like.effect.name.replace('_', ' ')} in these recordings"
         else:
-            why = rejection(now, new, state.thresholds)
+            why = rejection(now, new, state.thresholds, candidate.gain)
         if why is None:
             return new
         state.refuse(candidate.term, candidate.gain, why)

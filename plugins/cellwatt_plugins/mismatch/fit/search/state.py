@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -25,8 +25,11 @@ Place = tuple[str, int | None]
 class Make(Protocol):
     """Makes the problem."""
 
-    def __call__(self, turning: Float, /) -> Problem:
-        """The problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign."""
+    def __call__(self, turning: Float, looseness: float = 1.0, /) -> Problem:
+        """The problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
+
+        ``looseness`` is a factor on the tolerances of the links.
+        """
 
 
 MOVES = 0.05
@@ -54,6 +57,10 @@ class SearchState:
 
     left: tuple[tuple[Term, ...], list[Float]] | None = None
     """What some terms leave at all samples of each run."""
+    looseness: float = 1.0
+    """Factor on the tolerances of the links."""
+    powered: bool = False
+    """True where the supply tells what is friction and what is in the measurement."""
     until: float = float("inf")
     """s at which nothing more is tried; see ``now``."""
 
@@ -65,10 +72,24 @@ class SearchState:
         """Make the problem anew where another friction (C,) Nm turns over with the sign of the velocity."""
         if not np.array_equal(turning, self.turning):
             self.turning = np.array(turning)
-            self.problem = self.make(self.turning)
-            self.blocks.clear()
-            self.solved.clear()
-            self.left = None
+            self._anew()
+
+    def loosen(self, looseness: float) -> None:
+        """Begin anew with the links' tolerances times ``looseness``."""
+        self.looseness, self.turning = looseness, np.zeros_like(self.turning)
+        self._anew()
+
+    def _anew(self) -> None:
+        # What motion and priors alone determine stays; the weight of each sample does not.
+        old = self.problem
+        self.problem = replace(self.make(self.turning, self.looseness), simulated=old.simulated, made=old.made)
+        self.solved.clear()
+        self.left = None
+
+    def use(self, problem: Problem) -> None:
+        """Go on with the same problem under other priors."""
+        self.problem = problem
+        self.solved.clear()
 
     def every_sample(self, now: Solution) -> list[Float]:
         """What a solution leaves at all samples of each run, (N, C)."""
@@ -93,10 +114,17 @@ class SearchState:
         self.refused[term.place] = Trial.of(term, gain, False, why)
 
 
-def start(make: Make, channels: int, thresholds: Thresholds, effects: Sequence[Effect], until: float) -> SearchState:
+def start(
+    make: Make,
+    channels: int,
+    thresholds: Thresholds,
+    effects: Sequence[Effect],
+    until: float,
+    powered: bool = False,
+) -> SearchState:
     """A search of ``channels`` in which nothing was tried yet."""
     turning = np.zeros(channels)
     problem = make(turning)
     supply = problem.side == "supply"
     own = tuple(e for e in effects if (e.place == "supply") == supply)
-    return SearchState(make, thresholds, own, turning, problem, until=until)
+    return SearchState(make, thresholds, own, turning, problem, powered=powered, until=until)

@@ -14,14 +14,18 @@ from numpy.typing import NDArray
 
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.problem import Term, said
+from cellwatt_plugins.mismatch.fit.retuning import confirmed, looseness
 from cellwatt_plugins.mismatch.fit.search.backward import (
-    drop_minor,
+    drop_ambiguous,
+    drop_for_plainer,
     drop_needless,
     drop_unconfirmed,
     drop_within_model_error,
 )
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
+from cellwatt_plugins.mismatch.fit.search.curves import drop_ill_formed, with_curves
 from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
+from cellwatt_plugins.mismatch.fit.search.plain import plain_friction
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.mismatch.fit.search.state import Make, SearchState, start
@@ -30,6 +34,8 @@ from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.effect import Effect
 
 Float = NDArray[np.float64]
+CHECKS = (drop_within_model_error, drop_for_plainer, drop_ambiguous, drop_ill_formed, drop_unconfirmed)
+"""What each term must pass beside the others, in this order."""
 
 
 def search(
@@ -38,26 +44,41 @@ def search(
     thresholds: Thresholds = DEFAULT,
     effects: Sequence[Effect] = EFFECTS,
     until: float = float("inf"),
+    powered: bool = False,
 ) -> Solution:
-    """The terms of one side that the data ask for.
+    """The terms of one side that the data ask for; ``powered`` where the supply's power is judged afterwards.
 
     Nothing more is tried from ``until`` s on; see ``budget.now``.
 
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """
-    state = start(make, channels, thresholds, effects, until)
-    now = solve(state, [])
-    while len(now.terms) < thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
+    state = start(make, channels, thresholds, effects, until, powered)
+    now = _found(state)
+    loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
+    if loose > 1 and not state.spent():
+        state.loosen(loose)
+        now = _found(state)
+    state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
+    now = drop_unconfirmed(state, solve(state, now.terms))
+    now.spent = state.spent()
+    now = _compared(state, now)
+    now.curved = with_curves(state, now)
+    return now
+
+
+def _found(state: SearchState) -> Solution:
+    """The terms found from none."""
+    now = plain_friction(state, solve(state, []))
+    while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
         now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
     now = drop_needless(state, swap(state, now))
     for term in steps(now.terms[:-1], "refining", said):
         if not state.spent():
             now = refine(state, now, term)
     now = drop_needless(state, now, keep=0)
-    for drop in steps((drop_within_model_error, drop_minor, drop_unconfirmed), "test of what was found"):
+    for drop in steps(CHECKS, "test of what was found"):
         now = drop(state, now)
-    now.spent = state.spent()
-    return _compared(state, now)
+    return now
 
 
 def _compared(state: SearchState, now: Solution) -> Solution:

@@ -3,58 +3,89 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from cellwatt_plugins.mismatch.input.admission.factors import usable
+from cellwatt.noise import white_noise
+from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 SAMPLES = 200
 """Samples of a run that are looked at: enough for what is wrong by a factor."""
+MOST = 2.0
+"""Misfit that counts at most: one joint that is far off is no more than wrong."""
+MEAN_OF_NORMAL = 0.8
+"""Mean absolute value of a normal distribution, in standard deviations."""
 STOPPED = 0.02
 """rad/s over which friction of unknown size turns its sign; wider than the noise of encoders."""
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Torque columns (N, n) Nm as they were read, and the mean absolute size (n,) Nm of the noise in each."""
+
+    torque: Float
+    noise: Float
+
+    def __mul__(self, factor: Float | float) -> Torques:
+        return Torques(self.torque * factor, self.noise * np.abs(factor))
+
+    def ordered(self, order: Sequence[int]) -> Torques:
+        """The columns in another order."""
+        return Torques(self.torque[:, order], self.noise[list(order)])
+
+    def shares(self) -> Float:
+        """Share (n,) of each column's mean square that is no noise."""
+        size = np.array([spread(column) for column in self.torque.T])
+        return np.asarray(np.maximum(1 - np.square(self.noise / np.maximum(size, 1e-12)), 0.0))
 
 
 @dataclass(frozen=True)
 class Expected:
     """Torques (N, n) Nm that the description asks for in a motion with ``velocity`` (N, n) rad/s.
 
-    Where the description has no friction (``loose``, (n,)) any amount may come on top.
+    Any amount of friction may come on top, unless it is ``strict``.
     """
 
     torque: Float
     velocity: Float
-    loose: Bool
+    strict: bool = False
 
-    def strict(self) -> Expected:
-        """Without friction beyond the description's."""
-        return replace(self, loose=np.zeros_like(self.loose))
+    def misfits(self, read: Torques) -> Float:
+        """Mean absolute difference over mean absolute torque, both about their medians and beyond the noise: (n,).
 
-    def misfits(self, torque: Float) -> Float:
-        """Mean absolute difference over mean absolute torque, both about their medians, joint by joint: (n,)."""
-        return np.array([self._misfit(torque[:, k], k) for k in range(torque.shape[1])])
+        0 for a torque that is noise alone: it tells nothing.
+        """
+        return np.array([self._misfit(read, k, k) for k in range(len(read.noise))])
 
-    def table(self, torque: Float) -> Float:
+    def table(self, read: Torques) -> Float:
         """Misfit (n, n) of each torque column as if it were each joint's."""
-        joints = range(torque.shape[1])
-        return np.array([[self._misfit(torque[:, i], k) for k in joints] for i in joints])
+        joints = range(len(read.noise))
+        return np.array([[self._misfit(read, i, k) for k in joints] for i in joints])
 
-    def _misfit(self, torque: Float, joint: int) -> float:
+    def misfit(self, read: Torques) -> float:
+        """The mean misfit, in which each column counts by the share of its torque that is no noise."""
+        weights = read.shares()
+        return float(np.sum(weights * np.minimum(self.misfits(read), MOST)) / max(np.sum(weights), 1e-12))
+
+    def _misfit(self, read: Torques, column: int, joint: int) -> float:
+        torque, noise = read.torque[:, column], read.noise[column]
+        if spread(torque) <= noise:
+            return 0.0
         rest = torque - self.torque[:, joint]
-        if self.loose[joint]:
+        if not self.strict:
             speed = self.velocity[:, joint]
             ones = np.ones_like(speed)
             terms = np.column_stack([np.tanh(speed / STOPPED), speed, ones, -ones])
             rest = rest - terms @ nnls(terms, rest)[0]
-        return spread(rest) / max(spread(torque), 1e-12)
+        return _beyond(spread(rest), noise) / _beyond(spread(torque), noise)
 
 
 @dataclass(frozen=True)
@@ -62,25 +93,42 @@ class Sample:
     """Some samples (N, n) of a run's motion and torque."""
 
     arm: Arm
+    read: Torques
     position: Float
     velocity: Float
     acceleration: Float
-    torque: Float
 
     def expected(self, factor: Float | float = 1.0, order: Sequence[int] | None = None) -> Expected:
         """Torque by the description for this motion times ``factor``, its columns in ``order``."""
         motion = (self.position, self.velocity, self.acceleration)
         columns = slice(None) if order is None else list(order)
         q, qd, qdd = (np.asarray(part[:, columns] * factor, np.float64) for part in motion)
-        loose = (self.arm.column("coulomb_friction") == 0) | (self.arm.column("viscous_friction") == 0)
-        return Expected(self.arm.torque(q, qd, qdd), qd, loose)
+        return Expected(self.arm.torque(q, qd, qdd), qd)
 
 
-def sample_of(run: Run, motion: Moved, arm: Arm) -> tuple[Sample, NDArray[np.intp]]:
-    """Evenly spread samples of a run, none of them filled in, and which they are."""
+def sample_of(run: Run, motion: Moved, arm: Arm) -> Sample:
+    """Evenly spread samples of a run, none of them filled in.
+
+    Torques that were not read are 0 throughout: they speak for no reading of the columns.
+    """
     kept = usable(run, SAMPLES)
-    parts = (motion.position, motion.velocity, motion.acceleration, run.torque)
-    return Sample(arm, *(part[kept] for part in parts)), kept
+    torque = run.torque[kept]
+    kept, torque = (kept, torque) if np.isfinite(torque).all() else _heard(kept, torque)
+    noise = MEAN_OF_NORMAL * np.nan_to_num(white_noise(run.torque))
+    parts = (motion.position, motion.velocity, motion.acceleration)
+    return Sample(arm, Torques(torque, noise), *(part[kept] for part in parts))
+
+
+def _heard(kept: NDArray[np.intp], torque: Float) -> tuple[NDArray[np.intp], Float]:
+    """Samples in which all torques that were read at all are there, and 0 for the others."""
+    silent = np.isnan(torque).all(axis=0)
+    there = np.isfinite(torque[:, ~silent]).all(axis=1)
+    return kept[there], np.where(silent, 0.0, torque[there])
+
+
+def _beyond(size: float, noise: float) -> float:
+    """Root of what a mean square has beyond that of the noise."""
+    return float(np.sqrt(max(size**2 - noise**2, 0.0)))
 
 
 def spread(values: Float) -> float:

@@ -31,7 +31,7 @@ def told_otherwise(runs: Sequence[Run], arm: Arm, base: Baseline) -> list[str]:
     torque = np.concatenate([each.torque for each in told])
     size, off = _rms(torque), _rms(torque - np.concatenate([law.torque(each.plan) for each in told]))
     parts = [
-        f"joint {i + 1} by {off[i]:.2g} Nm{_how(said, simulated, i)}"
+        f"joint {i + 1} by {off[i]:.2g} {said.unit(i, 'Nm')}{_how(said, simulated, i)}"
         for i in range(len(off))
         if off[i] > WORTH * max(size[i], 0.1 * float(size.max()))
     ]
@@ -60,7 +60,7 @@ def _how(said: RobotDescription, simulated: RobotDescription, joint: int) -> str
     """The numbers of a joint that differ, in words."""
     pairs = {name: (getattr(said.joints[joint], name), getattr(simulated.joints[joint], name)) for name in UNITS}
     parts = [
-        f"{name.replace('_', ' ')} {own:.3g} instead of {other:.3g} {UNITS[name]}"
+        f"{name.replace('_', ' ')} {own:.3g} instead of {other:.3g} {said.unit(joint, UNITS[name])}"
         for name, (own, other) in pairs.items()
         if abs(own - other) > WORTH * max(own, other)
     ]

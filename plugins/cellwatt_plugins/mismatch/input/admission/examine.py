@@ -12,15 +12,22 @@ from cellwatt.errors import RecordingError
 from cellwatt.progress import stage, steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.admission.description import told_otherwise
-from cellwatt_plugins.mismatch.input.admission.factors import usable
-from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
+from cellwatt_plugins.mismatch.input.admission.motion import (
+    check_jumps,
+    check_limits,
+    check_moving,
+    check_stuck,
+    check_velocity,
+)
 from cellwatt_plugins.mismatch.input.admission.pairing import check_pairing
 from cellwatt_plugins.mismatch.input.admission.power import check_power, check_simulated_power
 from cellwatt_plugins.mismatch.input.admission.remarks import remarks
 from cellwatt_plugins.mismatch.input.admission.torque import check_simulated, check_torque
 from cellwatt_plugins.mismatch.input.baseline import Baseline, baseline
+from cellwatt_plugins.mismatch.input.factors import usable
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.input.unread import unread
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import Moved
@@ -62,6 +69,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         raise RecordingError("no recording given")
     check_length(runs)
     check_moving(runs)
+    check_read(runs)
     notes = [note for run in runs for note in run.notes]
     # Not spread: a run takes as long to be sent as to be checked so.
     for run in steps(runs, "checking run"):
@@ -70,7 +78,7 @@ def admit(runs: Sequence[Run], arm: Arm) -> Admitted:
         base = baseline(runs, arm)
     courses = spread(_followed, runs, "checking torques of runs", shared=base)
     states = [base.along(run, i, *course) for i, (run, course) in enumerate(zip(runs, courses, strict=True))]
-    return Admitted(base, (*notes, *remarks(runs), *told_otherwise(runs, arm, base)), tuple(states))
+    return Admitted(base, (*notes, *remarks(runs, arm.description), *told_otherwise(runs, arm, base)), tuple(states))
 
 
 def check_run(run: Run, arm: Arm) -> Moved:
@@ -86,6 +94,7 @@ def _check(run: Run, runs: Sequence[Run], arm: Arm) -> list[str]:
     notes = check_pairing(run, runs, arm.description)
     check_limits(run, arm)
     check_velocity(run, arm.description)
+    check_jumps(run, arm.description)
     check_simulated(run, arm)
     check_simulated_power(run)
     return notes
@@ -102,6 +111,15 @@ def _moved(run: Run, arm: Arm) -> Moved:
     check_torque(run, motion, arm)
     check_power(run, motion)
     return motion
+
+
+def check_read(runs: Sequence[Run]) -> None:
+    """Raises ``RecordingError`` where no run has the torque of any joint."""
+    if all(unread(run).all() for run in runs):
+        raise RecordingError(
+            f"{runs[0].name}: no torque goes with the motion: every torque or current is empty, constant, or noise: "
+            "were the drives read?"
+        )
 
 
 def check_length(runs: Sequence[Run]) -> None:

@@ -10,7 +10,7 @@ from scipy.ndimage import convolve1d
 from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, RPM, order_text, recognised, times_text, usable
+from cellwatt_plugins.mismatch.input.factors import DEGREES, RPM, order_text, recognised, times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm, RobotDescription
 from cellwatt_plugins.robot.motion import rates
@@ -24,10 +24,14 @@ MOVES = 0.05
 """rad: who goes further moves for certain."""
 WIDE = 0.2
 """rad: motion wide enough for its derivative to be compared."""
+FLICKER = 0.1
+"""rad/s: span of velocities that encoders make of a joint at rest."""
 BEYOND = 3.0
 """Times the joint's limit, or half a turn where that is more: no arm gets there."""
 FASTEST = 30.0
 """rad/s: no joint of an arm is as fast."""
+LEAP = 10.0
+"""rad/s beyond which half a turn from sample to sample is no motion."""
 ALIKE = 0.9
 """Correlation, not about the mean, from which on two velocities are of the same motion."""
 UNLIKE = 0.3
@@ -67,10 +71,9 @@ def check_stuck(run: Run) -> None:
     moves = travel(run) > MOVES
     wanted = np.zeros(run.joints, bool) if run.plan is None else spread(run.plan.position) > MOVES
     if run.velocity is not None:
-        wanted |= np.ptp(run.velocity, axis=0) > MOVES
+        wanted |= _travelled(run.velocity, run.step)
         _stuck(run, "qd", run.velocity, moves, "the joint moves")
     _stuck(run, "q", run.position, wanted, "velocity or simulation say that the joint moves")
-    _stuck(run, "tau" if run.torque_from == "torque" else "current", run.torque, moves, "the joint moves")
     if run.power is not None and moves.any() and np.ptp(run.power) == 0:
         raise RecordingError(
             f"{run.name}: power is {run.power[0]:.6g} in every sample although the arm moves: was the meter read?"
@@ -90,6 +93,21 @@ def check_limits(run: Run, arm: Arm) -> None:
         raise RecordingError(
             f"{run.name}: joint {worst + 1} reaches {reached[worst]:.1f} and {speed[worst]:.1f} per second, beyond "
             "what an arm does: the positions must be in rad and the time in s; are they in degrees?"
+        )
+
+
+def check_jumps(run: Run, robot: RobotDescription) -> None:
+    """Raises ``RecordingError`` where a turning joint leaps by half a turn between two samples."""
+    turning = np.array([joint.kind == "revolute" for joint in robot.joints])
+    steps = np.abs(np.diff(run.position, axis=0)) * turning
+    leaps = (steps > np.pi) & (steps > LEAP * run.step)
+    if run.gaps is not None:
+        leaps &= ~(run.gaps[1:] | run.gaps[:-1])[:, None]
+    if leaps.any():
+        row, joint = map(int, np.argwhere(leaps)[0])
+        raise RecordingError(
+            f"{run.name}: q_{joint + 1} jumps by {steps[row, joint]:.2f} rad at t = {run.time[row + 1]:.3f} s (sample "
+            f"{row + 2}): if its angle is modulo a turn, record it counted on; if two recordings are joined, part them"
         )
 
 
@@ -148,6 +166,12 @@ def _velocity_unit(where: str, factor: float, alike: float, ratio: float) -> Non
             + (f": it seems to be {name}" if name else "")
             + "; q must be in rad, qd in rad/s at the joint"
         )
+
+
+def _travelled(velocity: Float, step: float) -> Bool:
+    """(n,) true where velocities (N, n) rad/s are of a joint that goes somewhere, not the flicker of one at rest."""
+    way = np.cumsum(velocity - velocity.mean(axis=0), axis=0) * step
+    return np.asarray((spread(velocity) > FLICKER) & (np.ptp(way, axis=0) > MOVES), np.bool_)
 
 
 def _stuck(run: Run, stem: str, values: Float, expected: Bool, why: str) -> None:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.factors import (
+from cellwatt_plugins.mismatch.input.admission.motion import MOVES, spread
+from cellwatt_plugins.mismatch.input.alignment import LATE, delay
+from cellwatt_plugins.mismatch.input.factors import (
     DEGREES,
     joints_text,
     order_text,
@@ -18,8 +20,6 @@ from cellwatt_plugins.mismatch.input.admission.factors import (
     times_text,
     usable,
 )
-from cellwatt_plugins.mismatch.input.admission.motion import MOVES, spread
-from cellwatt_plugins.mismatch.input.alignment import LATE, delay
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import RobotDescription
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.factors import times_text, usable
+from cellwatt_plugins.mismatch.input.factors import times_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.motion import Moved
 
@@ -26,7 +26,7 @@ ALIKE = 0.5
 def check_power(run: Run, motion: Moved) -> None:
     """Raises ``RecordingError`` where power cannot be in W beside what the joints take, recorded or simulated."""
     kept = usable(run, SAMPLES)
-    if run.power is not None:
+    if run.power is not None and np.isfinite(run.torque).all():
         _check(run.name, run.power[kept], np.sum(run.torque[kept] * motion.velocity[kept], axis=1))
 
 

@@ -7,11 +7,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt_plugins.mismatch.input.admission.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.admission.motion import AT_REST, MOVES, travel
+from cellwatt_plugins.mismatch.input.factors import joints_text, usable
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.input.unread import unread_remarks
+from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.motion import FAST
 from cellwatt_plugins.robot.stretches import stretches
+
+Float = NDArray[np.float64]
 
 CLIPPED = 0.01
 """Share of samples at exactly the largest or smallest value from which on a torque looks cut off."""
@@ -25,7 +29,7 @@ PERIOD = 4
 """Samples that a motion needs to be followed."""
 
 
-def remarks(runs: Sequence[Run]) -> list[str]:
+def remarks(runs: Sequence[Run], robot: RobotDescription) -> list[str]:
     """One sentence each."""
     widest = np.max([travel(run) for run in runs], axis=0)
     notes = [f"{run.name}: the arm stands still" for run in runs if travel(run).max() < AT_REST]
@@ -33,15 +37,16 @@ def remarks(runs: Sequence[Run]) -> list[str]:
         notes.append(f"{joints_text((still + 1).tolist())} never moved: friction and inertia cannot be seen there")
     if all(run.power is None for run in runs):
         notes.append("no power recorded: nothing can be said of the supply")
+    notes += unread_remarks(runs)
     notes += _slow(runs)
     for run in runs:
         if run.gaps is not None:
             notes.append(
                 f"{run.name}: {100 * float(np.mean(run.gaps)):.2g} % of the samples were filled in and do not count"
             )
-        notes += _cut_off(run)
-        notes += _coarse(run)
-        notes += _frozen(run)
+        notes += _cut_off(run, robot)
+        notes += _coarse(run, robot)
+        notes += _frozen(run, robot)
     return notes
 
 
@@ -54,34 +59,34 @@ def _slow(runs: Sequence[Run]) -> Iterator[str]:
         )
 
 
-def _cut_off(run: Run) -> Iterator[str]:
+def _cut_off(run: Run, robot: RobotDescription) -> Iterator[str]:
     for i in range(run.joints):
-        torque = run.torque[usable(run), i]
+        torque = _read(run, i)
         if len(np.unique(torque)) < LEVELS:
             continue
         for extreme in (torque.max(), torque.min()):
             at = torque == extreme
             if at.mean() > CLIPPED and _longest(at) >= ROW:
                 yield (
-                    f"{run.name}: the torque of joint {i + 1} stays at its extreme of {extreme:.4g} Nm "
-                    f"in {100 * at.mean():.1f} % of the samples: it seems to be cut off there"
+                    f"{run.name}: the torque of joint {i + 1} stays at its extreme of {extreme:.4g} "
+                    f"{robot.unit(i, 'Nm')} in {100 * at.mean():.1f} % of the samples: it seems to be cut off there"
                 )
 
 
-def _coarse(run: Run) -> Iterator[str]:
+def _coarse(run: Run, robot: RobotDescription) -> Iterator[str]:
     moves = travel(run) > MOVES
-    for i in np.flatnonzero(moves):
-        levels = np.unique(run.torque[usable(run), i])
-        if len(levels) < LEVELS:
+    for i in np.flatnonzero(moves).tolist():
+        levels = np.unique(_read(run, i))
+        if 1 < len(levels) < LEVELS:
             yield (
-                f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} Nm: "
-                "smaller effects cannot be seen"
+                f"{run.name}: the torque of joint {i + 1} comes in steps of {np.min(np.diff(levels)):.3g} "
+                f"{robot.unit(i, 'Nm')}: smaller effects cannot be seen"
             )
 
 
-def _frozen(run: Run) -> Iterator[str]:
+def _frozen(run: Run, robot: RobotDescription) -> Iterator[str]:
     """The longest stretch in which a torque stays at one value, not its extreme, while its joint moves."""
-    for i in np.flatnonzero(travel(run) > MOVES):
+    for i in np.flatnonzero(travel(run) > MOVES).tolist():
         torque, position = run.torque[:, i], run.position[:, i]
         if len(np.unique(torque)) < LEVELS:
             continue
@@ -90,16 +95,22 @@ def _frozen(run: Run) -> Iterator[str]:
             for start, end in stretches(np.diff(torque) == 0)
             if (end - start) * run.step > FROZEN
             and np.ptp(position[start:end]) > MOVES
-            and torque[start] not in (torque.max(), torque.min())
+            and torque[start] not in (np.nanmax(torque), np.nanmin(torque))
         ]
         if found:
             _, start, end = max(found)
             others = f", nor at {len(found) - 1} other times" if len(found) > 1 else ""
             yield (
-                f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} Nm from "
+                f"{run.name}: the torque of joint {i + 1} stays at {torque[start]:.4g} {robot.unit(i, 'Nm')} from "
                 f"{run.time[start]:.2f} to {run.time[end]:.2f} s while the joint moves: "
                 f"it seems not to have been read there{others}"
             )
+
+
+def _read(run: Run, joint: int) -> Float:
+    """Torque (R,) Nm of a joint in the samples that were read."""
+    torque = run.torque[usable(run), joint]
+    return np.asarray(torque[np.isfinite(torque)])
 
 
 def _longest(at: NDArray[np.bool_]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
 
@@ -11,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from cellwatt.errors import RecordingError
-from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, sample_of
-from cellwatt_plugins.mismatch.input.admission.factors import DEGREES, joints_text, order_text, recognised, times_text
+from cellwatt_plugins.mismatch.input.admission.agreement import SAMPLES, Expected, Sample, Torques, sample_of
+from cellwatt_plugins.mismatch.input.factors import DEGREES, joints_text, order_text, recognised, times_text
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.motion import Moved
@@ -32,17 +33,21 @@ ALONE = 8.0
 HIDDEN = 200.0
 """Times that one joint's torque may stay below the nominal one, where that is more than friction."""
 THOUSAND = 1000.0
-POOR = 0.1
+POOR = 0.05
 """Misfit of a joint from which on another reading of its columns is worth a try."""
 GOOD = 0.5
 """A reading is believed where it leaves less than this misfit, and less than this share of the misfit as recorded."""
+TELLS = 0.5
+"""Share of a torque's mean square that is no noise, from which on it is told whose it is."""
+TIE = 1e-6
+"""By which a column of noise rather stays where it is."""
 AGREES = 0.3
 """The mean misfit that a whole arm has where description and reading are right; a wrong mounting leaves more."""
 
 
 def check_torque(run: Run, motion: Moved, arm: Arm) -> None:
     """Raises ``RecordingError`` where another unit, order or direction makes description and recording agree."""
-    sample, _ = sample_of(run, motion, arm)
+    sample = sample_of(run, motion, arm)
     what = "torque" if run.torque_from == "torque" else "torque from current"
     _check(f"{run.name}: {what}", run.torque_from == "current", sample)
 
@@ -52,26 +57,27 @@ def check_simulated(run: Run, arm: Arm) -> None:
     said = run.simulated
     if said is None:
         return
-    parts = (said.plan.position, said.plan.velocity, said.plan.acceleration, said.torque)
     thin = max(1, len(said.time) // SAMPLES)
-    _check(f"{run.name}: its simulation's torque", False, Sample(arm, *(part[::thin] for part in parts)))
+    parts = (said.plan.position, said.plan.velocity, said.plan.acceleration)
+    read = Torques(said.torque[::thin], np.zeros(run.joints))
+    _check(f"{run.name}: its simulation's torque", False, Sample(arm, read, *(part[::thin] for part in parts)))
 
 
 def _check(place: str, current: bool, sample: Sample) -> None:
     expected = sample.expected()
     friction = HELD * _rms(_weight(sample.arm))
     _whole_unit(place, current, sample, expected.torque, friction)
-    strict = expected.strict()
-    _unit_of_one(place, sample.torque, strict, strict.misfits(sample.torque), friction)
-    misfit = expected.misfits(sample.torque)
+    misfit = expected.misfits(sample.read)
     if (misfit > POOR).any():
         _direction(place, sample, expected, misfit)
-        _order(place, sample.torque, expected)
-        _motion_read_otherwise(place, sample, misfit)
+        _order(place, sample.read, expected)
+        _motion_read_otherwise(place, sample, expected.misfit(sample.read))
+    _unit_of_one(place, sample.read, replace(expected, strict=True), friction)
 
 
 def _whole_unit(place: str, current: bool, sample: Sample, expected: Float, friction: float) -> None:
-    recorded, nominal = _rms(sample.torque), _rms(expected)
+    heard = sample.read.torque.any(axis=0)
+    recorded, nominal = _rms(sample.read.torque[:, heard]), _rms(expected[:, heard])
     factor = recorded / max(nominal, 1e-12)
     if factor >= LARGE:
         factor = recorded / max(nominal, friction, 1e-12)
@@ -98,15 +104,17 @@ def _rms(values: Float) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _unit_of_one(place: str, torque: Float, expected: Expected, misfit: Float, friction: float) -> None:
+def _unit_of_one(place: str, read: Torques, expected: Expected, friction: float) -> None:
     """Friction of any size would fit any unit, so here only the description's counts, or ``friction`` Nm."""
+    torque, misfit = read.torque, expected.misfits(read)
     size, nominal = np.sqrt(np.mean(torque**2, axis=0)), np.sqrt(np.mean(expected.torque**2, axis=0))
     strongest = int(np.argmax(size))
     others = max(nominal.max(), np.delete(size, strongest).max(initial=0.0), friction)
     alone = (np.arange(len(size)) == strongest) & (size > ALONE * others) & (len(size) > 1)
-    large = _better(expected.misfits(torque / THOUSAND), misfit) | alone
+    large = _better(expected.misfits(read * (1 / THOUSAND)), misfit) | alone
     # A wrist at rest may carry nothing where the description has a tool: less than friction is no other unit.
-    small = _better(expected.misfits(torque * THOUSAND), misfit) | ((size * HIDDEN < nominal) & (nominal > friction))
+    small = _better(expected.misfits(read * THOUSAND), misfit)
+    small |= (size > 0) & (size * HIDDEN < nominal) & (nominal > friction)
     for wrong, name in ((large, "large"), (small, "small")):
         if wrong.any():
             joints = joints_text((np.flatnonzero(wrong) + 1).tolist())
@@ -118,8 +126,8 @@ def _unit_of_one(place: str, torque: Float, expected: Expected, misfit: Float, f
 
 def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) -> None:
     """A torque of the wrong sign also takes energy out of friction, which none can."""
-    gained = np.mean(sample.torque * sample.velocity, axis=0) < 0
-    turned = _better(expected.misfits(-sample.torque), misfit) & gained
+    gained = np.mean(sample.read.torque * sample.velocity, axis=0) < 0
+    turned = _better(expected.misfits(sample.read * -1.0), misfit) & gained
     if turned.any():
         raise RecordingError(
             f"{place} of {joints_text((np.flatnonzero(turned) + 1).tolist())} has the opposite sign: "
@@ -127,52 +135,56 @@ def _direction(place: str, sample: Sample, expected: Expected, misfit: Float) ->
         )
 
 
-def _order(place: str, torque: Float, expected: Expected) -> None:
-    """Check that each torque column belongs to the joint of its number, the positions being right."""
-    cost = expected.table(torque)
-    _, order = linear_sum_assignment(np.minimum(cost, 2.0))
-    other = np.flatnonzero(order != np.arange(len(order)))
-    if len(other) and np.all(_better(cost[other, order[other]], cost[other, other])):
+def _order(place: str, read: Torques, expected: Expected) -> None:
+    """Check that each torque column belongs to the joint of its number, the positions being right.
+
+    Columns of noise fill the places that the others leave.
+    """
+    tells = read.shares() > TELLS
+    cost = np.where(tells[:, None], np.minimum(expected.table(read), 2.0), 0.0)
+    _, order = linear_sum_assignment(cost - TIE * np.eye(len(cost)))
+    told = np.flatnonzero((order != np.arange(len(order))) & tells)
+    if len(told) and np.all(_better(cost[told, order[told]], cost[told, told])):
         raise RecordingError(
             f"{place}: the columns are in another order than the positions: {order_text('tau', order.tolist())}"
         )
 
 
-def _motion_read_otherwise(place: str, sample: Sample, misfit: Float) -> None:
+def _motion_read_otherwise(place: str, sample: Sample, before: float) -> None:
     """Degrees, one joint counted backwards, or columns in another order: only where the whole arm then agrees."""
-    before = float(misfit.mean())
-    after = float(sample.expected(1 / DEGREES).misfits(sample.torque).mean())
+    read = sample.read
+    after = sample.expected(1 / DEGREES).misfit(read)
     if _agrees(after, before):
         raise RecordingError(
             f"{place}: the positions are in degrees: taken so, the torques agree with the motion "
             f"({100 * after:.0f} instead of {100 * before:.0f} % off)"
         )
-    for joint in range(len(misfit)):
-        turn = np.ones(len(misfit))
+    for joint in range(len(read.noise)):
+        turn = np.ones(len(read.noise))
         turn[joint] = -1.0
         expected = sample.expected(turn)
-        for torque, what in ((sample.torque, "position counts"), (sample.torque * turn, "position and torque count")):
-            if _agrees(float(expected.misfits(torque).mean()), before):
+        for torque, what in ((read, "position counts"), (read * turn, "position and torque count")):
+            if _agrees(expected.misfit(torque), before):
                 raise RecordingError(
                     f"{place}: {what} the other way round at joint {joint + 1} than in the robot's description"
                 )
-    if (misfit > POOR).sum() > 1:
-        _motion_order(place, sample, before)
+    _motion_order(place, sample, before)
 
 
 def _motion_order(place: str, sample: Sample, before: float) -> None:
-    """The order of all columns, or of the positions alone, by exchanges of two joints as long as they help."""
+    """The order of all columns, or of the positions alone: reversed or not, and two exchanged as long as it helps."""
 
     expected = cache(lambda order: sample.expected(order=order))  # both readings ask for the same orders, repeatedly
 
     def whole(order: Order) -> float:
-        return float(expected(order).misfits(sample.torque[:, order]).mean())
+        return float(expected(order).misfit(sample.read.ordered(order)))
 
     def positions(order: Order) -> float:
-        return float(expected(order).misfits(sample.torque).mean())
+        return float(expected(order).misfit(sample.read))
 
     for misfit, what in ((whole, "joints"), (positions, "positions")):
-        order, best = tuple(range(sample.torque.shape[1])), before
+        own = tuple(range(len(sample.read.noise)))
+        best, order = min((before, own), (misfit(own[::-1]), own[::-1]))
         while (found := min((misfit(other), other) for other in _exchanged(order)))[0] < best:
             best, order = found
         if _agrees(best, before):

@@ -1,0 +1,87 @@
+"""Nominal numbers pass the same test as findings: those that data left out do not confirm stay the user's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.robot.regression import Prior
+
+Float = NDArray[np.float64]
+
+FIXED = 1e-4
+"""Factor on the tolerance of a number that stays the user's."""
+WORTH = 0.005
+"""Share of the mean square error on data left out, summed over the channels, that freeing a group must take off."""
+LOOSER = (3.0, 10.0, 30.0)
+"""Factors on the links' tolerances that are tried where much is left."""
+BETTER, SURE = 0.1, 2.0
+"""Share and standard errors by which the error must fall for the links to be as far off as that."""
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """Factors on the tolerances of the groups of nominal parameters, one of each block of the nuisance."""
+
+    factors: tuple[float, ...]
+
+    def of(self, problem: Problem) -> Problem:
+        """The problem with these tolerances."""
+        return problem.with_priors(
+            [_scaled(block.prior, f) for block, f in zip(problem.nuisance, self.factors, strict=True)]
+        )
+
+
+def looseness(problem: Problem, terms: Sequence[Term], factor: Float) -> float:
+    """Factor on the links' tolerances that data left out ask for beside some terms; 1 where they ask for none."""
+    links, best, error = problem.states[0].arm.body.joints, 1.0, LeaveOut(problem, factor).errors(terms)
+    for trial in LOOSER:
+        freedom = Freedom(tuple(trial if i < links else 1.0 for i in range(len(problem.nuisance))))
+        new = LeaveOut(freedom.of(problem), factor).errors(terms)
+        found = compared(error, new)
+        if found.share > BETTER and found.sure > SURE:
+            best, error = trial, new
+    return best
+
+
+def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Freedom:
+    """The freedom of the nominal parameters that data left out confirm: each link, and each joint's friction and rotor.
+
+    The groups are asked in turn, the one first whose freedom helps least: where the error without it is as low, its
+    numbers stay as they are.
+    """
+    groups = _groups(problem)
+    factors = np.ones(len(problem.nuisance))
+    error = LeaveOut(problem, factor).errors(terms)
+
+    def fixed(group: Sequence[int]) -> tuple[Float, Float]:
+        trial = factors.copy()
+        trial[list(group)] = FIXED
+        return trial, LeaveOut(Freedom(tuple(trial.tolist())).of(problem), factor).errors(terms)
+
+    for group in sorted(groups, key=lambda g: compared(fixed(g)[1], error).share):
+        trial, new = fixed(group)
+        if compared(new, error).share < WORTH:
+            factors, error = trial, new
+    return Freedom(tuple(factors.tolist()))
+
+
+def _groups(problem: Problem) -> list[list[int]]:
+    """Places of the blocks that are confirmed together."""
+    of_joint: dict[int | None, list[int]] = {}
+    groups = []
+    for i, block in enumerate(problem.nuisance):
+        if block.channel is None or problem.side == "supply":
+            groups.append([i])
+        else:
+            of_joint.setdefault(block.channel, []).append(i)
+    return [*groups, *of_joint.values()]
+
+
+def _scaled(prior: Prior, factor: float) -> Prior:
+    return prior if factor == 1.0 else Prior(prior.mean, prior.covariance * factor**2)

@@ -1,0 +1,111 @@
+"""Curves of any form: what a joint's torque follows where no law is known. They enter a model as tables."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from cellwatt_plugins.robot.description import RobotDescription
+from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
+from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.regression import Prior
+
+KNOTS = 10
+"""Knots of a curve."""
+RANGE = 0.01, 0.99
+"""Quantiles of the joint's motion between which a curve is known; it is held beyond."""
+SMOOTH = 1.5
+"""Knots over which a curve changes."""
+ROUGH = 0.05
+"""Share of its variance by which neighbouring knots may differ."""
+
+
+class Curve(Effect):
+    """A smooth torque along one course of a joint, linear between the knots that are its shape."""
+
+    along: ClassVar[str]
+    """The course, in words."""
+    unit: ClassVar[str] = ""
+    """Unit of the course."""
+
+    @abstractmethod
+    def course(self, run: States, joint: int) -> Float:
+        """The course (N,) along which the torque is told."""
+
+    def shapes(self, runs: Sequence[States], joint: int | None, residual: Sequence[Float]) -> Sequence[Shape]:
+        """One shape, whose knots have as many samples between each two."""
+        course = np.concatenate([self.course(run, joint or 0) for run in runs])
+        knots = np.unique(np.quantile(course, np.linspace(*RANGE, KNOTS)))
+        return [tuple(knots.tolist())] if len(knots) == KNOTS else []
+
+    def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        knots = np.asarray(shape)
+        course = np.clip(self.course(run, joint or 0), knots[0], knots[-1])
+        after = np.clip(np.searchsorted(knots, course, side="right"), 1, len(knots) - 1)
+        share = (course - knots[after - 1]) / (knots[after] - knots[after - 1])
+        out, rows = np.zeros((len(course), len(knots))), np.arange(len(course))
+        out[rows, after - 1], out[rows, after] = 1 - share, share
+        return out
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """Values at the knots are of the channel's ``size``, and near those of their neighbours."""
+        apart = np.subtract.outer(np.arange(columns.shape[1]), np.arange(columns.shape[1]))
+        alike = (1 - ROUGH) * np.exp(-0.5 * np.square(apart / SMOOTH)) + ROUGH * (apart == 0)
+        return Prior(np.zeros(columns.shape[1]), alike * size[joint or 0] ** 2)
+
+    def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        return {f"at_{knot:.4g}": estimate.coefficient(i, "N*m") for i, knot in enumerate(estimate.shape)}
+
+    def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        return f"{who} has a torque that goes with {self.along}."
+
+
+class PositionCurve(Curve):
+    """Torque along a joint's own position."""
+
+    name = "position_curve"
+    along = "its position"
+    unit = "rad"
+
+    def course(self, run: States, joint: int) -> Float:
+        return run.q[:, joint]
+
+
+class VelocityCurve(Curve):
+    """Torque along a joint's own velocity."""
+
+    name = "velocity_curve"
+    along = "its velocity"
+    unit = "rad/s"
+
+    def course(self, run: States, joint: int) -> Float:
+        return run.qd[:, joint]
+
+
+class AccelerationCurve(Curve):
+    """Torque along a joint's own acceleration."""
+
+    name = "acceleration_curve"
+    along = "its acceleration"
+    unit = "rad/s^2"
+
+    def course(self, run: States, joint: int) -> Float:
+        return run.qdd[:, joint]
+
+
+class LoadCurve(Curve):
+    """Torque along what the links ask of a joint."""
+
+    name = "load_curve"
+    along = "its load"
+    unit = "N*m"
+
+    def course(self, run: States, joint: int) -> Float:
+        return run.rigid[:, joint]
+
+
+CURVES: tuple[Curve, ...] = (PositionCurve(), VelocityCurve(), AccelerationCurve(), LoadCurve())
+CURVE = {curve.name: curve for curve in CURVES}

@@ -1,0 +1,173 @@
+"""A MuJoCo file as MuJoCo compiles it: its arm as a URDF, and what it says of the joints."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from cellwatt.errors import ConfigError
+from cellwatt.files import WRITTEN, check_file, read_text
+
+Float = NDArray[np.float64]
+
+ANYWHERE = 1e3
+"""m each way that a slide without a range may go: a URDF states a number."""
+
+
+def is_mjcf(path: Path) -> bool:
+    """True if a file, by its name, is one of MuJoCo's own, not a URDF."""
+    return path.suffix.lower() in (".xml", ".mjcf")
+
+
+def compiled(path: Path) -> Any:
+    """``mujoco.MjModel`` of an MJCF or URDF. Raises ``ConfigError`` where the extra is missing or it cannot be read."""
+    mujoco = library(path)
+    try:
+        if is_mjcf(path):
+            check_file(path, WRITTEN)
+            return mujoco.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_string(_without_shapes(read_text(path)))
+    except (OSError, UnicodeDecodeError, ET.ParseError, ValueError) as error:
+        raise ConfigError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+
+
+def library(path: Path) -> Any:
+    """The module ``mujoco``. Raises ``ConfigError`` that names the extra where it is not installed."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ConfigError(f'{path}: needs MuJoCo: pip install "cellwatt[simulators]"') from error
+    return mujoco
+
+
+def scalar_types(path: Path) -> tuple[int, int]:
+    """Types of joints with one angle or way."""
+    types = library(path).mjtJoint
+    return int(types.mjJNT_HINGE), int(types.mjJNT_SLIDE)
+
+
+def parents(path: Path, model: Any) -> dict[str, str | None]:
+    """Each named joint of one angle or way, and the one before it towards the base."""
+    last: dict[int, str | None] = {0: None}
+    found: dict[str, str | None] = {}
+    for body in range(1, model.nbody):
+        above = last[int(model.body_parentid[body])]
+        for number in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
+            joint = model.joint(number)
+            if joint.name and joint.type[0] in scalar_types(path):
+                found[joint.name] = above
+                above = joint.name
+        last[body] = above
+    return found
+
+
+def urdf_of(path: Path, joints: Sequence[str]) -> str:
+    """The arm of ``joints`` as a URDF: frames of its bodies at the joints; other joints are at their reference.
+
+    Raises ``ConfigError`` where it cannot be read, or a joint is missing.
+    """
+    model = compiled(path)
+    data = library(path).MjData(model)
+    known = parents(path, model)
+    if missing := [name for name in joints if name not in known]:
+        raise ConfigError(f"{path}: no joint {', '.join(missing)}; its hinges and slides are {', '.join(known)}")
+    for name in joints:
+        data.qpos[model.joint(name).qposadr[0]] = 0.0
+    library(path).mj_kinematics(model, data)
+    root = ET.Element("robot", name=model.names[: model.names.index(b"\0")].decode() or path.stem)
+    ET.SubElement(root, "link", name="base")
+    frame, before = np.eye(4), "base"
+    for at, name in enumerate(joints):
+        place = np.eye(4)
+        number, body = model.joint(name).id, int(model.joint(name).bodyid[0])
+        place[:3, :3], place[:3, 3] = data.xmat[body].reshape(3, 3), data.xanchor[number]
+        link = f"link_{at + 1}"
+        _add_joint(root, model, name, before, link, _seen_from(frame, place))
+        _add_link(root, model, data, link, place, _carried(model, joints, at))
+        frame, before = place, link
+    return ET.tostring(root, encoding="unicode")
+
+
+def gravity(model: Any) -> tuple[float, float, float]:
+    """Acceleration of gravity, m/s² in the world."""
+    x, y, z = model.opt.gravity.tolist()
+    return x, y, z
+
+
+def _carried(model: Any, joints: Sequence[str], at: int) -> Iterator[int]:
+    """Bodies that joint number ``at`` moves and no joint after it does."""
+    moving = {int(model.joint(name).bodyid[0]): i for i, name in enumerate(joints)}
+    owner = {0: -1}
+    for body in range(1, model.nbody):
+        owner[body] = moving.get(body, owner[int(model.body_parentid[body])])
+        if owner[body] == at:
+            yield body
+
+
+def _add_joint(root: ET.Element, model: Any, name: str, parent: str, child: str, place: Float) -> None:
+    number = model.joint(name).id
+    slides = model.jnt_type[number] == 2
+    joint = ET.SubElement(root, "joint", name=name, type="prismatic" if slides else "revolute")
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    _add_origin(joint, place)
+    ET.SubElement(joint, "axis", xyz=_numbers(model.jnt_axis[number]))
+    low, high = (
+        model.jnt_range[number] if model.jnt_limited[number] else (-ANYWHERE, ANYWHERE) if slides else (0.0, 0.0)
+    )
+    force = model.jnt_actfrcrange[number, 1] if model.jnt_actfrclimited[number] else 0.0
+    ET.SubElement(
+        joint, "limit", lower=repr(float(low)), upper=repr(float(high)), effort=repr(float(force)), velocity="0"
+    )
+
+
+def _add_link(root: ET.Element, model: Any, data: Any, name: str, frame: Float, bodies: Iterator[int]) -> None:
+    """One link of all its bodies, with the inertia of each about its own centre."""
+    for i, body in enumerate(bodies):
+        own = name if i == 0 else f"{name}_{i + 1}"
+        link = ET.SubElement(root, "link", name=own)
+        place = np.eye(4)
+        place[:3, :3], place[:3, 3] = data.ximat[body].reshape(3, 3), data.xipos[body]
+        place = _seen_from(frame, place)
+        if model.body_mass[body] > 0:
+            inertial = ET.SubElement(link, "inertial")
+            _add_origin(inertial, place)
+            ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
+            x, y, z = map(repr, model.body_inertia[body].tolist())
+            ET.SubElement(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
+        if i:
+            joint = ET.SubElement(root, "joint", name=f"{own}_fixed", type="fixed")
+            ET.SubElement(joint, "parent", link=name)
+            ET.SubElement(joint, "child", link=own)
+
+
+def _seen_from(frame: Float, place: Float) -> Float:
+    return np.asarray(np.linalg.inv(frame) @ place, np.float64)
+
+
+def _add_origin(element: ET.Element, place: Float) -> None:
+    turn = pin.rpy.matrixToRpy(place[:3, :3])
+    ET.SubElement(element, "origin", xyz=_numbers(place[:3, 3]), rpy=_numbers(turn))
+
+
+def _numbers(values: Float) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _without_shapes(text: str) -> str:
+    """A URDF without what is only seen or touched: meshes are seldom where the file says. Each link is a body."""
+    root = ET.fromstring(text)
+    for link in root.iter("link"):
+        for shape in [child for child in link if child.tag in ("visual", "collision")]:
+            link.remove(shape)
+    own = root.find("mujoco")
+    own = ET.SubElement(root, "mujoco") if own is None else own
+    compiler = own.find("compiler")
+    (ET.SubElement(own, "compiler") if compiler is None else compiler).set("fusestatic", "false")
+    return ET.tostring(root, encoding="unicode")

@@ -1,0 +1,102 @@
+"""The description of an arm that a simulator's file holds, for who has no ``robot.yaml``."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+
+from cellwatt.errors import ConfigError
+from cellwatt.files import read_bytes
+from cellwatt_plugins.robot.description import Joint, RobotDescription
+from cellwatt_plugins.robot.mjcf import compiled, gravity, is_mjcf, parents
+
+SUFFIXES = (".xml", ".mjcf", ".urdf")
+
+
+def is_simulator(path: Path) -> bool:
+    """True if a file, by its name, is a simulator's model and not a table of its results."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def described(path: Path, joints: int | None = None) -> RobotDescription:
+    """The arm of an MJCF or URDF with its first ``joints`` (all where None), from the base; others are held.
+
+    Rotors, friction and ranges are the file's. Raises ``ConfigError`` where it cannot be read or has no such arm.
+    """
+    return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
+
+
+def _of_mjcf(path: Path, joints: int | None) -> RobotDescription:
+    model = compiled(path)
+    found = []
+    for name in _chain(path, parents(path, model), joints):
+        number, dof = model.joint(name).id, model.joint(name).dofadr[0]
+        low, high = model.jnt_range[number].tolist() if model.jnt_limited[number] else (None, None)
+        found.append(
+            Joint(
+                name=name,
+                rotor_inertia=float(model.dof_armature[dof]),
+                coulomb_friction=float(model.dof_frictionloss[dof]),
+                viscous_friction=float(model.dof_damping[dof]),
+                lower_limit=low,
+                upper_limit=high,
+            )
+        )
+    return RobotDescription(robot=path.stem, urdf=path, joints=tuple(found), gravity=gravity(model))
+
+
+def _of_urdf(path: Path, joints: int | None) -> RobotDescription:
+    try:
+        root = ET.fromstring(read_bytes(path))
+    except (OSError, ET.ParseError) as error:
+        raise ConfigError(f"{path}: cannot be read as a URDF: {error}") from error
+    every = {joint.get("name", ""): joint for joint in root.findall("joint")}
+    below = {_link(joint, "child"): joint for joint in every.values()}
+    moving = {
+        name
+        for name, joint in every.items()
+        if joint.get("type") in ("revolute", "continuous", "prismatic") and joint.find("mimic") is None
+    }
+    above: dict[str, str | None] = {}
+    for name in moving:
+        before = below.get(_link(every[name], "parent"))
+        while before is not None and before.get("name") not in moving:
+            before = below.get(_link(before, "parent"))
+        above[name] = None if before is None else before.get("name")
+    found = []
+    for name in _chain(path, {name: above[name] for name in every if name in moving}, joints):
+        own = every[name].find("dynamics")
+        friction, damping = (float(own.get(key, 0)) if own is not None else 0.0 for key in ("friction", "damping"))
+        found.append(Joint(name=name, coulomb_friction=friction, viscous_friction=damping))
+    return RobotDescription(robot=root.get("name", path.stem), urdf=path, joints=tuple(found))
+
+
+def _link(joint: ET.Element, which: str) -> str:
+    found = joint.find(which)
+    return "" if found is None else found.get("link", "")
+
+
+def _chain(path: Path, above: Mapping[str, str | None], joints: int | None) -> list[str]:
+    """The first ``joints`` of the longest row of joints from the base."""
+    rows = []
+    for name in above:
+        row, before = [name], above[name]
+        while before is not None:
+            row, before = [before, *row], above[before]
+        rows.append(row)
+    longest = max(rows, key=len, default=[])
+    if not longest or (joints is not None and len(longest) < joints):
+        raise ConfigError(
+            f"{path}: its longest row of joints from the base is {', '.join(longest) or 'empty'}, the recording has "
+            f"{joints} joints"
+            if joints is not None
+            else f"{path}: no joint moves"
+        )
+    count = len(longest) if joints is None else joints
+    if others := {tuple(row[:count]) for row in rows if len(row) >= count} - {tuple(longest[:count])}:
+        arms = " or ".join(", ".join(row) for row in sorted({tuple(longest[:count])} | others))
+        raise ConfigError(
+            f"{path}: several arms have {count} joints ({arms}): name those of the recording in robot.yaml"
+        )
+    return longest[:count]

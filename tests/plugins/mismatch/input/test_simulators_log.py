@@ -1,0 +1,68 @@
+"""A log with MuJoCo's own names, and the simulator's file alone."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.mismatch.api import arm_of
+from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.reading import read_runs
+from tests.plugins.mismatch.simulators.arms import TwoLinks
+
+pytest.importorskip("mujoco")
+
+GEAR = (3.0, 0.5)
+LINKS = TwoLinks(friction=(2.0, 1.0), damping=(0.4, 0.2), armature=(0.1, 0.05))
+GRIPPER = """
+<body name="finger" pos="0 0 -0.3"><joint name="grip" type="slide" axis="1 0 0"/>
+<geom type="box" size="0.01 0.01 0.02" mass="0.05"/></body>"""
+
+
+def motion():
+    time = np.arange(0, 12, 0.01)
+    w, p = np.array([1.3, 2.1]), np.array([0.0, 1.0])
+    angle = np.outer(time, w) + p
+    return time, 0.8 * np.sin(angle), 0.8 * w * np.cos(angle), -0.8 * w**2 * np.sin(angle)
+
+
+def logged(folder, actuators, controls):
+    """The file of the arm and a log of it, as a user of MuJoCo writes them."""
+    before, _, after = LINKS.mjcf(hand=GRIPPER).partition("<actuator>")
+    text = before + f"<actuator>{actuators}</actuator>" + after.partition("</actuator>")[2]
+    (folder / "arm.xml").write_text(text)
+    time, q, qd, _ = motion()
+    columns = {"time": time}
+    for name, values in (("qpos", q), ("qvel", qd), ("ctrl", controls)):
+        columns |= {f"{name}{i}": values[:, i] for i in range(2)}
+    pq.write_table(pa.table(columns), folder / "log.parquet")
+    return folder / "arm.xml", folder / "log.parquet"
+
+
+def test_controls_of_motors_are_torques_by_their_gears(tmp_path):
+    torque = LINKS.torque(*motion()[1:])
+    motors = "".join(f'<motor joint="{n}" gear="{g}"/>' for n, g in zip(("shoulder", "elbow"), GEAR, strict=True))
+    simulator, log = logged(tmp_path, motors, torque / GEAR)
+    arm = arm_of(None, simulator, [log])
+    assert [joint.name for joint in arm.description.joints] == ["shoulder", "elbow"]
+    (run,) = read_runs([log], [simulator], arm.description)
+    np.testing.assert_allclose(run.torque, torque)
+    assert run.command is None
+    notes = examine([run], arm)[1]
+    assert "arm.xml: held at their reference: grip" in notes
+    assert not any("otherwise than the simulation" in note for note in notes)
+
+
+def test_controls_of_servos_are_commands(tmp_path):
+    _, q, *_ = motion()
+    servos = '<position joint="shoulder" kp="200"/><position joint="elbow" kp="80"/>'
+    simulator, log = logged(tmp_path, servos, q + 0.01)
+    (run,) = read_runs([log], [simulator], arm_of(None, simulator, [log]).description)
+    np.testing.assert_allclose(run.command, q + 0.01)
+    assert np.isnan(run.torque).all()
+
+
+def test_something_describes_the_arm(tmp_path):
+    with pytest.raises(ConfigError, match=r"give --robot robot\.yaml, or a simulator's file"):
+        arm_of(None, None, [tmp_path / "log.parquet"])

@@ -1,0 +1,163 @@
+"""Torques that were not recorded or not read, and joints that rest: no evidence, and no reason to refuse the rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from cellwatt.errors import RecordingError
+from cellwatt_plugins.mismatch.input.admission import examine
+from cellwatt_plugins.mismatch.input.baseline import baseline
+from cellwatt_plugins.mismatch.input.reading import read_runs
+from tests.plugins.mismatch.recorded_arm import (
+    CONSTANT,
+    COULOMB,
+    JOINTS,
+    excitation,
+    load,
+    points,
+    recorded,
+    without_plan,
+    write_robot,
+)
+
+NOT_USED = "It is not used; the other joints are"
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    return write_robot(tmp_path_factory.mktemp("described"))
+
+
+@pytest.fixture(scope="module")
+def arm(described):
+    return load(described)
+
+
+@pytest.fixture(scope="module", params=[excitation, points])
+def run(request, described):
+    return recorded(described, request.param(seed=3))
+
+
+def read(folder, run, arm, drop=(), first=1, **changes):
+    """The run written as a table, some columns changed or dropped, and read again."""
+    columns = {"t": run.time}
+    for stem, values in (("q", run.position), ("tau", run.torque)):
+        columns |= {f"{stem}_{j + first}": values[:, j] for j in range(JOINTS)}
+    table = {name: values for name, values in (columns | changes).items() if name not in drop}
+    pq.write_table(pa.table(table), folder / "log.parquet")
+    (found,) = read_runs([folder / "log.parquet"], [], arm.description)
+    return found
+
+
+def silent(run):
+    """Joints, from 1, without any torque; those with some have all."""
+    missing = np.isnan(run.torque)
+    assert (missing.all(axis=0) | ~missing.any(axis=0)).all()
+    return (1 + np.flatnonzero(missing.all(axis=0))).tolist()
+
+
+def counts(run, count, seed=0):
+    """Noise of a converter that reads nothing: a few raw counts."""
+    return count * np.random.default_rng(seed).integers(-2, 3, len(run.time))
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("joints", [(6,), (1,), (2, 5)])
+def test_a_column_may_be_absent_wherever_numbers_begin(joints, first, tmp_path, run, arm):
+    found = read(tmp_path, run, arm, drop=[f"tau_{joint - 1 + first}" for joint in joints], first=first)
+    assert silent(found) == list(joints)
+    heard = [i for i in range(JOINTS) if i + 1 not in joints]
+    np.testing.assert_array_equal(found.torque[:, heard], run.torque[:, heard])
+    (note,) = [note for note in examine([found], arm)[1] if NOT_USED in note]
+    assert note.startswith(f"no torque of joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}: ")
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-3, 1.0])
+def test_an_empty_constant_or_idle_column_is_none(size, tmp_path, run, arm):
+    dead = counts(run, size, seed=1)
+    found = read(tmp_path, run, arm, tau_3=dead, tau_4=np.full(len(run.time), np.nan))
+    assert silent(found) == [3, 4]
+    assert sum(NOT_USED in note for note in examine([found], arm)[1]) == 1
+
+
+def test_noise_without_steps_is_none_where_it_is_little(tmp_path, run, arm):
+    noise = 0.02 * np.random.default_rng(4).standard_normal(len(run.time))
+    assert silent(read(tmp_path, run, arm, tau_5=noise)) == [5]
+
+
+def test_idle_currents_of_a_joint_without_torque_constant(tmp_path, run, arm):
+    joints = list(arm.description.joints)
+    joints[5] = joints[5].model_copy(update={"torque_constant": 0.0})
+    robot = replace(arm, description=arm.description.model_copy(update={"joints": tuple(joints)}))
+    currents = {f"current_{j + 1}": run.torque[:, j] / CONSTANT[j] for j in range(JOINTS - 1)}
+    found = read(tmp_path, run, robot, drop=[f"tau_{j + 1}" for j in range(JOINTS)], **currents)
+    assert silent(found) == [6]
+    np.testing.assert_allclose(found.torque[:, :5], run.torque[:, :5])
+
+
+@pytest.mark.parametrize("share", [0.002, 0.02, 1.0])
+def test_a_torque_that_goes_with_the_motion_is_kept_however_small_or_coarse(share, tmp_path, described, arm, run):
+    turned = share * COULOMB[5] * np.tanh(run.plan.velocity[:, 5] / 0.004)
+    coarse = np.round(run.torque[:, 1] / 40.0) * 40.0
+    assert silent(read(tmp_path, run, arm, tau_6=turned, tau_2=coarse)) == []
+
+
+def test_a_stretch_without_numbers_is_left_out_of_that_joint_alone(tmp_path, run, arm):
+    torque = run.torque[:, 2].copy()
+    torque[200:600] = np.nan
+    found = read(tmp_path, run, arm, tau_3=torque)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.torque[:, 2])), np.arange(200, 600))
+    assert np.isfinite(found.torque[:, [0, 1, 3, 4, 5]]).all()
+    assert found.gaps is None
+    examine([found], arm)
+
+
+def test_no_torque_at_all_is_refused(tmp_path, run, arm):
+    nothing = {f"tau_{j + 1}": counts(run, 1e-3, seed=j) for j in range(JOINTS)}
+    with pytest.raises(RecordingError, match=r"no torque goes with the motion: .*were the drives read"):
+        examine([read(tmp_path, run, arm, **nothing)], arm)
+
+
+def test_a_simulation_tells_every_torque(tmp_path, run, arm):
+    said = {"t": run.time, **{f"q_{j + 1}": run.plan.position[:, j] for j in range(JOINTS)}, "tau_2": run.time}
+    pq.write_table(pa.table(said), tmp_path / "said.parquet")
+    read(tmp_path, run, arm)
+    with pytest.raises(RecordingError, match="no torque of joints 1, 3, 4, 5, 6: a simulation tells"):
+        read_runs([tmp_path / "log.parquet"], [tmp_path / "said.parquet"], arm.description)
+
+
+def resting(described, joint):
+    """A recording in which a joint rests while its encoder makes velocities of up to 0.037 rad/s."""
+    moves = excitation(seed=5)
+    still = np.ones(JOINTS)
+    still[joint - 1] = 0.0
+    run = recorded(described, replace(moves, q=moves.q * still, qd=moves.qd * still, qdd=moves.qdd * still))
+    flicker = np.random.default_rng(6).choice([-0.037, 0.0, 0.0, 0.037], len(run.time))
+    velocity, position = run.velocity.copy(), run.position.copy()
+    velocity[:, joint - 1], position[:, joint - 1] = flicker, 0.25
+    return replace(run, velocity=velocity, position=position)
+
+
+def test_the_velocity_of_a_joint_at_rest_may_flicker(described, arm):
+    run = without_plan(resting(described, 6))
+    assert examine([run], arm)[1] == ["joint 6 never moved: friction and inertia cannot be seen there"]
+
+
+def test_numbers_of_a_joint_that_never_moves_are_not_found_from_a_simulation(described, arm):
+    """Its simulation is run on noisy positions: what looks like friction there is rounding over next to nothing."""
+    run = resting(described, 6)
+    said, random = run.simulated, np.random.default_rng(7)
+    plan = replace(
+        said.plan,
+        velocity=said.plan.velocity + np.outer(1e-9 * random.standard_normal(len(said.time)), np.eye(JOINTS)[5]),
+        acceleration=said.plan.acceleration
+        + np.outer(1e-7 * random.standard_normal(len(said.time)), np.eye(JOINTS)[5]),
+    )
+    torque = said.torque + np.outer(0.5 * np.sign(plan.velocity[:, 5]), np.eye(JOINTS)[5])
+    torque[:, 1] *= 1.2
+    law = baseline([replace(run, simulated=replace(said, plan=plan, torque=torque))], arm).arm
+    for name in ("coulomb_friction", "viscous_friction", "rotor_inertia"):
+        assert getattr(law.description.joints[5], name) == getattr(arm.description.joints[5], name)

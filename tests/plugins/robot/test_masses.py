@@ -1,0 +1,55 @@
+"""Links whose masses a URDF leaves out, as makers' ROS packages do: said before anything is computed."""
+
+import re
+
+import pytest
+
+from cellwatt.errors import ConfigError
+from cellwatt_plugins.models.static.planning import write_plan
+from cellwatt_plugins.robot import Arm
+from tests.plugins.mismatch.recorded_arm import write_robot
+
+
+def massless(folder, *links):
+    """The arm without the ``<inertial>`` of some links, from 1."""
+    path = write_robot(folder)
+    text = (folder / "bench.urdf").read_text()
+    for link in links:
+        text = re.sub(rf'(<link name="link_{link}">)<inertial>.*?</inertial>', r"\1", text)
+    (folder / "bench.urdf").write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("links", [(1, 2, 3, 4, 5, 6), (2,), (3, 4), (2, 3, 4, 5)])
+def test_links_without_mass_are_named(tmp_path, links):
+    with pytest.raises(ConfigError) as caught:
+        Arm.load(massless(tmp_path, *links))
+    named = ", ".join(f"link_{link}" for link in links)
+    assert f"bench.urdf: no mass of {named}: without it" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_flange_or_a_link_between_two_axes_at_one_place_may_have_none(tmp_path):
+    path = massless(tmp_path, 4, 6)
+    urdf = tmp_path / "bench.urdf"
+    urdf.write_text(urdf.read_text().replace('<origin xyz="0.3 0 0"/>', '<origin xyz="0 0 0.001"/>'))
+    arm = Arm.load(path)
+    assert arm.body.without_mass() == ()
+
+
+def test_a_fixed_frame_carries_its_mass_to_the_link_it_is_on(tmp_path):
+    path = massless(tmp_path, 3)
+    urdf = tmp_path / "bench.urdf"
+    body = (
+        '<link name="casting"><inertial><mass value="9"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="bolts" type="fixed"><parent link="link_3"/><child link="casting"/></joint></robot>'
+    )
+    urdf.write_text(urdf.read_text().replace("</robot>", body))
+    assert Arm.load(path).body.without_mass() == ()
+
+
+def test_planning_of_motion_needs_no_masses(tmp_path):
+    plan = write_plan(massless(tmp_path, 1, 2, 3, 4, 5, 6), 4, tmp_path / "plan", None, None, 10.0, 1.0, "POSES")
+    assert (tmp_path / "plan" / "plan.csv").exists()
+    assert plan.robot == "bench"
