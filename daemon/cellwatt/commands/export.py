@@ -67,6 +67,8 @@ def command(
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
     export = Export(out, form, force, recorded_units(recording.header.settings, units))
     written, damage = export.run(recording, only)
+    if not written:
+        raise recording.lacks_frames()
     if as_json:
         told = [str(d) for d in damage]
         report = {"start": recording.start, "end": recording.end, "files": written, "damage": told}
@@ -74,8 +76,6 @@ def command(
         return
     for file in written:
         click.echo(f"{out / file['file']}: {file['rows']} rows")
-    if not written:
-        click.echo("nothing to export")
 
 
 def _refuse_unsigned(recordings: tuple[Path, ...], key: Path) -> None:

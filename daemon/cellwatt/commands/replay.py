@@ -53,6 +53,8 @@ def command(
         raise click.UsageError("--report is about what --verify compares: add --verify")
     opened = Recording.open(recording)
     config = load(settings) if settings is not None else None
+    if not opened.has_samples:
+        raise opened.lacks_frames()
     _check_sources(opened)
     frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
     kept: list[Frames] = []
