@@ -18,6 +18,7 @@ from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.errors import RecordingError
+from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
@@ -60,7 +61,7 @@ def command(
     """
     if verify is not None:
         _refuse_unsigned(recordings, verify)
-    recording = Recording.open(recordings)
+    recording = open_recording(recordings)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

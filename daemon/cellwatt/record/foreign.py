@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from io import BufferedReader, FileIO
 from typing import Final
@@ -11,6 +11,7 @@ from mcap.records import Channel, Chunk, McapRecord, Schema
 from mcap.records import Header as McapHeader
 from mcap.stream_reader import StreamReader, breakup_chunk
 
+from cellwatt.errors import RecordingError
 from cellwatt.record.container import MAGIC, PRELUDE, Contents
 from cellwatt.record.decoder import tracks_of
 from cellwatt.record.header import Header
@@ -20,6 +21,10 @@ LARGEST: Final = 1 << 30
 """Bytes of a record, packed or not; one of some kB may claim any number."""
 MOST: Final = 12
 """Topics that a message lists."""
+
+
+class ForeignError(RecordingError):
+    """An MCAP file that cellwatt did not write."""
 
 
 def is_foreign(file: FileIO, contents: Contents, header: Header | None) -> bool:
@@ -37,13 +42,20 @@ def held(file: FileIO, contents: Contents) -> str:
     """
     if not contents.channels:
         contents = _declared(file)
-    profile, told = _profile(file), []
-    for channel in sorted(contents.channels.values(), key=lambda each: each.topic):
-        schema = contents.schemas.get(channel.schema_id)
-        form = ", ".join(filter(None, (profile or (schema.encoding if schema else ""), channel.message_encoding)))
-        told.append(f"{channel.topic} ({form or 'no encoding'})" + (f" of {schema.name}" if schema else ""))
-    told = list(dict.fromkeys(told))
-    return "; ".join(told[:MOST]) + ("; …" if len(told) > MOST else "") or "no channels"
+    profile, schemas = _profile(file), contents.schemas
+    return listed(described(profile, each, schemas.get(each.schema_id)) for each in contents.channels.values())
+
+
+def described(profile: str, channel: Channel, schema: Schema | None) -> str:
+    """A channel for a message."""
+    form = ", ".join(filter(None, (profile or (schema.encoding if schema else ""), channel.message_encoding)))
+    return f"{channel.topic} ({form or 'no encoding'})" + (f" of {schema.name}" if schema else "")
+
+
+def listed(topics: Iterable[str]) -> str:
+    """Topics for a message, sorted, cut where they are many."""
+    told = sorted(set(topics))
+    return "; ".join(told[:MOST]) + ("; …" if len(told) > MOST else "") or "no topics"
 
 
 def records(file: FileIO) -> Iterator[McapRecord]:

@@ -69,6 +69,8 @@ class Recording:
         self.streams = self._streams()
         self._unfinished = [f for f in self._files if not f.closed and f.path.name.endswith(PART)]
         self._span: tuple[int, int] | None = None
+        self.keeps: object = None
+        """Lives as long as the recording or a copy of it: what its files go with."""
         self.layout = next((t.rows.layout for t in self._all_tracks() if isinstance(t.rows, FrameRows)), None)
 
     @classmethod

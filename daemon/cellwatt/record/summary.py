@@ -17,7 +17,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.record.chunks import LARGEST_RECORD, parse, parse_attachment
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
 from cellwatt.record.decoder import tracks_of
-from cellwatt.record.foreign import held, is_foreign
+from cellwatt.record.foreign import ForeignError, held, is_foreign
 from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
@@ -65,7 +65,7 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
 
 def _refuse_foreign(file: FileIO, path: Path, contents: Contents, header: Header | None) -> None:
     if is_foreign(file, contents, header):
-        raise RecordingError(f"{path}: no recording of cellwatt: it has {held(file, contents)}")
+        raise ForeignError(f"{path}: no recording of cellwatt: it has {held(file, contents)}")
 
 
 def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:

@@ -35,12 +35,19 @@ _LONGEST: Final = 40
 """Characters of a cell that a message repeats."""
 
 
-def read_table(path: Path) -> Table:
-    """A Parquet or CSV file, or the frames of a recording, whose time ``t`` counts from its first frame.
+def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
+    """A Parquet or CSV file, the frames of a recording, whose time ``t`` counts from the first, or a log of others.
+
+    ``joints`` are a robot's by name, in its order: the columns of a log that names its joints follow it.
 
     CSV: any separator, decimal mark and encoding that spreadsheets and loggers write. A column that cannot be read is
     refused when it is asked for. Raises ``RecordingError`` where the file cannot be read, or has no names or no rows.
     """
+    from cellwatt.logs.opening import is_log, read_log
+
+    if is_log(path):
+        log_of = read_log(path)
+        return Table(path, {"t": log_of.time, **log_of.columns(joints)}, named=tuple(joints) or log_of.joints)
     if path.is_dir() or ".mcap" in path.suffixes:
         return _recorded(path)
     import pyarrow as pa

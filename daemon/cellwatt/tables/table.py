@@ -43,6 +43,8 @@ class Table:
     """What a spreadsheet calls each column."""
     clocks: tuple[str, ...] = ()
     """Columns that hold times of day."""
+    named: tuple[str, ...] = ()
+    """Names of the joints, in the order of the columns, where the file names them."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
