@@ -1,4 +1,4 @@
-"""Logs of other programs: the same motion from each, joints by name whatever their order, refusals with what there is."""
+"""Logs of other programs: the same motion from each, joints by name whatever their order."""
 
 import json
 
@@ -7,6 +7,12 @@ import pytest
 from click.testing import CliRunner
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
+
+import cellwatt as cw
+from cellwatt.commands import export, plot
+from cellwatt.errors import RecordingError
+from cellwatt.logs.opening import read_log
+from cellwatt.tables import read_table
 from tests.daemon.logs.making import (
     COMMAND,
     EFFORT,
@@ -23,12 +29,6 @@ from tests.daemon.logs.making import (
     store,
     usual,
 )
-
-import cellwatt as cw
-from cellwatt.commands import export, plot
-from cellwatt.errors import RecordingError
-from cellwatt.logs.opening import read_log
-from cellwatt.tables import read_table
 
 SORTED = tuple(sorted(JOINTS))
 STATE = "sensor_msgs/msg/JointState"
