@@ -55,7 +55,7 @@ class Log:
         if name in self.joints:
             return self.joints.index(name)
         taken = {each for each in wanted if each in self.joints}
-        found = [i for i, own in enumerate(self.joints) if own not in taken and _alike(own, name)]
+        found = [i for i, own in enumerate(self.joints) if own not in taken and alike(own, name)]
         if len(found) == 1:
             return found[0]
         fault = "stands for several joints of the log" if found else "is not in the log"
@@ -86,7 +86,8 @@ def _numbered(names: Sequence[str]) -> bool:
     return first in (0, 1) and [int(number) for number in numbers] == list(range(first, first + len(names)))
 
 
-def _alike(one: str, other: str) -> bool:
+def alike(one: str, other: str) -> bool:
+    """True where two names may stand for one joint: but for capitals, namespaces, and ``joint`` at an end."""
     a, b = _plain(one), _plain(other)
     return a == b or a.endswith(f"_{b}") or b.endswith(f"_{a}")
 
