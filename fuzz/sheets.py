@@ -204,4 +204,4 @@ def _written(writer: _Writer, columns: list[tuple[str, list[str]]], choices: Cho
 
 
 def _wordy(cell: str) -> bool:
-    return cell in WORDS or any(c.isalpha() for c in cell.replace("e", "").replace("E", ""))
+    return cell.strip('"') in WORDS or any(c.isalpha() for c in cell.replace("e", "").replace("E", ""))

@@ -114,7 +114,8 @@ class Bag:
                 for each, time, data in reader.messages(wanted) if wanted else ():
                     yield from self._decoded(each.topic, each.msgtype, time, data, decoders[each.topic])
         except (ReaderError, ValueError, AttributeError) as error:
-            raise RecordingError(f"{path}: cannot be read as a ROS 2 bag: {error}") from error
+            fault = str(error).splitlines()[0]  # of YAML with its place on lines of their own
+            raise RecordingError(f"{path}: cannot be read as a ROS 2 bag: {fault}") from error
 
     def _decoded(self, topic: str, kind: str, time: int, data: bytes, decode: Decode) -> Iterator[Message]:
         try:

@@ -22,7 +22,7 @@ from cellwatt.tables.encoding import text_of
 from cellwatt.tables.names import is_unit
 from cellwatt.tables.rows import Rows, rows_of
 from cellwatt.tables.table import Table
-from cellwatt.tables.times import DAY
+from cellwatt.tables.times import CLOCKS, DAY
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -150,11 +150,12 @@ def _placed(
     """The named columns as a table; without the rows that have no time."""
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
-    letters = dict(zip(rows.names, map(letters_of, range(len(rows.names))), strict=True))
+    names = [name or _of_index(cells, rows.names) for name, cells in zip(rows.names, found, strict=True)]
+    letters = dict(zip(names, map(letters_of, range(len(names))), strict=True))
     dates = [cells.values for cells in found if cells.kind == "date" and cells.values is not None]
-    for i, (name, cells) in enumerate(zip(rows.names, found, strict=True)):
-        if name and rows.names.count(name) > 1:
-            places = [letters_of(k) for k, other in enumerate(rows.names) if other == name]
+    for i, (name, cells) in enumerate(zip(names, found, strict=True)):
+        if name and names.count(name) > 1:
+            places = [letters_of(k) for k, other in enumerate(names) if other == name]
             unfit[name] = f"is there {len(places)} times, as columns {', '.join(places)}: keep one"
         elif name and cells.values is not None:
             day = dates[0] if cells.kind == "clock" and len(dates) == 1 else 0.0
@@ -163,8 +164,13 @@ def _placed(
             word = str(columns[i][cells.row])[:_LONGEST]
             wanted = ", expected numbers" if cells.fault == TEXT else ""
             unfit[name] = f"{cells.fault}, first {word!r} in row {numbers[cells.row]}, column {letters_of(i)}{wanted}"
-    clocks = tuple(name for name, cells in zip(rows.names, found, strict=True) if cells.kind in ("clock", "moment"))
+    clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
     return timed(Table(path, values, unfit, units, np.asarray(numbers), letters, clocks))
+
+
+def _of_index(cells: Cells, names: Sequence[str]) -> str:
+    """The name of a column without one: pandas writes the times of an index under none."""
+    return "time" if cells.kind in CLOCKS and "time" not in names else ""
 
 
 def timed(table: Table) -> Table:

@@ -16,6 +16,8 @@ Float = NDArray[np.float64]
 Kind = Literal["date", "clock", "moment"]
 """A day, a time of day, or both."""
 
+CLOCKS: Final = ("clock", "moment")
+"""Kinds that tell a time of day."""
 DAY: Final = 86_400.0
 EPOCH: Final = date(1970, 1, 1).toordinal()
 _TIME: Final = re.compile(

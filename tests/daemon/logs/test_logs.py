@@ -158,3 +158,11 @@ def test_a_data_set_without_states_says_what_it_has(tmp_path):
     (path / "meta" / "info.json").write_text(json.dumps({"fps": 30, "features": {"observation.image": {}}}))
     with pytest.raises(RecordingError, match=r"without observation\.state; it has observation\.image"):
         read_table(path)
+
+
+def test_a_bag_whose_metadata_are_torn_is_refused_in_one_line(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: [1\n")
+    with pytest.raises(RecordingError) as caught:
+        read_table(tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path}: cannot be read as a ROS 2 bag: ")
+    assert len(str(caught.value).splitlines()) == 1
