@@ -226,5 +226,9 @@ def test_the_force_of_a_slide_is_told_in_newtons(tmp_path):
     offset, viscous = findings["torque_offset", 3], findings["viscous_friction", 3]
     assert offset.parameters["offset"].value == pytest.approx(8.0, abs=0.5)
     assert next(iter(viscous.parameters.values())).value == pytest.approx(60.0, rel=0.1)
-    said = found.as_json()["findings"]
-    assert all("Nm" not in f["statement"] and "N*m" not in str(f["parameters"]) for f in said)
+    assert offset.parameters["offset"].unit == "N"
+    assert viscous.parameters["coefficient"].unit == "N*s/m"
+    assert "± 0.08 N, " in offset.statement
+    assert "N·s/m" in viscous.statement
+    assert [fit.unit for fit in found.findings.fit] == ["N*m", "N*m", "N"]
+    assert offset.improvement.unit == "N"
