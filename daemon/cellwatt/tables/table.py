@@ -22,6 +22,8 @@ Float = NDArray[np.float64]
 
 ANGLES: Final = ("position", "target_position")
 """Quantities that some devices count modulo a turn."""
+FOLLOWED: Final = 0.5
+"""s between rows of a log up to which a joint is known not to have turned by half a turn from one row to the next."""
 MOST_NAMES: Final = 12
 """Columns that a message lists."""
 
@@ -199,7 +201,14 @@ class Table:
 
     def _counted_on(self, name: str) -> bool:
         known = self._understood.get(name)
-        return known is not None and known.quantity in ANGLES and not self.along(name)
+        return known is not None and known.quantity in ANGLES and not self.along(name) and self._follows_motion
+
+    @cached_property
+    def _follows_motion(self) -> bool:
+        """True of a log of a motion; rows of held poses, further apart or without a time, may lie anywhere."""
+        if self.clock is None or self.clock in self.text or len(self) < 2:
+            return False
+        return bool(np.nanmedian(np.diff(self.time)) <= FOLLOWED)
 
     def _scaled(self, name: str) -> Float:
         if name in self.text:

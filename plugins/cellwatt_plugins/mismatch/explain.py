@@ -70,7 +70,7 @@ class Explained:
 
     @property
     def mounted(self) -> Float | None:
-        """What gravity (3,) m/s² in the base's frame differs by from the simulation's; None where the mount is right."""
+        """Difference (3,) m/s² of gravity in the base's frame from the simulation's; None where the mount is right."""
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 

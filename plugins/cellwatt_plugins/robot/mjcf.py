@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from cellwatt.errors import ConfigError
 from cellwatt.files import WRITTEN, check_file, read_text
@@ -152,7 +152,7 @@ def _seen_from(frame: Float, place: Float) -> Float:
 
 
 def _add_origin(element: ET.Element, place: Float) -> None:
-    turn = Rotation.from_matrix(place[:3, :3]).as_euler("xyz")
+    turn = pin.rpy.matrixToRpy(place[:3, :3])
     ET.SubElement(element, "origin", xyz=_numbers(place[:3, 3]), rpy=_numbers(turn))
 
 

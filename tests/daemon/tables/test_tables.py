@@ -216,3 +216,12 @@ def test_what_is_written_is_read(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(RecordingError, match="cannot be written"):
         write_table(tmp_path / "file" / "a.csv", columns)
+
+
+def test_angles_of_a_motion_are_counted_on_and_those_of_poses_are_not() -> None:
+    angles = np.mod(0.3 * np.arange(60.0), 2 * np.pi)
+    for time, jumps in ((0.1 * np.arange(60), 2), (5.0 * np.arange(60), 0)):
+        found = table(t=time, q_1=angles)
+        assert found.wraps("q_1") == jumps
+        np.testing.assert_allclose(np.diff(found.joints("position")[:, 0]).min(), 0.3 if jumps else 0.3 - 2 * np.pi)
+    assert table(q_1=angles).wraps("q_1") == 0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.coordinate_search import at_bound
-from cellwatt_plugins.mismatch.fit.leave_out import Held, LeaveOut, compared
+from cellwatt_plugins.mismatch.fit.leave_out import Held, LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
 from cellwatt_plugins.robot.blocks import Block
@@ -76,6 +76,9 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
         return "adds too little evidence, and does not lower the error on data left out by much"
     if found.rise > thresholds.rise:
         return "raises the error of another channel on data left out"
+    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms))[channels] for s in (before, after))
+    if not np.any(new < old):
+        return "lowers no error on data left out, sample by sample"
     return None
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.robot.effects.effect import Shape
 
+CLOSE, NEAR = 1.01, 0.02
+"""Ratio to a bound, and share of the range, from which a shape has run to its bound."""
 DECADES = 30.0
 """Ratio of its bounds from which a shape parameter is searched by its logarithm."""
 
@@ -48,8 +50,8 @@ def at_bound(term: Term) -> bool:
 
 def _near_end(value: float, low: float, high: float) -> bool:
     if _wide(low, high):
-        return min(value / low, high / value) < 1.01
-    return min(value - low, high - value) < 1e-3 * (high - low)
+        return min(value / low, high / value) < CLOSE
+    return min(value - low, high - value) < NEAR * (high - low)
 
 
 def _wide(low: float, high: float) -> bool:

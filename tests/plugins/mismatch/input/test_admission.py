@@ -357,6 +357,16 @@ def test_late_tracking_is_a_note(described, arm):
     assert note == "run_01: the recorded motion comes 0.20 s after the simulation's"
 
 
+def test_a_leap_that_is_no_whole_turn_is_refused_with_its_place(run, arm):
+    position = run.position.copy()
+    position[700:, 3] += 4.0
+    torn = replace(without_plan(run), position=position, velocity=None)
+    assert (
+        f"q_4 jumps by {abs(np.diff(position[699:701, 3])[0]):.2f} rad at t = {run.time[700]:.3f} s (sample 701)"
+        in (refusal([torn], arm))
+    )
+
+
 def test_a_multi_turn_joint_is_no_wrong_unit(described, arm):
     moves = excitation(1)
     screw = 2.0 * moves.time

@@ -124,9 +124,11 @@ def test_what_explain_refuses_is_said_with_its_reason(watch, stiff):
     values = stiff.values.copy()
     values[:, 12:18] *= 1000  # mNm
     watched = watch(whole=replace(stiff, values=values))
-    assert watched.until(30) == []
-    children_done()
-    (alarm,) = watched.until(31)
+    alarms = watched.until(30)  # it may have been refused by then
+    if not alarms:
+        children_done()
+        alarms = watched.until(31)
+    (alarm,) = alarms
     assert (alarm.kind, alarm.severity, alarm.active) == ("explanation_failed", "warning", True)
     assert "in mNm" in alarm.statement
     assert alarm.evidence["failures"] == 1

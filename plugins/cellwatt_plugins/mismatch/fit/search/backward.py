@@ -12,7 +12,6 @@ from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 
-
 UNSURE = 0.65
 """Share of a term's evidence from which a quite different shape of it fits about as well."""
 
@@ -51,7 +50,7 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
     for term in list(now.terms):
         rest, there = without(state, now, term), {t.place for t in now.terms}
         for name in term.effect.relations.beats:
-            if name not in effects or (name, term.joint) in there or effects[name].described(state.robot, term.joint):
+            if name not in effects or (name, term.joint) in there:
                 continue
             if state.powered and term.effect.acts_on == "friction" and effects[name].acts_on == "reading":
                 continue

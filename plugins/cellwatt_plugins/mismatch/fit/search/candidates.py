@@ -19,19 +19,26 @@ Float = NDArray[np.float64]
 
 
 def candidates(state: SearchState, now: Solution, at: int | None = None) -> list[Candidate]:
-    """Return what each effect would add, greatest evidence first; at joint ``at`` only, where it is given."""
+    """Return what each effect would add, greatest evidence first; at joint ``at`` only, where it is given.
+
+    What was found at joints of which no term has changed since is as it was.
+    """
     chi2 = now.problem.fast_chi2(now.residual)
     places = [
         (effect, joint)
         for effect in state.effects
         for joint in _places(state, effect)
-        if (at is None or joint is None or joint == at) and _open(state, now, effect, joint, chi2)
+        if (at is None or joint == at or (joint is None and effect.acts_on != "reading"))
+        and _open(state, now, effect, joint, chi2)
     ]
-    tried = (
-        _tried(state, now, effect, joint)
-        for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " "))
-    )
-    return sorted((c for c in tried if c is not None), key=lambda c: -c.gain - c.term.effect.relations.plainer)
+    known = state.known(now.terms) if at is None else {}
+    out = []
+    for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " ")):
+        key = effect.name, joint
+        if key not in known:
+            known[key] = _tried(state, now, effect, joint)
+        out.append(known[key])
+    return sorted((c for c in out if c is not None), key=lambda c: -c.gain - c.term.effect.relations.plainer)
 
 
 def _tried(state: SearchState, now: Solution, effect: Effect, joint: int | None) -> Candidate | None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cellwatt_plugins.mismatch.fit.problem import MOVES, Problem, Term
 from cellwatt_plugins.mismatch.fit.search.budget import now
-from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds, Trial
+from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution, Thresholds, Trial
 from cellwatt_plugins.robot.blocks import Block
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import Effect
@@ -55,6 +55,8 @@ class SearchState:
     """What some terms leave at all samples of each run."""
     looseness: float = 1.0
     """Factor on the tolerances of the links."""
+    _known: dict[Place, Candidate | None] = field(default_factory=dict)
+    _beside: tuple[Term, ...] = ()
     powered: bool = False
     """True where the supply tells what is friction and what is in the measurement."""
     until: float = float("inf")
@@ -80,7 +82,18 @@ class SearchState:
         old = self.problem
         self.problem = replace(self.make(self.turning, self.looseness), simulated=old.simulated, made=old.made)
         self.solved.clear()
+        self._known.clear()
         self.left = None
+
+    def known(self, terms: Sequence[Term]) -> dict[Place, Candidate | None]:
+        """What each place would add beside ``terms``, as far as it was found beside the same terms of its joint."""
+        changed = {t.joint for t in set(terms) ^ set(self._beside)}
+        if None in changed:
+            self._known.clear()
+        for place in [p for p in self._known if changed and p[1] in (None, *changed)]:
+            del self._known[place]
+        self._beside = tuple(terms)
+        return self._known
 
     def use(self, problem: Problem) -> None:
         """Go on with the same problem under other priors."""

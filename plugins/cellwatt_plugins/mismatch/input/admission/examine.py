@@ -12,7 +12,13 @@ from cellwatt.errors import RecordingError
 from cellwatt.progress import stage, steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.admission.description import told_otherwise
-from cellwatt_plugins.mismatch.input.admission.motion import check_limits, check_moving, check_stuck, check_velocity
+from cellwatt_plugins.mismatch.input.admission.motion import (
+    check_jumps,
+    check_limits,
+    check_moving,
+    check_stuck,
+    check_velocity,
+)
 from cellwatt_plugins.mismatch.input.admission.pairing import check_pairing
 from cellwatt_plugins.mismatch.input.admission.power import check_power, check_simulated_power
 from cellwatt_plugins.mismatch.input.admission.remarks import remarks
@@ -29,7 +35,7 @@ from cellwatt_plugins.robot.motion import Moved
 Float = NDArray[np.float64]
 
 LEAST_SECONDS = 3.0
-LEAST_SAMPLES = 200
+LEAST_SAMPLES = 75
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
 SHORTEST = 1.0
 """s of a run that says something beside others."""
@@ -88,6 +94,7 @@ def _check(run: Run, runs: Sequence[Run], arm: Arm) -> list[str]:
     notes = check_pairing(run, runs, arm.description)
     check_limits(run, arm)
     check_velocity(run, arm.description)
+    check_jumps(run, arm.description)
     check_simulated(run, arm)
     check_simulated_power(run)
     return notes

@@ -30,6 +30,8 @@ BEYOND = 3.0
 """Times the joint's limit, or half a turn where that is more: no arm gets there."""
 FASTEST = 30.0
 """rad/s: no joint of an arm is as fast."""
+LEAP = 10.0
+"""rad/s beyond which half a turn from sample to sample is no motion."""
 ALIKE = 0.9
 """Correlation, not about the mean, from which on two velocities are of the same motion."""
 UNLIKE = 0.3
@@ -91,6 +93,21 @@ def check_limits(run: Run, arm: Arm) -> None:
         raise RecordingError(
             f"{run.name}: joint {worst + 1} reaches {reached[worst]:.1f} and {speed[worst]:.1f} per second, beyond "
             "what an arm does: the positions must be in rad and the time in s; are they in degrees?"
+        )
+
+
+def check_jumps(run: Run, robot: RobotDescription) -> None:
+    """Raises ``RecordingError`` where a turning joint leaps by half a turn between two samples."""
+    turning = np.array([joint.kind == "revolute" for joint in robot.joints])
+    steps = np.abs(np.diff(run.position, axis=0)) * turning
+    leaps = (steps > np.pi) & (steps > LEAP * run.step)
+    if run.gaps is not None:
+        leaps &= ~(run.gaps[1:] | run.gaps[:-1])[:, None]
+    if leaps.any():
+        row, joint = map(int, np.argwhere(leaps)[0])
+        raise RecordingError(
+            f"{run.name}: q_{joint + 1} jumps by {steps[row, joint]:.2f} rad at t = {run.time[row + 1]:.3f} s (sample "
+            f"{row + 2}): if its angle is modulo a turn, record it counted on; if two recordings are joined, part them"
         )
 
 
