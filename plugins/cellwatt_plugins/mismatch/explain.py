@@ -222,7 +222,9 @@ def _fit(solution: Solution, held: LeaveOut) -> list[ChannelFit]:
 
 def channel(problem: Problem, index: int) -> tuple[str, str]:
     """Name and unit of a channel."""
-    return ("power", "W") if problem.side == "supply" else (f"tau_{index + 1}", "N*m")
+    if problem.side == "supply":
+        return "power", "W"
+    return f"tau_{index + 1}", problem.states[0].robot.unit(index, "N*m")
 
 
 def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:

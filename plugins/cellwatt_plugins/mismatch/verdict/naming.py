@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
 from cellwatt_plugins.robot.curves import Curve
+from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
 
@@ -41,6 +43,7 @@ def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate,
     }
     for name in term.effect.uncertainty.torque_gain if gain > 0 else ():
         parameters[name] = _scaled(parameters[name], gain)
+    parameters = {name: replace(p, unit=_told_in(robot, term.joint, p.unit)) for name, p in parameters.items()}
     described = term.effect.described(robot, term.joint)
     others = [t for t in solution.terms if t is not term]
     seen = term.effect.form.intermittent
@@ -52,19 +55,24 @@ def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate,
     channels = _channels(solution, term)
     main = _main(solution, before, after, channels)
     own, rivals = solution.rivals.get(term.place, (0.0, ()))
+    who = _who(term.joint)
+    said = _mistuned(term, parameters, described) if described else term.effect.statement(who, parameters)
     return Finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
         confidence=_confidence(own, rivals),
-        statement=_mistuned(term, parameters, described)
-        if described
-        else term.effect.statement(_who(term.joint), parameters),
+        statement=_told_in(robot, term.joint, said),
         parameters=parameters,
         where=_where(solution, term, channels),
         improvement=_improvement(solution, before, after, main, held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
     )
+
+
+def _told_in(robot: RobotDescription, joint: int | None, said: str) -> str:
+    """A unit, or a sentence with units, as it is at a joint: of a slide in m and N."""
+    return said if joint is None else robot.unit(joint, said)
 
 
 def _within_gain(term: Term, gain: float) -> bool:
@@ -124,14 +132,15 @@ def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveO
 
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
-    name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
+    robot = solution.problem.states[0].robot
+    name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", robot.unit(joint, "N*m"))
     error = float(rms(held.residual(solution.terms))[left.channel])
     best = solution.best
     after = float(rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = ""
     if left.position is not None:
-        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} rad"
+        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} {_told_in(robot, joint, 'rad')}"
     elif left.times:
         where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
     parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
@@ -205,7 +214,8 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
 
 def _improvement(solution: Solution, before: Float, after: Float, main: int, held_out: bool) -> Improvement:
     """Error without and with a term; of what is there at one time only, no data can be left out."""
-    name, unit = ("power", "W") if solution.problem.side == "supply" else (f"tau_{main + 1}", "N*m")
+    unit = solution.problem.states[0].robot.unit(main, "N*m")
+    name, unit = ("power", "W") if solution.problem.side == "supply" else (f"tau_{main + 1}", unit)
     floor = float(solution.problem.floor[main])
     return Improvement(name, unit, float(rms(before)[main]), float(rms(after)[main]), floor, held_out)
 
