@@ -24,6 +24,8 @@ from cellwatt_plugins.mismatch.simulators.words import mended_in_words
 from cellwatt_plugins.mismatch.verdict.findings import Findings
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
+BAR = 30
+"""Characters of the longest bar."""
 METER = "Power (t, power) that a meter logged on its own clock, one a recording."
 
 
@@ -146,7 +148,7 @@ def write_prediction(predicted: Prediction, path: Path) -> None:
 def in_words(found: Explained, out: Path) -> str:
     """The findings as a person reads them at the terminal."""
     findings = found.findings
-    lines = [_headline(findings)]
+    lines = [_headline(findings), *_cascade(findings)]
     for finding in findings.findings:
         gain = finding.improvement
         lines.append(f"  • {finding.statement}")
@@ -160,6 +162,19 @@ def in_words(found: Explained, out: Path) -> str:
     lines += [f"  note: {note}" for note in findings.notes]
     written = ", ".join(name for name in WRITTEN if (out / name).exists())
     return "\n".join([*lines, f"written to {out}: {written}"])
+
+
+def _cascade(findings: Findings) -> list[str]:
+    """The steps from the user's simulation to the model as bars that fall to the noise."""
+    top = max((step.error for step in findings.cascade), default=0.0)
+    if not top > 0:
+        return []
+    wide = max(len(step.label) for step in findings.cascade)
+    lines = ["  error over all channels, in units of the noise (1 is noise), on data left out of the fit:"]
+    for i, step in enumerate(findings.cascade):
+        label = f"{'' if i == 0 else '+ '}{step.label}"
+        lines.append(f"    {label:<{wide + 2}} {step.error:6.2f}  {'█' * max(1, round(BAR * step.error / top))}")
+    return lines
 
 
 def _headline(findings: Findings) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
+from cellwatt_plugins.mismatch.verdict.cascade import cascade, falling
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Verdict
@@ -70,7 +71,7 @@ class Explained:
 
     @property
     def mounted(self) -> Float | None:
-        """What gravity (3,) m/s² in the base's frame differs by from the simulation's; None where the mount is right."""
+        """Gravity (3,) m/s² in the base's frame less the simulation's; None where the mount is right."""
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 
@@ -103,6 +104,7 @@ def explain(
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
     with stage("looking how the arm is mounted"):
+        upright = _errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
@@ -118,7 +120,7 @@ def explain(
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(Supply(supplied), 1, thresholds, until=until)
     with stage("judging by data left out"):
-        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted)
+        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, nominal, tuple(runs))
 
 
@@ -163,9 +165,11 @@ def _findings(
     supply: Solution | None,
     admitted: Sequence[str],
     mounted: Finding | None,
+    upright: Float,
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, left, fit, tried = [] if mounted is None else [mounted], [], [], []
+    found, left, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
+    falls = []
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
     size = torque.problem.states[0].robot.tolerances.unexplained
@@ -173,12 +177,14 @@ def _findings(
     for solution in sides:
         held, best = LeaveOut(solution.problem, solution.factor), solution.best
         own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
-        found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
+        falls.append(falling(solution))
+        found += findings_of(solution, falls[-1], _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
             found += unknown_findings(solution, own, held)
         left += [unexplained_channel(u, *channel(solution.problem, u.channel)) for u in own]
         curves += curves_of(best, LeaveOut(best.problem, best.factor))
-        fit += _fit(best, LeaveOut(best.problem, best.factor))
+        started = upright if mounted is not None and solution is torque else falls[-1].simulation
+        fit += _fit(best, LeaveOut(best.problem, best.factor), started)
         tried += solution.tried
     named = any(f.effect != "unknown" for f in found)
     # Of what is there at one time only, no data can be left out.
@@ -193,7 +199,20 @@ def _findings(
         tuple(tried),
         (*admitted, *_notes(runs, torque, supply)),
         curves=tuple(curves),
+        cascade=cascade(falls, None if mounted is None else upright),
     )
+
+
+def _errors(runs: Sequence[Run], states: Sequence[States]) -> Float:
+    """Rms (n,) Nm of what was measured less what the simulation says; 0 where no torque was read."""
+    off = np.concatenate([run.torque - s.nominal for run, s in zip(runs, states, strict=True)])
+    read = np.isfinite(off)
+    return np.asarray(np.sqrt(np.sum(np.where(read, off, 0.0) ** 2, axis=0) / np.maximum(np.sum(read, axis=0), 1)))
+
+
+def _with_noise(mounted: Finding, problem: Problem) -> Finding:
+    floor = float(problem.floor[int(mounted.improvement.channel.removeprefix("tau_")) - 1])
+    return replace(mounted, improvement=replace(mounted.improvement, noise_floor=floor))
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
@@ -207,11 +226,10 @@ def _nominal_chi2(problem: Problem) -> Float:
     return problem.chi2(problem.fit([]).residual)
 
 
-def _fit(solution: Solution, held: LeaveOut) -> list[ChannelFit]:
-    """Held-out error of each channel: as simulated, retuned, with the model."""
+def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
+    """Held-out error of each channel: as simulated (C,), retuned, with the model."""
     problem = solution.problem
     refit, model = rms(held.residual([])), rms(held.residual(solution.terms))
-    simulation = rms(problem.design.target)
     return [
         ChannelFit(
             *channel(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c])

@@ -93,13 +93,18 @@ def _improvement(gain: Improvement) -> list[Block]:
     data = "data the fit did not see" if gain.held_out else "the data of the fit"
     span = gain.before - gain.noise_floor
     closed = (gain.before - gain.after) / span if span > 0 else math.nan
-    outcome = f"{100 * min(closed, 1):.0f} % of the gap closed. " if math.isfinite(closed) else ""
+    outcome = f"{_share(closed)} of the error beyond the noise is gone. " if math.isfinite(closed) else ""
     outcome = "Worse with it. " if gain.after > gain.before else outcome
     channel = capital(words.channel_name(gain.channel))
     return [
         bars,
-        quiet(inline(bold(outcome), f"{channel}, rms on {data}; both with all nominal parameters retuned.")),
+        quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are.")),
     ]
+
+
+def _share(closed: float) -> str:
+    percent = 100 * min(closed, 1)
+    return f"{percent:.0f} %" if percent >= 1 else "Less than 1 %"
 
 
 def _remains(rest: Improvement) -> Bars:

@@ -10,6 +10,7 @@ from cellwatt_plugins.robot.effects.effect import Parameter
 
 Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
 Kind = Literal["missing", "mistuned"]
+StepKind = Literal["simulation", "finding", "curve", "retuning"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Where:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Held-out error of one channel without and with the finding; both beside a refit of all nominal parameters."""
+    """Error of one channel before and after the finding's step of the cascade: the user's numbers stay as they are."""
 
     channel: str
     unit: str
@@ -102,6 +103,24 @@ class FoundCurve:
 
 
 @dataclass(frozen=True)
+class Step:
+    """A step from the user's simulation to the model, and the error after it."""
+
+    kind: StepKind
+    label: str
+    effect: str
+    """Of a finding or a curve."""
+    joint: int | None
+    """1-based; None for the whole robot or the supply."""
+    error: float
+    """Root mean square over the channels, each in units of its noise."""
+    channels: dict[str, float]
+    """Rms error of each channel."""
+    held_out: bool
+    """True if the error is that on data left out of the fit."""
+
+
+@dataclass(frozen=True)
 class ChannelFit:
     """Held-out error of the simulation, of the nominal parameters refitted, and of the model."""
 
@@ -143,6 +162,8 @@ class Findings:
     """Recordings beyond those that were looked at closely."""
     curves: tuple[FoundCurve, ...] = ()
     """What is left goes with."""
+    cascade: tuple[Step, ...] = ()
+    """From the user's simulation to the model, each finding added in turn, largest first."""
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

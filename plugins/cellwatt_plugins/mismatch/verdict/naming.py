@@ -11,6 +11,7 @@ from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
+from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
@@ -24,16 +25,25 @@ NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""
 CLOSE = 12.0
 """nats: or one that is this close."""
+SIZEABLE = 0.1
+"""Share of the error beyond the noise that a finding of full confidence takes off, in its step or beside all else."""
 
 
-def findings_of(solution: Solution, held: LeaveOut, gain: float = 0.0) -> list[Finding]:
-    """The terms of one side as findings; ``gain`` is the tolerance of the common factor of all measured torques."""
+def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[Finding]:
+    """The terms of one side as findings, largest first, each with its step of the cascade.
+
+    ``gain`` is the tolerance of the common factor of all measured torques.
+    """
     known = estimates(solution)
-    after = held.residual(solution.terms)
-    return [_finding(solution, held, term, known[term.place], after, gain) for term in solution.terms]
+    beside = LeaveOut(solution.problem, solution.factor)
+    last = rms(beside.residual(solution.terms))
+    return [_finding(solution, beside, added, known[added.term.place], last, gain) for added in steps.findings]
 
 
-def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
+def _finding(
+    solution: Solution, beside: LeaveOut, added: Added, estimate: Estimate, last: Float, gain: float
+) -> Finding:
+    term = added.term
     robot = solution.problem.states[0].robot
     parameters = {
         name: _scaled(parameter, 0.0 if name == "phase" else term.effect.uncertainty.inherited.get(name, INHERITED))
@@ -42,27 +52,25 @@ def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate,
     for name in term.effect.uncertainty.torque_gain if gain > 0 else ():
         parameters[name] = _scaled(parameters[name], gain)
     described = term.effect.described(robot, term.joint)
-    others = [t for t in solution.terms if t is not term]
-    seen = term.effect.form.intermittent
-    if seen:
-        blocks = [solution.problem.block(t) for t in others]
-        before, after = solution.problem.fit(blocks, solution.factor).residual, solution.residual
-    else:
-        before = held.residual(others)
     channels = _channels(solution, term)
-    main = _main(solution, before, after, channels)
+    main = _main(solution, added, channels)
     own, rivals = solution.rivals.get(term.place, (0.0, ()))
+    seen = term.effect.form.intermittent
+    share = max(_share(solution, main, added.before, added.after), 1.0 if seen else 0.0)
+    if share < SIZEABLE:
+        without = rms(beside.residual([t for t in solution.terms if t is not term]))
+        share = max(share, _share(solution, main, without, last))
     return Finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
-        confidence=_confidence(own, rivals),
+        confidence=min(_confidence(own, rivals), 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)),
         statement=_mistuned(term, parameters, described)
         if described
         else term.effect.statement(_who(term.joint), parameters),
         parameters=parameters,
         where=_where(solution, term, channels),
-        improvement=_improvement(solution, before, after, main, held_out=not seen),
+        improvement=_improvement(solution, added, main, held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
     )
 
@@ -163,9 +171,15 @@ def _channels(solution: Solution, term: Term) -> list[int]:
     return felt or [int(np.argmax(size))]
 
 
-def _main(solution: Solution, before: Float, after: Float, channels: Sequence[int]) -> int:
-    gain = (rms(before) - rms(after)) / solution.problem.floor
+def _main(solution: Solution, added: Added, channels: Sequence[int]) -> int:
+    gain = (added.before - added.after) / solution.problem.floor
     return max(channels, key=lambda c: float(gain[c]))
+
+
+def _share(solution: Solution, channel: int, before: Float, after: Float) -> float:
+    """Share of a channel's mean square error beyond the noise that is gone."""
+    beyond = float(before[channel] ** 2 - solution.problem.floor[channel] ** 2)
+    return float(before[channel] ** 2 - after[channel] ** 2) / beyond if beyond > 0 else 0.0
 
 
 def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
@@ -203,11 +217,11 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
     return tuple(out[:40])
 
 
-def _improvement(solution: Solution, before: Float, after: Float, main: int, held_out: bool) -> Improvement:
-    """Error without and with a term; of what is there at one time only, no data can be left out."""
+def _improvement(solution: Solution, added: Added, main: int, held_out: bool) -> Improvement:
+    """Error before and after a term's step; of what is there at one time only, no data can be left out."""
     name, unit = ("power", "W") if solution.problem.side == "supply" else (f"tau_{main + 1}", "N*m")
     floor = float(solution.problem.floor[main])
-    return Improvement(name, unit, float(rms(before)[main]), float(rms(after)[main]), floor, held_out)
+    return Improvement(name, unit, float(added.before[main]), float(added.after[main]), floor, held_out)
 
 
 def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
