@@ -158,6 +158,7 @@ def in_words(found: Explained, out: Path) -> str:
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
     lines += [f"  ? {left.statement}" for left in findings.unexplained]
+    lines += [f"  = {moved.statement}" for moved in findings.retuned]
     lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]
     written = ", ".join(name for name in WRITTEN if (out / name).exists())
@@ -178,6 +179,9 @@ def _cascade(findings: Findings) -> list[str]:
 
 
 def _headline(findings: Findings) -> str:
+    if findings.verdict != "explained" and any(not left.looked_at for left in findings.unexplained):
+        named = "Partly explained" if findings.verdict == "partly_explained" else "Unexplained"
+        return f"{named}: the time was up before all joints were looked at."
     return {
         "no_mismatch": "No mismatch: recordings and simulation agree within noise and tolerances.",
         "explained": "Explained: this is what the simulation leaves out.",

@@ -64,7 +64,7 @@ def _finding_card(finding: Finding) -> Card:
     right = [_remains(finding.improvement)] if unknown else _improvement(finding.improvement)
     others = [inline(bold(capital(words.named(o))), ": ", o.why) for o in finding.alternatives]
     more: list[Block] = [Html("<h4>Could also be</h4>"), Notes(others)] if others else []
-    blocks = [finding.statement, Columns([*left, *_where(finding.where)], right), *more]
+    blocks = [finding.statement, Columns([*left, *_where(finding.where, finding.improvement.unit)], right), *more]
     title, sure = capital(words.named(finding)), words.confidence(finding.confidence)
     return Card(title, blocks, "not explained" if unknown else kind, sure, "open" if unknown else finding.kind)
 
@@ -72,18 +72,25 @@ def _finding_card(finding: Finding) -> Card:
 def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:
     """A channel that stays above its noise floor, in the unit ``symbol``."""
     place = Where((rest.channel,), rest.position, rest.velocity)
-    columns = Columns(_where(place), [Bars([("remains", "model", rest.rms)], symbol, rest.noise_floor)])
+    columns = Columns(_where(place, symbol), [Bars([("remains", "model", rest.rms)], symbol, rest.noise_floor)])
     aside = f"{times(_ratio(rest.rms, rest.noise_floor))} the noise"
     title = capital(words.channel_name(rest.channel))
-    return Card(title, [rest.statement, columns], "not explained", aside, "open")
+    tag = "not explained" if rest.looked_at else "not looked at"
+    return Card(title, [rest.statement, columns], tag, aside, "open")
 
 
-def _where(where: Where) -> list[Block]:
+def _where(where: Where, symbol: str) -> list[Block]:
+    """Channels, velocity, position and times; ``symbol`` is the unit of the main channel, N of a linear axis."""
+    linear = symbol == "N"
     parts = [words.channel_name(c) for c in where.channels[:3]]
     more = len(where.channels) - len(parts)
     texts = [listed(parts) + (f" and {more} more" if more else "")] if parts else []
-    texts += [f"at {words.between(where.velocity, 'rad/s')}"] if where.velocity else []
-    texts += [f"at {words.degrees(where.position)}"] if where.position else []
+    texts += [f"at {words.between(where.velocity, 'm/s' if linear else 'rad/s')}"] if where.velocity else []
+    texts += (
+        [f"at {words.between(where.position, 'm') if linear else words.degrees(where.position)}"]
+        if where.position
+        else []
+    )
     texts += [f"in {words.moments(where.times)}"] if where.times else []
     return [Html(f"<p>{inline(bold('Where'), ' ', '; '.join(texts))}</p>")] if texts else []
 

@@ -8,8 +8,8 @@ from cellwatt_plugins.mismatch.report import words
 from cellwatt_plugins.mismatch.verdict.findings import Findings, Step
 
 LEAD = (
-    "Error after each step, on data left out of the fit: root mean square over all channels, each in units of its noise. "
-    "Your numbers stay as they are until the last step, which retunes them within their tolerances."
+    "Error after each step, on data not used for fitting: root mean square over all channels, each in units of its "
+    "noise. Your numbers stay as they are until the last step, which retunes them within their tolerances."
 )
 ROLES = {"simulation": "simulation", "finding": "model", "curve": "model", "retuning": "refit"}
 

@@ -72,9 +72,15 @@ def _causes(findings: Sequence[Finding]) -> str:
 def _open_places(findings: Findings) -> str:
     """Places where something stays unexplained, e.g. ``joint 3 and the supply power``."""
     joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
-    joints += [joint_of(rest.channel) for rest in findings.unexplained]
+    joints += [joint_of(rest.channel) for rest in findings.unexplained if rest.looked_at]
     places = [f"joint {j}" for j in sorted({j for j in joints if j is not None})]
     return listed(places + (["the supply"] if None in joints else []))
+
+
+def _unlooked(findings: Findings) -> str:
+    """Channels that were not looked at, e.g. ``joint 5 and joint 6 were not looked at: the time was up``."""
+    places = [f"joint {joint_of(rest.channel)}" for rest in findings.unexplained if not rest.looked_at]
+    return f"{listed(places)} {'were' if len(places) > 1 else 'was'} not looked at in full: the time was up" if places else ""
 
 
 def verdict(findings: Findings) -> str:
@@ -84,13 +90,18 @@ def verdict(findings: Findings) -> str:
     mistuned = [f for f in known if f.kind == "mistuned"]
     place = _open_places(findings)
     remains = f"at {place} something" if place else "something"
+    late = _unlooked(findings)
+    only_late = bool(late) and not place
     if findings.verdict == "unexplained":
+        if only_late:
+            return f"Recordings and simulation differ; {late}."
         at = f"At {place} recordings" if place else "Recordings"
-        return f"{at} and simulation differ, and no known effect explains it."
+        return f"{at} and simulation differ, and no known effect explains it{late and '; ' + late}."
     if findings.verdict == "partly_explained":
         causes = missing or mistuned
         names = capital(_causes(causes)) if causes else "Retuning"
-        return f"{names} explain{'s' * (len(causes) < 2)} part of the difference; {remains} remains unexplained."
+        rest = late if only_late else f"{remains} remains unexplained{late and '; ' + late}"
+        return f"{names} explain{'s' * (len(causes) < 2)} part of the difference; {rest}."
     if missing:
         off = f"; the simulation's value is off for {_causes(mistuned)}" if mistuned else ""
         return f"The difference is explained: {_causes(missing)}{off}."

@@ -13,6 +13,7 @@ from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
 from cellwatt_plugins.mismatch.fit.retuning import all_fixed
 from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.verdict.channels import channel_name
 from cellwatt_plugins.mismatch.verdict.findings import Step, StepKind
 from cellwatt_plugins.robot.curves import Curve
 
@@ -122,7 +123,7 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
         ratios = [errors[at] / floors[at] for at in errors]
         total = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
-        named = {_channel(sides[i], c): value for (i, c), value in errors.items()}
+        named = {channel_name(sides[i].problem, c): value for (i, c), value in errors.items()}
         return Step(kind, label, effect, None if joint is None else joint + 1, total, named, held_out)
 
     def put(i: int, values: Float) -> None:
@@ -149,7 +150,3 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     for i, side in enumerate(sides):
         put(i, side.model)
     return (*steps, step("retuning", "your numbers, retuned within tolerance"))
-
-
-def _channel(side: Falling, index: int) -> str:
-    return "power" if side.problem.side == "supply" else f"tau_{index + 1}"

@@ -83,6 +83,8 @@ class UnexplainedChannel:
     statement: str
     velocity: tuple[float, float] | None = None
     position: tuple[float, float] | None = None
+    looked_at: bool = True
+    """False where the time was up before the channel's candidates were tried."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,23 @@ class Step:
     """Rms error of each channel."""
     held_out: bool
     """True if the error is that on data left out of the fit."""
+
+
+@dataclass(frozen=True)
+class Retuned:
+    """A number that the simulation has, as the recordings tell it: no finding, but what explains much of a joint."""
+
+    parameter: str
+    """``mass``, ``coulomb_friction``, …"""
+    joint: int | None
+    """1-based; of a link's number the joint that moves the link, None for the supply."""
+    was: float
+    now: float
+    std: float
+    unit: str
+    tolerance: float
+    """One standard deviation, in ``unit``, of what the description allows."""
+    statement: str
 
 
 @dataclass(frozen=True)
@@ -162,6 +181,8 @@ class Findings:
     """Recordings beyond those that were looked at closely."""
     curves: tuple[FoundCurve, ...] = ()
     """What is left goes with."""
+    retuned: tuple[Retuned, ...] = ()
+    """Numbers of the simulation that are off beyond their tolerance, or by which a joint's error falls most."""
     cascade: tuple[Step, ...] = ()
     """From the user's simulation to the model, each finding added in turn, largest first."""
 

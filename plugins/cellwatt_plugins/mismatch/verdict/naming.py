@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
+from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
@@ -51,7 +53,12 @@ def _finding(
     }
     for name in term.effect.uncertainty.torque_gain if gain > 0 else ():
         parameters[name] = _scaled(parameters[name], gain)
+    if term.joint is not None:
+        parameters = {name: replace(p, unit=robot.unit(term.joint, p.unit)) for name, p in parameters.items()}
     described = term.effect.described(robot, term.joint)
+    statement = (
+        _mistuned(term, parameters, described) if described else term.effect.statement(_who(term.joint), parameters)
+    )
     channels = _channels(solution, term)
     main = _main(solution, added, channels)
     own, rivals = solution.rivals.get(term.place, (0.0, ()))
@@ -65,9 +72,7 @@ def _finding(
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
         confidence=min(_confidence(own, rivals), 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)),
-        statement=_mistuned(term, parameters, described)
-        if described
-        else term.effect.statement(_who(term.joint), parameters),
+        statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
         improvement=_improvement(solution, added, main, held_out=not seen),
@@ -108,7 +113,7 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
 
 def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
     """The curves of a solution, each with the share of the error that it takes off."""
-    out = []
+    robot, out = solution.problem.states[0].robot, []
     for term in solution.terms:
         curve, joint = term.effect, term.joint or 0
         if not isinstance(curve, Curve):
@@ -120,7 +125,11 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
             "curve is in the model."
         )
         values = tuple(solution.coefficients(term).tolist())
-        out.append(FoundCurve(f"tau_{joint + 1}", curve.along, curve.unit, term.shape, values, share, statement))
+        out.append(
+            FoundCurve(
+                f"tau_{joint + 1}", curve.along, robot.unit(joint, curve.unit), term.shape, values, share, statement
+            )
+        )
     return out
 
 
@@ -132,14 +141,15 @@ def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveO
 
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
-    name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", "N*m")
+    name, unit = channel_name(solution.problem, left.channel), channel_unit(solution.problem, left.channel)
     error = float(rms(held.residual(solution.terms))[left.channel])
     best = solution.best
     after = float(rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = ""
     if left.position is not None:
-        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} rad"
+        of = solution.problem.states[0].robot.unit(left.channel, "rad")
+        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} {of}"
     elif left.times:
         where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
     parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
@@ -219,7 +229,7 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
 
 def _improvement(solution: Solution, added: Added, main: int, held_out: bool) -> Improvement:
     """Error before and after a term's step; of what is there at one time only, no data can be left out."""
-    name, unit = ("power", "W") if solution.problem.side == "supply" else (f"tau_{main + 1}", "N*m")
+    name, unit = channel_name(solution.problem, main), channel_unit(solution.problem, main)
     floor = float(solution.problem.floor[main])
     return Improvement(name, unit, float(added.before[main]), float(added.after[main]), floor, held_out)
 

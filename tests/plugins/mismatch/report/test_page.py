@@ -54,7 +54,7 @@ def test_page_tells_everything_that_was_found(arms_page: str) -> None:
         "very likely, 97 %",
         "near certain, &gt;99 %",
         "at −0.30 to 0.30 rad/s; in run_01 3.1 to 4.0 s, run_01 6.2 to 6.9 s and 1 more",
-        "98 % of the gap closed.",
+        "98 % of the error beyond the noise is gone.",
         "Load-dependent friction (joint 2)</b>: same sign and speed range; run a slow sweep at two loads",
         "at 0.50 to 0.90 rad (29 to 52°)",
         "helps in 3 of 6 blocks left out only",
@@ -119,7 +119,7 @@ def test_one_joint_without_power(single_page: str) -> None:
     assert "At joint 1 recordings and simulation differ, and no known effect explains it." in html
     assert "An effect that is not in the library (joint 1)" in html
     assert "Supply power" not in html
-    assert "gap closed" not in html
+    assert "beyond the noise is gone" not in html
 
 
 def test_foreign_text_is_never_markup(tmp_path: Path) -> None:
