@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -21,7 +22,7 @@ from cellwatt_plugins.mismatch.input.sources import simulator_file
 from cellwatt_plugins.mismatch.model import Prediction, save_model
 from cellwatt_plugins.mismatch.simulators.mend import mend, to_mend
 from cellwatt_plugins.mismatch.simulators.words import mended_in_words
-from cellwatt_plugins.mismatch.verdict.findings import Findings
+from cellwatt_plugins.mismatch.verdict.findings import Findings, Step
 
 WRITTEN = ("findings.json", "model.yaml", "report.html")
 BAR = 30
@@ -152,12 +153,13 @@ def in_words(found: Explained, out: Path) -> str:
     for finding in findings.findings:
         gain = finding.improvement
         lines.append(f"  • {finding.statement}")
+        curved = " with the curves below" if finding.effect == "unknown" and gain.after < gain.before else ""
         lines.append(
             f"      {gain.channel}: held-out error {gain.before:.3g} → {gain.after:.3g} "
-            f"{gain.unit.replace('*', '')}, noise {gain.noise_floor:.3g}"
+            f"{gain.unit.replace('*', '')}{curved}, noise {gain.noise_floor:.3g}"
         )
         lines += [f"      or {other.effect.replace('_', ' ')}: {other.why}" for other in finding.alternatives]
-    lines += [f"  ? {left.statement}" for left in findings.unexplained]
+    lines += [f"  ? {left.statement}" for left in findings.without_finding]
     lines += [f"  = {moved.statement}" for moved in findings.retuned]
     lines += [f"  ~ {curve.statement}" for curve in findings.curves]
     lines += [f"  note: {note}" for note in findings.notes]
@@ -167,15 +169,23 @@ def in_words(found: Explained, out: Path) -> str:
 
 def _cascade(findings: Findings) -> list[str]:
     """The steps from the user's simulation to the model as bars that fall to the noise."""
-    top = max((step.error for step in findings.cascade), default=0.0)
-    if not top > 0:
+    steps, units = findings.cascade, {f.channel: f.unit.replace("*", "") for f in findings.fit}
+    if not steps:
         return []
-    wide = max(len(step.label) for step in findings.cascade)
-    lines = ["  error over all channels, in units of the noise (1 is noise), on data left out of the fit:"]
-    for i, step in enumerate(findings.cascade):
-        label = f"{'' if i == 0 else '+ '}{step.label}"
-        lines.append(f"    {label:<{wide + 2}} {step.error:6.2f}  {'█' * max(1, round(BAR * step.error / top))}")
+    top, wide = max(step.error for step in steps), max(len(step.label) for step in steps) + 2
+    lines = ["  error of a typical channel in units of its noise, on data left out of the fit (1: noise alone):"]
+    for before, step in zip((None, *steps), steps, strict=False):
+        label = step.label if before is None else f"+ {step.label}"
+        drawn = "█" * max(1, round(BAR * step.error / top))
+        gone = "" if before is None else _fallen(before, step, units)
+        lines.append(f"    {label:<{wide}} {step.error:6.1f}  {drawn:<{BAR}}  {gone}".rstrip())
     return lines
+
+
+def _fallen(before: Step, after: Step, units: Mapping[str, str]) -> str:
+    """The channel of which a step takes the greatest share, with its error."""
+    channel = min(after.channels, key=lambda c: after.channels[c] / max(before.channels[c], 1e-12))
+    return f"{channel} {before.channels[channel]:.3g} → {after.channels[channel]:.3g} {units.get(channel, '')}"
 
 
 def _headline(findings: Findings) -> str:

@@ -48,7 +48,7 @@ def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
 def found(findings: Findings) -> list[Block]:
     """A card for each finding and for each channel that stays unexplained."""
     units = {f.channel: f.unit for f in findings.fit}
-    rests = [_unexplained_card(r, units.get(r.channel, "")) for r in findings.unexplained]
+    rests = [_unexplained_card(r, units.get(r.channel, "")) for r in findings.without_finding]
     return [*(_finding_card(f) for f in findings.findings), *rests]
 
 

@@ -80,7 +80,8 @@ def _open_places(findings: Findings) -> str:
 def _unlooked(findings: Findings) -> str:
     """Channels that were not looked at, e.g. ``joint 5 and joint 6 were not looked at: the time was up``."""
     places = [f"joint {joint_of(rest.channel)}" for rest in findings.unexplained if not rest.looked_at]
-    return f"{listed(places)} {'were' if len(places) > 1 else 'was'} not looked at in full: the time was up" if places else ""
+    verb = "were" if len(places) > 1 else "was"
+    return f"{listed(places)} {verb} not looked at in full: the time was up" if places else ""
 
 
 def verdict(findings: Findings) -> str:

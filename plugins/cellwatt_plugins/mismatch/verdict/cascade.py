@@ -20,6 +20,9 @@ from cellwatt_plugins.robot.curves import Curve
 Float = NDArray[np.float64]
 Place = tuple[str, int | None]
 
+LEAST = 0.01
+"""Error in units of the noise that a channel counts for at least."""
+
 
 @dataclass(frozen=True)
 class Added:
@@ -121,8 +124,8 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
     floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.channels}
 
     def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
-        ratios = [errors[at] / floors[at] for at in errors]
-        total = float(np.sqrt(np.mean(np.square(ratios)))) if ratios else 0.0
+        ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
+        total = float(np.exp(np.mean(np.log(ratios)))) if ratios else 0.0
         named = {channel_name(sides[i].problem, c): value for (i, c), value in errors.items()}
         return Step(kind, label, effect, None if joint is None else joint + 1, total, named, held_out)
 
@@ -149,4 +152,4 @@ def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]
             steps.append(step("finding" if kind == "finding" else "curve", said(term), *term.place, held_out))
     for i, side in enumerate(sides):
         put(i, side.model)
-    return (*steps, step("retuning", "your numbers, retuned within tolerance"))
+    return (*steps, step("retuning", "your numbers retuned"))

@@ -71,6 +71,8 @@ class Finding:
     where: Where
     improvement: Improvement
     alternatives: tuple[Alternative, ...] = ()
+    was: float | None = None
+    """The simulation's own number, from which the first parameter is how far off; None where it has no such term."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class Step:
     joint: int | None
     """1-based; None for the whole robot or the supply."""
     error: float
-    """Root mean square over the channels, each in units of its noise."""
+    """Geometric mean over the channels of their errors, each in units of its noise: no channel outweighs the others."""
     channels: dict[str, float]
     """Rms error of each channel."""
     held_out: bool
@@ -185,6 +187,12 @@ class Findings:
     """Numbers of the simulation that are off beyond their tolerance, or by which a joint's error falls most."""
     cascade: tuple[Step, ...] = ()
     """From the user's simulation to the model, each finding added in turn, largest first."""
+
+    @property
+    def without_finding(self) -> tuple[UnexplainedChannel, ...]:
+        """The unexplained channels that no finding of an unknown effect tells of."""
+        told = {f.improvement.channel for f in self.findings if f.effect == "unknown"}
+        return tuple(rest for rest in self.unexplained if rest.channel not in told)
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

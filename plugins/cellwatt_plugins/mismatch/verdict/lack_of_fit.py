@@ -136,6 +136,6 @@ def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool 
     said = (
         f"{name} keeps {size} that no known effect explains, {noise}{where}."
         if looked_at
-        else f"{name} was not looked at in full: the time was up. It keeps {size}, {noise}{where}; allow more with --time."
+        else f"{name} was not looked at in full: the time was up. It keeps {size}, {noise}{where}; give more --time."
     )
     return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position, looked_at)

@@ -27,6 +27,8 @@ NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""
 CLOSE = 12.0
 """nats: or one that is this close."""
+AT_ONCE = 1.0
+"""s: what shows from the beginning on has no first time that would tell anything."""
 SIZEABLE = 0.1
 """Share of the error beyond the noise that a finding of full confidence takes off, in its step or beside all else."""
 
@@ -77,6 +79,7 @@ def _finding(
         where=_where(solution, term, channels),
         improvement=_improvement(solution, added, main, held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
+        was=described or None,
     )
 
 
@@ -150,7 +153,7 @@ def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | N
     if left.position is not None:
         of = solution.problem.states[0].robot.unit(left.channel, "rad")
         where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} {of}"
-    elif left.times:
+    elif left.times and left.times[0].start > AT_ONCE:
         where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
     parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
     tone = hum(parts, [rows.step for rows in solution.problem.rows])

@@ -70,7 +70,9 @@ def test_page_is_one_of_the_report_pages(arms_page: str) -> None:
     check(read)
     assert read.title == "MH12: simulation and recordings"
     assert [text for tag, text in read.headings if tag == "h2"] == [
+        "What takes the error away",
         "What was found",
+        "Your simulation in numbers",
         "Channels",
         "Where the mismatch sits",
         "Measured, simulation and model over time",
@@ -88,6 +90,43 @@ def test_table_of_channels_has_the_numbers_of_the_findings(arms_page: str) -> No
         told = [numbers(cell)[0] for cell in row[1:5]]
         true = [channel.simulation, channel.refit, channel.model, channel.noise_floor]
         assert told == pytest.approx(true, abs=0.05 * channel.noise_floor)
+
+
+def test_cascade_comes_first_and_tells_each_channel_after_each_step(arms_page: str) -> None:
+    findings = reported.arm()[0]
+    assert arms_page.index("What takes the error away") < arms_page.index("What was found")
+    bars = re.findall(r"<span>([^<]*)</span><div class=track>.*?<span class=value>([0-9.]*) × noise", arms_page)
+    assert [(name, float(value)) for name, value in bars[:3]] == [
+        ("Your simulation", 8.4),
+        ("+ Stribeck friction of joint 2", 8.1),
+        ("+ your numbers retuned", 1.2),
+    ]
+    rows = Page(arms_page).tables["Error of each channel after each step"][1:]
+    for row, step in zip(rows, findings.cascade, strict=False):
+        told = [numbers(cell)[0] for cell in row[1:]]
+        floors = [f.noise_floor for f in findings.fit]
+        for value, true, floor in zip(told, step.channels.values(), floors, strict=True):
+            assert value == pytest.approx(true, abs=0.05 * floor)
+
+
+def test_numbers_found_and_retuned_stand_in_one_table(arms_page: str) -> None:
+    rows = {row[0]: row[1:3] for row in Page(arms_page).tables["Numbers"][1:]}
+    assert rows["Mass of link 3"] == ["2.10 kg", "2.34 ± 0.03 kg"]
+    assert rows["Stribeck friction (joint 2): excess"] == ["not in it", "4.12 ± 0.19 N·m"]
+    assert rows["Rotor inertia (joint 1): rotor inertia"] == ["0.150 kg·m²", "0.1631 ± 0.0004 kg·m²"]
+
+
+def test_linear_axis_is_told_in_metres(tmp_path: Path) -> None:
+    findings, traces = reported.single()
+    (unknown,) = findings.findings
+    linear = replace(unknown, improvement=replace(unknown.improvement, unit="N"))
+    fit = tuple(replace(f, unit="N") for f in findings.fit)
+    html = page(tmp_path, replace(findings, findings=(linear,), fit=fit), [replace(t, units=("N",)) for t in traces])
+    assert "at 0.00 to 0.60 m" in html
+    assert "rad" not in re.sub(r"<script.*?</script>|<style.*?</style>", "", html, flags=re.DOTALL)
+    drawn = json.dumps(figures(html))
+    assert "position of joint 1, m" in drawn
+    assert "rad" not in drawn
 
 
 def test_channels_of_findings_are_open_and_the_others_folded(arms_page: str) -> None:
