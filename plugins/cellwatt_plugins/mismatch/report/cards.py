@@ -96,7 +96,7 @@ def _where(where: Where, symbol: str) -> list[Block]:
 
 
 def _improvement(gain: Improvement) -> list[Block]:
-    bars = Bars([("without", "refit", gain.before), ("with", "model", gain.after)], gain.unit, gain.noise_floor)
+    bars = Bars([("without", "simulation", gain.before), ("with", "model", gain.after)], gain.unit, gain.noise_floor)
     data = "data the fit did not see" if gain.held_out else "the data of the fit"
     span = gain.before - gain.noise_floor
     closed = (gain.before - gain.after) / span if span > 0 else math.nan

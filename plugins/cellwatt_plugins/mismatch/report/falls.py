@@ -61,6 +61,9 @@ def _allowed(moved: Retuned) -> str:
 
 def label(step: Step, first: bool) -> str:
     """A step as the page names it: the simulation, then what is added to it."""
+    if step.kind == "finding" and step.effect:
+        place = "" if step.joint is None else f" of joint {step.joint}"
+        return f"+ {words.effect_name(step.effect)}{place}"
     return capital(step.label) if first else f"+ {step.label}"
 
 

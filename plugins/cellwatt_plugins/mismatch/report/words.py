@@ -73,13 +73,20 @@ def _open_places(findings: Findings) -> str:
     """Places where something stays unexplained, e.g. ``joint 3 and the supply power``."""
     joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
     joints += [joint_of(rest.channel) for rest in findings.unexplained if rest.looked_at]
-    places = [f"joint {j}" for j in sorted({j for j in joints if j is not None})]
+    places = _joints([j for j in joints if j is not None])
     return listed(places + (["the supply"] if None in joints else []))
 
 
+def _joints(joints: Sequence[int]) -> list[str]:
+    """``joint 3``, or ``joints 1``, ``3`` and so on, to be listed."""
+    own = sorted(set(joints))
+    return [f"joint{'s' * (len(own) > 1)} {own[0]}", *map(str, own[1:])] if own else []
+
+
 def _unlooked(findings: Findings) -> str:
-    """Channels that were not looked at, e.g. ``joint 5 and joint 6 were not looked at: the time was up``."""
-    places = [f"joint {joint_of(rest.channel)}" for rest in findings.unexplained if not rest.looked_at]
+    """Channels that were not looked at, e.g. ``joints 5 and 6 were not looked at: the time was up``."""
+    late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
+    places = _joints([joint for joint in late if joint is not None])
     verb = "were" if len(places) > 1 else "was"
     return f"{listed(places)} {verb} not looked at in full: the time was up" if places else ""
 

@@ -27,6 +27,8 @@ NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""
 CLOSE = 12.0
 """nats: or one that is this close."""
+LITTLE = 0.05
+"""Share in its step below which no finding is near certain."""
 AT_ONCE = 1.0
 """s: what shows from the beginning on has no first time that would tell anything."""
 SIZEABLE = 0.1
@@ -65,7 +67,8 @@ def _finding(
     main = _main(solution, added, channels)
     own, rivals = solution.rivals.get(term.place, (0.0, ()))
     seen = term.effect.form.intermittent
-    share = max(_share(solution, main, added.before, added.after), 1.0 if seen else 0.0)
+    step = 1.0 if seen else max(0.0, _share(solution, main, added.before, added.after))
+    share = step
     if share < SIZEABLE:
         without = rms(beside.residual([t for t in solution.terms if t is not term]))
         share = max(share, _share(solution, main, without, last))
@@ -73,7 +76,7 @@ def _finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
-        confidence=min(_confidence(own, rivals), 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)),
+        confidence=min(_confidence(own, rivals), _worth(step, share)),
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
@@ -242,6 +245,12 @@ def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
     gains = np.array([own, *(r.gain for r in rivals)])
     weights = np.exp(np.minimum(gains - own, 0.0))
     return float(np.clip(1 / np.sum(weights), 0.5, 0.99))
+
+
+def _worth(step: float, share: float) -> float:
+    """Confidence at most in a finding that takes ``step`` off in its step, and ``share`` there or beside all else."""
+    most = 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)
+    return min(most, 0.98) if step < LITTLE else most
 
 
 def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:
