@@ -119,7 +119,7 @@ def test_numbers_found_and_retuned_stand_in_one_table(arms_page: str) -> None:
 def test_linear_axis_is_told_in_metres(tmp_path: Path) -> None:
     findings, traces = reported.single()
     (unknown,) = findings.findings
-    linear = replace(unknown, improvement=replace(unknown.improvement, unit="N"))
+    linear = replace(unknown, statement="Something.", improvement=replace(unknown.improvement, unit="N"))
     fit = tuple(replace(f, unit="N") for f in findings.fit)
     html = page(tmp_path, replace(findings, findings=(linear,), fit=fit), [replace(t, units=("N",)) for t in traces])
     assert "at 0.00 to 0.60 m" in html
