@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cellwatt.files import Place
 from cellwatt.progress import stage
+from cellwatt.report.numbers import listed
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
@@ -23,12 +24,15 @@ from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.mismatch.model import Model
+from cellwatt_plugins.mismatch.verdict.cascade import Falling, cascade, falling
+from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
-from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Verdict
+from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Retuned, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.mismatch.verdict.mounting import as_mounted
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
+from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
 from cellwatt_plugins.robot import RobotDescription
 from cellwatt_plugins.robot.effects.states import States
 
@@ -70,7 +74,7 @@ class Explained:
 
     @property
     def mounted(self) -> Float | None:
-        """Difference (3,) m/s² of gravity in the base's frame from the simulation's; None where the mount is right."""
+        """Gravity (3,) m/s² in the base's frame less the simulation's; None where the mount is right."""
         model = self.model
         return None if model.mount is None else model.mount - model.arm().body.gravity_field
 
@@ -103,6 +107,7 @@ def explain(
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
     with stage("looking how the arm is mounted"):
+        upright = _errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
@@ -118,7 +123,7 @@ def explain(
     with stage("looking for effects in the supply"):
         supply = None if supplied is None else search(Supply(supplied), 1, thresholds, until=until)
     with stage("judging by data left out"):
-        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted)
+        findings = _findings(runs, torque, supply, (*notes, *_of_meter(meter)), mounted, upright)
     return Explained(findings, model_of(torque.best, supply, base), torque, supply, nominal, tuple(runs))
 
 
@@ -163,9 +168,11 @@ def _findings(
     supply: Solution | None,
     admitted: Sequence[str],
     mounted: Finding | None,
+    upright: Float,
 ) -> Findings:
     sides = [torque] if supply is None else [torque, supply]
-    found, left, fit, tried = [] if mounted is None else [mounted], [], [], []
+    found, left, fit, tried = [] if mounted is None else [_with_noise(mounted, torque.problem)], [], [], []
+    falls, moved = list[Falling](), list[Retuned]()
     curves: list[FoundCurve] = []
     planned = all(run.plan is not None for run in runs)
     size = torque.problem.states[0].robot.tolerances.unexplained
@@ -173,12 +180,15 @@ def _findings(
     for solution in sides:
         held, best = LeaveOut(solution.problem, solution.factor), solution.best
         own = lack_of_fit(_nominal_chi2(solution.problem), solution, limits)
-        found += findings_of(solution, held, _gain_tolerance(runs, torque.problem.states[0].robot))
+        falls.append(falling(solution))
+        found += findings_of(solution, falls[-1], _gain_tolerance(runs, torque.problem.states[0].robot))
         if solution is torque or np.max(remaining_chi2(torque)) < SETTLED:
-            found += unknown_findings(solution, own, held)
-        left += [unexplained_channel(u, *channel(solution.problem, u.channel)) for u in own]
+            found += unknown_findings(solution, [u for u in own if _looked_at(solution, u)], held)
+        left += [unexplained_channel(u, *_named(solution.problem, u.channel), _looked_at(solution, u)) for u in own]
         curves += curves_of(best, LeaveOut(best.problem, best.factor))
-        fit += _fit(best, LeaveOut(best.problem, best.factor))
+        moved += retuned_of(solution, falls[-1])
+        started = upright if mounted is not None and solution is torque else falls[-1].simulation
+        fit += _fit(best, LeaveOut(best.problem, best.factor), started)
         tried += solution.tried
     named = any(f.effect != "unknown" for f in found)
     # Of what is there at one time only, no data can be left out.
@@ -193,7 +203,26 @@ def _findings(
         tuple(tried),
         (*admitted, *_notes(runs, torque, supply)),
         curves=tuple(curves),
+        retuned=tuple(moved),
+        cascade=cascade(falls, None if mounted is None else upright),
     )
+
+
+def _looked_at(solution: Solution, left: LackOfFit) -> bool:
+    """True if the candidates of a channel were tried before the time was up."""
+    return solution.problem.side == "supply" or left.channel not in solution.unlooked
+
+
+def _errors(runs: Sequence[Run], states: Sequence[States]) -> Float:
+    """Rms (n,) Nm of what was measured less what the simulation says; 0 where no torque was read."""
+    off = np.concatenate([run.torque - s.nominal for run, s in zip(runs, states, strict=True)])
+    read = np.isfinite(off)
+    return np.asarray(np.sqrt(np.sum(np.where(read, off, 0.0) ** 2, axis=0) / np.maximum(np.sum(read, axis=0), 1)))
+
+
+def _with_noise(mounted: Finding, problem: Problem) -> Finding:
+    floor = float(problem.floor[int(mounted.improvement.channel.removeprefix("tau_")) - 1])
+    return replace(mounted, improvement=replace(mounted.improvement, noise_floor=floor))
 
 
 def _gain_tolerance(runs: Sequence[Run], robot: RobotDescription) -> float:
@@ -207,24 +236,18 @@ def _nominal_chi2(problem: Problem) -> Float:
     return problem.chi2(problem.fit([]).residual)
 
 
-def _fit(solution: Solution, held: LeaveOut) -> list[ChannelFit]:
-    """Held-out error of each channel: as simulated, retuned, with the model."""
+def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
+    """Held-out error of each channel: as simulated (C,), retuned, with the model."""
     problem = solution.problem
     refit, model = rms(held.residual([])), rms(held.residual(solution.terms))
-    simulation = rms(problem.design.target)
     return [
-        ChannelFit(
-            *channel(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c])
-        )
+        ChannelFit(*_named(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
         for c in (problem.told if problem.side == "torque" else [0])
     ]
 
 
-def channel(problem: Problem, index: int) -> tuple[str, str]:
-    """Name and unit of a channel."""
-    if problem.side == "supply":
-        return "power", "W"
-    return f"tau_{index + 1}", problem.states[0].robot.unit(index, "N*m")
+def _named(problem: Problem, index: int) -> tuple[str, str]:
+    return channel_name(problem, index), channel_unit(problem, index)
 
 
 def _of_meter(meter: Metering | Unknown | None) -> tuple[str, ...]:
@@ -247,7 +270,11 @@ def _verdict(named: bool, left: bool) -> Verdict:
 def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tuple[str, ...]:
     notes = []
     if torque.spent or (supply is not None and supply.spent):
-        notes.append("The time was up before all was tried: what is said is sound, more may be found with --time")
+        joints = [str(joint + 1) for joint in torque.unlooked]
+        missed = f"; joint{'s' * (len(joints) > 1)} {listed(joints)} not looked at in full" if joints else ""
+        notes.append(
+            f"The time was up before all was tried{missed}: what is said is sound, more may be found with --time"
+        )
     if not any(run.power is not None for run in runs):
         notes.append("No supply power was recorded: what only the supply shows could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cellwatt_plugins.mismatch.fit.solution import Trial
@@ -13,7 +15,9 @@ from cellwatt_plugins.mismatch.verdict.findings import (
     Finding,
     Findings,
     Improvement,
+    Retuned,
     Span,
+    Step,
     UnexplainedChannel,
     Where,
 )
@@ -144,7 +148,9 @@ INERTIA = Finding(
     parameters={"rotor inertia": Parameter(0.01312, 0.00041, "kg*m^2")},
     where=Where(("tau_1",)),
     improvement=Improvement("tau_1", "N*m", 0.66, 0.61, 0.6, True),
+    was=0.15,
 )
+HEAVIER = Retuned("mass", 3, 2.1, 2.34, 0.03, "kg", 0.1, "The mass of link 3 is 2.34 ± 0.03 kg.")
 TRIED = (
     Trial("stribeck_friction", 2, 1840.2, True, "raises the evidence and helps in every block left out"),
     Trial("standby_power", None, 9211.0, True, "raises the evidence and helps in every block left out"),
@@ -174,7 +180,20 @@ def arm() -> tuple[Findings, list[Trace]]:
         "This motion cannot show temperature effects: no joint warms by more than 2 K in 100 s.",
         "Backlash at joint 6 could not be tested: the load never changes its sign there.",
     )
-    return Findings("partly_explained", (STRIBECK, STANDBY, INERTIA), (rest,), fit(traces), TRIED, notes), traces
+    findings = Findings("partly_explained", (STRIBECK, STANDBY, INERTIA), (rest,), fit(traces), TRIED, notes)
+    return replace(findings, retuned=(HEAVIER,), cascade=cascade(findings.fit)), traces
+
+
+def cascade(fit: tuple[ChannelFit, ...]) -> tuple[Step, ...]:
+    """The simulation, Stribeck friction that brings joint 2 to the model's error, and everything at the model's."""
+    errors = {f.channel: f.simulation for f in fit}
+    after = {f.channel: f.model for f in fit}
+    friction = {**errors, "tau_2": after["tau_2"]}
+    return (
+        Step("simulation", "your simulation", "", None, 8.4, errors, False),
+        Step("finding", "Stribeck friction of joint 2", "stribeck_friction", 2, 8.1, friction, True),
+        Step("retuning", "your numbers retuned", "", None, 1.2, after, True),
+    )
 
 
 def agreement() -> tuple[Findings, list[Trace]]:

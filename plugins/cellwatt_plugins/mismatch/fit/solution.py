@@ -86,6 +86,8 @@ class Solution:
     tried: list[Trial] = field(default_factory=list)
     spent: bool = False
     """True if the time was up before all was tried."""
+    unlooked: tuple[int, ...] = ()
+    """Joints (0-based) whose candidates were not all tried beside these terms before the time was up."""
     free: Problem | None = None
     """The problem with all nominal parameters free, before those were fixed that data left out do not confirm."""
     curved: Solution | None = None

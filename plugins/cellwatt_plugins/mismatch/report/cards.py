@@ -48,7 +48,7 @@ def tiles(fit: Sequence[ChannelFit]) -> list[Tile]:
 def found(findings: Findings) -> list[Block]:
     """A card for each finding and for each channel that stays unexplained."""
     units = {f.channel: f.unit for f in findings.fit}
-    rests = [_unexplained_card(r, units.get(r.channel, "")) for r in findings.unexplained]
+    rests = [_unexplained_card(r, units.get(r.channel, "")) for r in findings.without_finding]
     return [*(_finding_card(f) for f in findings.findings), *rests]
 
 
@@ -64,7 +64,7 @@ def _finding_card(finding: Finding) -> Card:
     right = [_remains(finding.improvement)] if unknown else _improvement(finding.improvement)
     others = [inline(bold(capital(words.named(o))), ": ", o.why) for o in finding.alternatives]
     more: list[Block] = [Html("<h4>Could also be</h4>"), Notes(others)] if others else []
-    blocks = [finding.statement, Columns([*left, *_where(finding.where)], right), *more]
+    blocks = [finding.statement, Columns([*left, *_where(finding.where, finding.improvement.unit)], right), *more]
     title, sure = capital(words.named(finding)), words.confidence(finding.confidence)
     return Card(title, blocks, "not explained" if unknown else kind, sure, "open" if unknown else finding.kind)
 
@@ -72,34 +72,46 @@ def _finding_card(finding: Finding) -> Card:
 def _unexplained_card(rest: UnexplainedChannel, symbol: str) -> Card:
     """A channel that stays above its noise floor, in the unit ``symbol``."""
     place = Where((rest.channel,), rest.position, rest.velocity)
-    columns = Columns(_where(place), [Bars([("remains", "model", rest.rms)], symbol, rest.noise_floor)])
+    columns = Columns(_where(place, symbol), [Bars([("remains", "model", rest.rms)], symbol, rest.noise_floor)])
     aside = f"{times(_ratio(rest.rms, rest.noise_floor))} the noise"
     title = capital(words.channel_name(rest.channel))
-    return Card(title, [rest.statement, columns], "not explained", aside, "open")
+    tag = "not explained" if rest.looked_at else "not looked at"
+    return Card(title, [rest.statement, columns], tag, aside, "open")
 
 
-def _where(where: Where) -> list[Block]:
+def _where(where: Where, symbol: str) -> list[Block]:
+    """Channels, velocity, position and times; ``symbol`` is the unit of the main channel, N of a linear axis."""
+    linear = symbol == "N"
     parts = [words.channel_name(c) for c in where.channels[:3]]
     more = len(where.channels) - len(parts)
     texts = [listed(parts) + (f" and {more} more" if more else "")] if parts else []
-    texts += [f"at {words.between(where.velocity, 'rad/s')}"] if where.velocity else []
-    texts += [f"at {words.degrees(where.position)}"] if where.position else []
+    texts += [f"at {words.between(where.velocity, 'm/s' if linear else 'rad/s')}"] if where.velocity else []
+    texts += (
+        [f"at {words.between(where.position, 'm') if linear else words.degrees(where.position)}"]
+        if where.position
+        else []
+    )
     texts += [f"in {words.moments(where.times)}"] if where.times else []
     return [Html(f"<p>{inline(bold('Where'), ' ', '; '.join(texts))}</p>")] if texts else []
 
 
 def _improvement(gain: Improvement) -> list[Block]:
-    bars = Bars([("without", "refit", gain.before), ("with", "model", gain.after)], gain.unit, gain.noise_floor)
+    bars = Bars([("without", "simulation", gain.before), ("with", "model", gain.after)], gain.unit, gain.noise_floor)
     data = "data the fit did not see" if gain.held_out else "the data of the fit"
     span = gain.before - gain.noise_floor
     closed = (gain.before - gain.after) / span if span > 0 else math.nan
-    outcome = f"{100 * min(closed, 1):.0f} % of the gap closed. " if math.isfinite(closed) else ""
+    outcome = f"{_share(closed)} of the error beyond the noise is gone. " if math.isfinite(closed) else ""
     outcome = "Worse with it. " if gain.after > gain.before else outcome
     channel = capital(words.channel_name(gain.channel))
     return [
         bars,
-        quiet(inline(bold(outcome), f"{channel}, rms on {data}; both with all nominal parameters retuned.")),
+        quiet(inline(bold(outcome), f"{channel}, rms on {data}; your numbers as they are.")),
     ]
+
+
+def _share(closed: float) -> str:
+    percent = 100 * min(closed, 1)
+    return f"{percent:.0f} %" if percent >= 1 else "Less than 1 %"
 
 
 def _remains(rest: Improvement) -> Bars:

@@ -80,10 +80,12 @@ def _axes(traces: Sequence[Trace], channel: str, where: Where | None) -> tuple[C
     slow = 0.02 * float(np.nanmax(np.abs(velocity), initial=0.0))
     ways = (("solid", velocity > slow), ("dash", velocity < -slow))
     every = (("solid", np.full(len(velocity), True)),)
+    linear = any(t.units[t.channels.index(channel)] == "N" for t in traces if channel in t.channels)
+    length = "m" if linear else "rad"
     own = where if where is not None and channel in where.channels else Where((channel,))
     return (
-        Coordinate(f"velocity of joint {joint}, rad/s", velocity, every, True, own.velocity),
-        Coordinate(f"position of joint {joint}, rad", position, ways, False, own.position),
+        Coordinate(f"velocity of joint {joint}, {length}/s", velocity, every, True, own.velocity),
+        Coordinate(f"position of joint {joint}, {length}", position, ways, False, own.position),
     )
 
 

@@ -65,7 +65,7 @@ def by_coordinate(traces: Sequence[Trace], which: str, floors: dict[str, float],
         cell = np.clip(np.floor((along - edges[0]) / (edges[1] - edges[0])), None, cells - 1)
         ratio[r] = rms_by_cell(residual, cell, cells) / floors[channel]
     true = unroot(edges) if signed else edges
-    unit = "rad/s" if signed else "rad"
+    unit = f"{_lengths(traces)}/s" if signed else _lengths(traces)
     labels = tuple(f"{a:.3g} to {b:.3g} {unit}" for a, b in pairwise(true))
     return Strip(rows, (edges[:-1] + edges[1:]) / 2, ratio, labels)
 
@@ -96,16 +96,22 @@ def colour_range(traces: Sequence[Trace], floors: dict[str, float]) -> float:
     return float(np.clip(np.ceil(np.log2(known.max())), LOWEST, HIGHEST)) if len(known) and known.max() > 0 else LOWEST
 
 
+def _lengths(traces: Sequence[Trace]) -> str:
+    """Unit of the joints' positions: rad, m of linear axes, both where the arm has both."""
+    units = {t.units[i] for t in traces for i, c in enumerate(t.channels) if joint_of(c) is not None}
+    return {frozenset({"N"}): "m", frozenset({"N", "N*m"}): "(rad or m)"}.get(frozenset(units), "rad")
+
+
 def draw(traces: Sequence[Trace], which: int, floors: dict[str, float], top: float) -> Figure:
     """The three strips of one of ``STATES``."""
     state = STATES[which]
     velocity, position = (by_coordinate(traces, state, floors, c) for c in ("velocity", "position"))
     time, middles = by_time(traces, state, floors)
     shown = dict(middles[:: -(-len(middles) // MOST_NAMES)])
-    rows = Axis(names=True, grid=False)
+    rows, length = Axis(names=True, grid=False), _lengths(traces)
     upper = [
-        Panel([_cells(velocity)], Axis("joint velocity, rad/s", ticks=_speed_marks(velocity), grid=False), rows),
-        Panel([_cells(position)], Axis("joint position, rad", grid=False), replace(rows, labels=False)),
+        Panel([_cells(velocity)], Axis(f"joint velocity, {length}/s", ticks=_speed_marks(velocity), grid=False), rows),
+        Panel([_cells(position)], Axis(f"joint position, {length}", grid=False), replace(rows, labels=False)),
     ]
     lower = [Panel([_cells(time)], Axis("time, recordings side by side", ticks=shown, grid=False), rows)]
     heights = ROW * max(len(velocity.rows), 1), ROW * len(time.rows)

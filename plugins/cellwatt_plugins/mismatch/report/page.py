@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.report import Html, Notes, Provenance, Report, Section
 from cellwatt.report.page import Tone
 from cellwatt_plugins.mismatch.input.run import Float
-from cellwatt_plugins.mismatch.report import cards, figures, words
+from cellwatt_plugins.mismatch.report import cards, falls, figures, words
 from cellwatt_plugins.mismatch.report.trace import Trace
 from cellwatt_plugins.mismatch.verdict.findings import Findings
 
@@ -46,9 +46,11 @@ def report(
         tone=TONES[findings.verdict],
         badge=findings.verdict.replace("_", " "),
         tiles=cards.tiles(findings.fit),
-        tiles_remark="Held-out error of the worst channel, in noise floors: 1× is noise.",
+        tiles_remark="Error of the worst channel on data not used for fitting. 1× is sensor noise, the best possible.",
         sections=[
+            falls.section(findings),
             Section("What was found", cards.found(findings)),
+            falls.numbers(findings),
             Section("Channels", cards.fit_table(findings.fit), "Held-out rms error; dots on a scale of noise floors."),
             *figures.sections(findings, [t for t in traces if len(t.time)], floors),
             Section("Other recordings", cards.others_table(findings.others), OTHERS),

@@ -23,7 +23,10 @@ def traces_of(runs: Sequence[Run], model: Model, torque: Solution, nominal: Solu
         power = states.with_torque(simulated).nominal_power
         parts = [(run.torque, run.power), (simulated, power), (tuned.torque, tuned.power), (full.torque, full.power)]
         joints = run.joints
-        names, units = tuple(f"tau_{i + 1}" for i in range(joints)), ("N*m",) * joints
+        names, units = (
+            tuple(f"tau_{i + 1}" for i in range(joints)),
+            tuple(model.robot.unit(i, "N*m") for i in range(joints)),
+        )
         if run.power is not None:
             names, units = (*names, "power"), (*units, "W")
         measured, stated, refitted, modelled = (

@@ -72,9 +72,23 @@ def _causes(findings: Sequence[Finding]) -> str:
 def _open_places(findings: Findings) -> str:
     """Places where something stays unexplained, e.g. ``joint 3 and the supply power``."""
     joints = [f.joint for f in findings.findings if f.effect == UNKNOWN]
-    joints += [joint_of(rest.channel) for rest in findings.unexplained]
-    places = [f"joint {j}" for j in sorted({j for j in joints if j is not None})]
+    joints += [joint_of(rest.channel) for rest in findings.unexplained if rest.looked_at]
+    places = _joints([j for j in joints if j is not None])
     return listed(places + (["the supply"] if None in joints else []))
+
+
+def _joints(joints: Sequence[int]) -> list[str]:
+    """``joint 3``, or ``joints 1``, ``3`` and so on, to be listed."""
+    own = sorted(set(joints))
+    return [f"joint{'s' * (len(own) > 1)} {own[0]}", *map(str, own[1:])] if own else []
+
+
+def _unlooked(findings: Findings) -> str:
+    """Channels that were not looked at, e.g. ``joints 5 and 6 were not looked at: the time was up``."""
+    late = [joint_of(rest.channel) for rest in findings.unexplained if not rest.looked_at]
+    places = _joints([joint for joint in late if joint is not None])
+    verb = "were" if len(places) > 1 else "was"
+    return f"{listed(places)} {verb} not looked at in full: the time was up" if places else ""
 
 
 def verdict(findings: Findings) -> str:
@@ -84,13 +98,18 @@ def verdict(findings: Findings) -> str:
     mistuned = [f for f in known if f.kind == "mistuned"]
     place = _open_places(findings)
     remains = f"at {place} something" if place else "something"
+    late = _unlooked(findings)
+    only_late = bool(late) and not place
     if findings.verdict == "unexplained":
+        if only_late:
+            return f"Recordings and simulation differ; {late}."
         at = f"At {place} recordings" if place else "Recordings"
-        return f"{at} and simulation differ, and no known effect explains it."
+        return f"{at} and simulation differ, and no known effect explains it{late and '; ' + late}."
     if findings.verdict == "partly_explained":
         causes = missing or mistuned
         names = capital(_causes(causes)) if causes else "Retuning"
-        return f"{names} explain{'s' * (len(causes) < 2)} part of the difference; {remains} remains unexplained."
+        rest = late if only_late else f"{remains} remains unexplained{late and '; ' + late}"
+        return f"{names} explain{'s' * (len(causes) < 2)} part of the difference; {rest}."
     if missing:
         off = f"; the simulation's value is off for {_causes(mistuned)}" if mistuned else ""
         return f"The difference is explained: {_causes(missing)}{off}."

@@ -10,6 +10,7 @@ from cellwatt_plugins.robot.effects.effect import Parameter
 
 Verdict = Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
 Kind = Literal["missing", "mistuned"]
+StepKind = Literal["simulation", "finding", "curve", "retuning"]
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Where:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Held-out error of one channel without and with the finding; both beside a refit of all nominal parameters."""
+    """Error of one channel before and after the finding's step of the cascade: the user's numbers stay as they are."""
 
     channel: str
     unit: str
@@ -70,6 +71,8 @@ class Finding:
     where: Where
     improvement: Improvement
     alternatives: tuple[Alternative, ...] = ()
+    was: float | None = None
+    """The simulation's own number, from which the first parameter is how far off; None where it has no such term."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ class UnexplainedChannel:
     statement: str
     velocity: tuple[float, float] | None = None
     position: tuple[float, float] | None = None
+    looked_at: bool = True
+    """False where the time was up before the channel's candidates were tried."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,41 @@ class FoundCurve:
     """Nm at the knots."""
     share: float
     """Of the mean square error on data left out that it takes off."""
+    statement: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step from the user's simulation to the model, and the error after it."""
+
+    kind: StepKind
+    label: str
+    effect: str
+    """Of a finding or a curve."""
+    joint: int | None
+    """1-based; None for the whole robot or the supply."""
+    error: float
+    """Geometric mean over the channels of their errors, each in units of its noise: no channel outweighs the others."""
+    channels: dict[str, float]
+    """Rms error of each channel."""
+    held_out: bool
+    """True if the error is that on data left out of the fit."""
+
+
+@dataclass(frozen=True)
+class Retuned:
+    """A number that the simulation has, as the recordings tell it: no finding, but what explains much of a joint."""
+
+    parameter: str
+    """``mass``, ``coulomb_friction``, …"""
+    joint: int | None
+    """1-based; of a link's number the joint that moves the link, None for the supply."""
+    was: float
+    now: float
+    std: float
+    unit: str
+    tolerance: float
+    """One standard deviation, in ``unit``, of what the description allows."""
     statement: str
 
 
@@ -143,6 +183,16 @@ class Findings:
     """Recordings beyond those that were looked at closely."""
     curves: tuple[FoundCurve, ...] = ()
     """What is left goes with."""
+    retuned: tuple[Retuned, ...] = ()
+    """Numbers of the simulation that are off beyond their tolerance, or by which a joint's error falls most."""
+    cascade: tuple[Step, ...] = ()
+    """From the user's simulation to the model, each finding added in turn, largest first."""
+
+    @property
+    def without_finding(self) -> tuple[UnexplainedChannel, ...]:
+        """The unexplained channels that no finding of an unknown effect tells of."""
+        told = {f.improvement.channel for f in self.findings if f.effect == "unknown"}
+        return tuple(rest for rest in self.unexplained if rest.channel not in told)
 
     def as_json(self) -> dict[str, Any]:
         """The content of ``findings.json``."""

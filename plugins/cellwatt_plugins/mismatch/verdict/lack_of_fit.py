@@ -124,11 +124,18 @@ def _joined(spans: list[Span]) -> list[Span]:
     return out
 
 
-def unexplained_channel(found: LackOfFit, name: str, unit: str) -> UnexplainedChannel:
-    """An unexplained channel as ``findings.json`` has it."""
+def unexplained_channel(found: LackOfFit, name: str, unit: str, looked_at: bool = True) -> UnexplainedChannel:
+    """An unexplained channel as ``findings.json`` has it; ``looked_at`` is False where the time was up before."""
     times = found.rms / found.floor
     where = (
-        "" if found.position is None else f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} rad"
+        ""
+        if found.position is None
+        else f", mostly between {found.position[0]:.2f} and {found.position[1]:.2f} {'m' if unit == 'N' else 'rad'}"
     )
-    said = f"{name} keeps {found.rms:.3g} {unit} that no known effect explains, {times:.1f} times its noise{where}."
-    return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position)
+    size, noise = f"{found.rms:.3g} {unit.replace('*', '')}", f"{times:.1f} times its noise"
+    said = (
+        f"{name} keeps {size} that no known effect explains, {noise}{where}."
+        if looked_at
+        else f"{name} was not looked at in full: the time was up. It keeps {size}, {noise}{where}; give more --time."
+    )
+    return UnexplainedChannel(name, found.rms, found.floor, said, found.velocity, found.position, looked_at)

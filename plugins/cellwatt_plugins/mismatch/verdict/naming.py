@@ -12,6 +12,8 @@ from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared, rms
 from cellwatt_plugins.mismatch.fit.noise import hum
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
+from cellwatt_plugins.mismatch.verdict.cascade import Added, Falling
+from cellwatt_plugins.mismatch.verdict.channels import channel_name, channel_unit
 from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
@@ -26,16 +28,29 @@ NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""
 CLOSE = 12.0
 """nats: or one that is this close."""
+LITTLE = 0.05
+"""Share in its step below which no finding is near certain."""
+AT_ONCE = 1.0
+"""s: what shows from the beginning on has no first time that would tell anything."""
+SIZEABLE = 0.1
+"""Share of the error beyond the noise that a finding of full confidence takes off, in its step or beside all else."""
 
 
-def findings_of(solution: Solution, held: LeaveOut, gain: float = 0.0) -> list[Finding]:
-    """The terms of one side as findings; ``gain`` is the tolerance of the common factor of all measured torques."""
+def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[Finding]:
+    """The terms of one side as findings, largest first, each with its step of the cascade.
+
+    ``gain`` is the tolerance of the common factor of all measured torques.
+    """
     known = estimates(solution)
-    after = held.residual(solution.terms)
-    return [_finding(solution, held, term, known[term.place], after, gain) for term in solution.terms]
+    beside = LeaveOut(solution.problem, solution.factor)
+    last = rms(beside.residual(solution.terms))
+    return [_finding(solution, beside, added, known[added.term.place], last, gain) for added in steps.findings]
 
 
-def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate, after: Float, gain: float) -> Finding:
+def _finding(
+    solution: Solution, beside: LeaveOut, added: Added, estimate: Estimate, last: Float, gain: float
+) -> Finding:
+    term = added.term
     robot = solution.problem.states[0].robot
     parameters = {
         name: _scaled(parameter, 0.0 if name == "phase" else term.effect.uncertainty.inherited.get(name, INHERITED))
@@ -43,36 +58,33 @@ def _finding(solution: Solution, held: LeaveOut, term: Term, estimate: Estimate,
     }
     for name in term.effect.uncertainty.torque_gain if gain > 0 else ():
         parameters[name] = _scaled(parameters[name], gain)
-    parameters = {name: replace(p, unit=_told_in(robot, term.joint, p.unit)) for name, p in parameters.items()}
+    if term.joint is not None:
+        parameters = {name: replace(p, unit=robot.unit(term.joint, p.unit)) for name, p in parameters.items()}
     described = term.effect.described(robot, term.joint)
-    others = [t for t in solution.terms if t is not term]
-    seen = term.effect.form.intermittent
-    if seen:
-        blocks = [solution.problem.block(t) for t in others]
-        before, after = solution.problem.fit(blocks, solution.factor).residual, solution.residual
-    else:
-        before = held.residual(others)
+    statement = (
+        _mistuned(term, parameters, described) if described else term.effect.statement(_who(term.joint), parameters)
+    )
     channels = _channels(solution, term)
-    main = _main(solution, before, after, channels)
+    main = _main(solution, added, channels)
     own, rivals = solution.rivals.get(term.place, (0.0, ()))
-    who = _who(term.joint)
-    said = _mistuned(term, parameters, described) if described else term.effect.statement(who, parameters)
+    seen = term.effect.form.intermittent
+    step = 1.0 if seen else max(0.0, _share(solution, main, added.before, added.after))
+    share = step
+    if share < SIZEABLE:
+        without = rms(beside.residual([t for t in solution.terms if t is not term]))
+        share = max(share, _share(solution, main, without, last))
     return Finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
-        confidence=_confidence(own, rivals),
-        statement=_told_in(robot, term.joint, said),
+        confidence=min(_confidence(own, rivals), _worth(step, share)),
+        statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
-        improvement=_improvement(solution, before, after, main, held_out=not seen),
+        improvement=_improvement(solution, added, main, held_out=not seen),
         alternatives=(*_alternatives(term, own, rivals), *_inseparable(term, gain)),
+        was=described or None,
     )
-
-
-def _told_in(robot: RobotDescription, joint: int | None, said: str) -> str:
-    """A unit, or a sentence with units, as it is at a joint: of a slide in m and N."""
-    return said if joint is None else robot.unit(joint, said)
 
 
 def _within_gain(term: Term, gain: float) -> bool:
@@ -108,7 +120,7 @@ def _inseparable(term: Term, gain: float) -> tuple[Alternative, ...]:
 
 def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
     """The curves of a solution, each with the share of the error that it takes off."""
-    out = []
+    robot, out = solution.problem.states[0].robot, []
     for term in solution.terms:
         curve, joint = term.effect, term.joint or 0
         if not isinstance(curve, Curve):
@@ -120,7 +132,11 @@ def curves_of(solution: Solution, held: LeaveOut) -> list[FoundCurve]:
             "curve is in the model."
         )
         values = tuple(solution.coefficients(term).tolist())
-        out.append(FoundCurve(f"tau_{joint + 1}", curve.along, curve.unit, term.shape, values, share, statement))
+        out.append(
+            FoundCurve(
+                f"tau_{joint + 1}", curve.along, robot.unit(joint, curve.unit), term.shape, values, share, statement
+            )
+        )
     return out
 
 
@@ -132,16 +148,16 @@ def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveO
 
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
-    robot = solution.problem.states[0].robot
-    name, unit = ("power", "W") if joint is None else (f"tau_{joint + 1}", robot.unit(joint, "N*m"))
+    name, unit = channel_name(solution.problem, left.channel), channel_unit(solution.problem, left.channel)
     error = float(rms(held.residual(solution.terms))[left.channel])
     best = solution.best
     after = float(rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = ""
     if left.position is not None:
-        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} {_told_in(robot, joint, 'rad')}"
-    elif left.times:
+        of = solution.problem.states[0].robot.unit(left.channel, "rad")
+        where = f", mostly between {left.position[0]:.2f} and {left.position[1]:.2f} {of}"
+    elif left.times and left.times[0].start > AT_ONCE:
         where = f", first at {left.times[0].start:.1f} s of {left.times[0].recording}"
     parts = [part[:, left.channel : left.channel + 1] for part in solution.problem.split(solution.residual)]
     tone = hum(parts, [rows.step for rows in solution.problem.rows])
@@ -172,9 +188,15 @@ def _channels(solution: Solution, term: Term) -> list[int]:
     return felt or [int(np.argmax(size))]
 
 
-def _main(solution: Solution, before: Float, after: Float, channels: Sequence[int]) -> int:
-    gain = (rms(before) - rms(after)) / solution.problem.floor
+def _main(solution: Solution, added: Added, channels: Sequence[int]) -> int:
+    gain = (added.before - added.after) / solution.problem.floor
     return max(channels, key=lambda c: float(gain[c]))
+
+
+def _share(solution: Solution, channel: int, before: Float, after: Float) -> float:
+    """Share of a channel's mean square error beyond the noise that is gone."""
+    beyond = float(before[channel] ** 2 - solution.problem.floor[channel] ** 2)
+    return float(before[channel] ** 2 - after[channel] ** 2) / beyond if beyond > 0 else 0.0
 
 
 def _where(solution: Solution, term: Term, channels: Sequence[int]) -> Where:
@@ -212,12 +234,11 @@ def _spans(solution: Solution, term: Term) -> tuple[Span, ...]:
     return tuple(out[:40])
 
 
-def _improvement(solution: Solution, before: Float, after: Float, main: int, held_out: bool) -> Improvement:
-    """Error without and with a term; of what is there at one time only, no data can be left out."""
-    unit = solution.problem.states[0].robot.unit(main, "N*m")
-    name, unit = ("power", "W") if solution.problem.side == "supply" else (f"tau_{main + 1}", unit)
+def _improvement(solution: Solution, added: Added, main: int, held_out: bool) -> Improvement:
+    """Error before and after a term's step; of what is there at one time only, no data can be left out."""
+    name, unit = channel_name(solution.problem, main), channel_unit(solution.problem, main)
     floor = float(solution.problem.floor[main])
-    return Improvement(name, unit, float(rms(before)[main]), float(rms(after)[main]), floor, held_out)
+    return Improvement(name, unit, float(added.before[main]), float(added.after[main]), floor, held_out)
 
 
 def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
@@ -225,6 +246,12 @@ def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
     gains = np.array([own, *(r.gain for r in rivals)])
     weights = np.exp(np.minimum(gains - own, 0.0))
     return float(np.clip(1 / np.sum(weights), 0.5, 0.99))
+
+
+def _worth(step: float, share: float) -> float:
+    """Confidence at most in a finding that takes ``step`` off in its step, and ``share`` there or beside all else."""
+    most = 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)
+    return min(most, 0.98) if step < LITTLE else most
 
 
 def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:

@@ -54,7 +54,7 @@ def test_page_tells_everything_that_was_found(arms_page: str) -> None:
         "very likely, 97 %",
         "near certain, &gt;99 %",
         "at −0.30 to 0.30 rad/s; in run_01 3.1 to 4.0 s, run_01 6.2 to 6.9 s and 1 more",
-        "98 % of the gap closed.",
+        "98 % of the error beyond the noise is gone.",
         "Load-dependent friction (joint 2)</b>: same sign and speed range; run a slow sweep at two loads",
         "at 0.50 to 0.90 rad (29 to 52°)",
         "helps in 3 of 6 blocks left out only",
@@ -70,7 +70,9 @@ def test_page_is_one_of_the_report_pages(arms_page: str) -> None:
     check(read)
     assert read.title == "MH12: simulation and recordings"
     assert [text for tag, text in read.headings if tag == "h2"] == [
+        "What takes the error away",
         "What was found",
+        "Your simulation in numbers",
         "Channels",
         "Where the mismatch sits",
         "Measured, simulation and model over time",
@@ -88,6 +90,43 @@ def test_table_of_channels_has_the_numbers_of_the_findings(arms_page: str) -> No
         told = [numbers(cell)[0] for cell in row[1:5]]
         true = [channel.simulation, channel.refit, channel.model, channel.noise_floor]
         assert told == pytest.approx(true, abs=0.05 * channel.noise_floor)
+
+
+def test_cascade_comes_first_and_tells_each_channel_after_each_step(arms_page: str) -> None:
+    findings = reported.arm()[0]
+    assert arms_page.index("What takes the error away") < arms_page.index("What was found")
+    bars = re.findall(r"<span>([^<]*)</span><div class=track>.*?<span class=value>([0-9.]*) × noise", arms_page)
+    assert [(name, float(value)) for name, value in bars[:3]] == [
+        ("Your simulation", 8.4),
+        ("+ Stribeck friction of joint 2", 8.1),
+        ("+ your numbers retuned", 1.2),
+    ]
+    rows = Page(arms_page).tables["Error of each channel after each step"][1:]
+    for row, step in zip(rows, findings.cascade, strict=False):
+        told = [numbers(cell)[0] for cell in row[1:]]
+        floors = [f.noise_floor for f in findings.fit]
+        for value, true, floor in zip(told, step.channels.values(), floors, strict=True):
+            assert value == pytest.approx(true, abs=0.05 * floor)
+
+
+def test_numbers_found_and_retuned_stand_in_one_table(arms_page: str) -> None:
+    rows = {row[0]: row[1:3] for row in Page(arms_page).tables["Numbers"][1:]}
+    assert rows["Mass of link 3"] == ["2.10 kg", "2.34 ± 0.03 kg"]
+    assert rows["Stribeck friction (joint 2): excess"] == ["not in it", "4.12 ± 0.19 N·m"]
+    assert rows["Rotor inertia (joint 1): rotor inertia"] == ["0.150 kg·m²", "0.1631 ± 0.0004 kg·m²"]
+
+
+def test_linear_axis_is_told_in_metres(tmp_path: Path) -> None:
+    findings, traces = reported.single()
+    (unknown,) = findings.findings
+    linear = replace(unknown, statement="Something.", improvement=replace(unknown.improvement, unit="N"))
+    fit = tuple(replace(f, unit="N") for f in findings.fit)
+    html = page(tmp_path, replace(findings, findings=(linear,), fit=fit), [replace(t, units=("N",)) for t in traces])
+    assert "at 0.00 to 0.60 m" in html
+    assert not re.search(r"\brad\b", re.sub(r"<script.*?</script>|<style.*?</style>", "", html, flags=re.DOTALL))
+    drawn = json.dumps(figures(html))
+    assert "position of joint 1, m" in drawn
+    assert not re.search(r"\brad\b", drawn)
 
 
 def test_channels_of_findings_are_open_and_the_others_folded(arms_page: str) -> None:
@@ -119,7 +158,7 @@ def test_one_joint_without_power(single_page: str) -> None:
     assert "At joint 1 recordings and simulation differ, and no known effect explains it." in html
     assert "An effect that is not in the library (joint 1)" in html
     assert "Supply power" not in html
-    assert "gap closed" not in html
+    assert "beyond the noise is gone" not in html
 
 
 def test_foreign_text_is_never_markup(tmp_path: Path) -> None:

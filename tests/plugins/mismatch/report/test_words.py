@@ -33,6 +33,7 @@ def test_names_as_people_write_them() -> None:
 
 
 REST = UnexplainedChannel("power", 9.0, 4.0, "The supply differs.")
+LATE = UnexplainedChannel("tau_5", 9.0, 4.0, "The time was up.", looked_at=False)
 UNKNOWN = replace(STRIBECK, effect="unknown", joint=3)
 
 
@@ -64,6 +65,15 @@ UNKNOWN = replace(STRIBECK, effect="unknown", joint=3)
         (
             Findings("partly_explained", (UNKNOWN,)),
             "Retuning explains part of the difference; at joint 3 something remains unexplained.",
+        ),
+        (
+            Findings("unexplained", (), (LATE,)),
+            "Recordings and simulation differ; joint 5 was not looked at in full: the time was up.",
+        ),
+        (
+            Findings("partly_explained", (STANDBY,), (REST, LATE)),
+            "Standby power explains part of the difference; at the supply something remains unexplained; joint 5 was "
+            "not looked at in full: the time was up.",
         ),
         (
             Findings("unexplained", (), (REST,)),

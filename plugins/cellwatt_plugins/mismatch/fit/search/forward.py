@@ -24,24 +24,33 @@ AHEAD = 3.0
 def enter(state: SearchState, now: Solution) -> Solution | None:
     """The solution with the best new term; None where none is accepted."""
     looked_at: Counter[int | None] = Counter()
+    skipped: set[int | None] = set()
     for candidate in steps(candidates(state, now), "fitting", _said):
         if candidate.gain < state.thresholds.least:
             state.refuse(candidate.term, candidate.gain, "adds too little evidence")
             continue
-        if looked_at[candidate.term.joint] == BEST or state.spent():
+        if looked_at[candidate.term.joint] == BEST:
             state.refuse(candidate.term, candidate.gain, "others at its place add more evidence and were refused")
+            state.unlooked.discard(candidate.term.joint)
+            continue
+        if state.spent():
+            state.refuse(candidate.term, candidate.gain, "was not looked at closely: the time was up")
+            skipped.add(candidate.term.joint)
             continue
         looked_at[candidate.term.joint] += 1
         new = refine(state, solve(state, [*now.terms, candidate.term]), candidate.term)
         if (like := collinear(now, new, state.thresholds.blur)) is not None:
             if (instead := _instead(state, now, like, new.terms[-1])) is not None:
+                state.changed(like.joint, candidate.term.joint)
                 return instead
             why: str | None = f"cannot be told from {like.effect.name.replace('_', ' ')} in these recordings"
         else:
             why = rejection(now, new, state.thresholds, candidate.gain)
         if why is None:
+            state.changed(candidate.term.joint)
             return new
         state.refuse(candidate.term, candidate.gain, why)
+    state.unlooked &= skipped
     return None
 
 

@@ -51,6 +51,8 @@ class SearchState:
     refused: dict[Place, Trial] = field(default_factory=dict)
     """The last reason why a candidate did not enter or a term left."""
 
+    unlooked: set[int | None] = field(default_factory=set)
+    """Joints (0-based) at which no candidate has been refused since a term last entered there."""
     left: tuple[tuple[Term, ...], list[Float]] | None = None
     """What some terms leave at all samples of each run."""
     looseness: float = 1.0
@@ -65,6 +67,10 @@ class SearchState:
     def spent(self) -> bool:
         """True once the time is up: the search then reports what it has found."""
         return now() > self.until
+
+    def changed(self, *joints: int | None) -> None:
+        """Note that a term entered or left at ``joints``, None for the whole arm: they are to be looked at again."""
+        self.unlooked |= set(self.moving) if None in joints else set(joints)
 
     def turn(self, turning: Sequence[float]) -> None:
         """Make the problem anew where another friction (C,) Nm turns over with the sign of the velocity."""

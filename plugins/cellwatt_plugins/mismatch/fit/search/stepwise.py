@@ -62,6 +62,7 @@ def search(
     state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
     now = drop_unconfirmed(state, solve(state, now.terms))
     now.spent, now.free = state.spent(), free
+    now.unlooked = tuple(j for j in state.moving if j in state.unlooked) if now.spent else ()
     now = _compared(state, now)
     now.curved = with_curves(state, now)
     return now
@@ -69,6 +70,7 @@ def search(
 
 def _found(state: SearchState) -> Solution:
     """The terms found from none."""
+    state.changed(None)
     now = plain_friction(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
         now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))

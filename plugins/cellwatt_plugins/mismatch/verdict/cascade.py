@@ -1,0 +1,155 @@
+"""From the user's simulation to the model, step by step: what each finding takes off the error on data left out."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term, said
+from cellwatt_plugins.mismatch.fit.retuning import all_fixed
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.verdict.channels import channel_name
+from cellwatt_plugins.mismatch.verdict.findings import Step, StepKind
+from cellwatt_plugins.robot.curves import Curve
+
+Float = NDArray[np.float64]
+Place = tuple[str, int | None]
+
+LEAST = 0.01
+"""Error in units of the noise that a channel counts for at least."""
+
+
+@dataclass(frozen=True)
+class Added:
+    """A term that enters, with the rms error (C,) of its side before and after."""
+
+    term: Term
+    before: Float
+    after: Float
+    drop: float
+    """Sum over the channels of the mean square error that it takes off, in units of the noise."""
+
+
+@dataclass(frozen=True)
+class Falling:
+    """The errors (C,) of one side from the simulation with the user's numbers to the model."""
+
+    problem: Problem
+    simulation: Float
+    findings: tuple[Added, ...]
+    """Largest first."""
+    curves: tuple[Added, ...]
+    model: Float
+    """With the nominal numbers retuned, too."""
+
+    @property
+    def untuned(self) -> Float:
+        """With all terms, before the nominal numbers are retuned."""
+        added = (*self.findings, *self.curves)
+        return added[-1].after if added else self.simulation
+
+    @property
+    def of(self) -> Mapping[Place, Added]:
+        """The findings by their place."""
+        return {added.term.place: added for added in self.findings}
+
+    @property
+    def channels(self) -> list[int]:
+        """Channels (0-based) of which anything was measured."""
+        return self.problem.told if self.problem.side == "torque" else [0]
+
+
+def falling(solution: Solution) -> Falling:
+    """The errors of one side on data left out; coefficients are fitted without each fold, the user's numbers stay."""
+    best = solution.best
+    steady = [t for t in best.terms if not t.effect.form.intermittent]
+    # Of what is there at one time only, no data can be left out: it counts as fitted.
+    once = {t.place: best.block(t)[0].times(best.coefficients(t), len(best.problem.floor)) for t in _once(best)}
+    fixed = LeaveOut(all_fixed(best.problem).of(best.problem), best.factor)
+    free = LeaveOut(best.problem, best.factor)
+    floor = best.problem.floor
+
+    def error(held: LeaveOut, terms: Sequence[Term]) -> Float:
+        gone = sum((once[t.place] for t in terms if t.place in once), start=np.zeros(1))
+        return rms(held.residual([t for t in terms if t.place not in once]) - gone)
+
+    before, chosen, out = error(fixed, []), list[Term](), list[Added]()
+    laws = _largest_first(fixed, best, [t for t in steady if not isinstance(t.effect, Curve)], once)
+    for term in [*laws, *(t for t in steady if isinstance(t.effect, Curve))]:
+        chosen.append(term)
+        after = error(fixed, chosen)
+        out.append(Added(term, before, after, float(np.sum(np.square(before / floor) - np.square(after / floor)))))
+        before = after
+    findings, curves = tuple(out[: len(laws)]), tuple(out[len(laws) :])
+    return Falling(best.problem, rms(best.problem.design.target), findings, curves, error(free, best.terms))
+
+
+def _once(solution: Solution) -> list[Term]:
+    return [t for t in solution.terms if t.effect.form.intermittent]
+
+
+def _largest_first(
+    held: LeaveOut, solution: Solution, steady: Sequence[Term], once: Mapping[Place, Float]
+) -> list[Term]:
+    """Laws in the order of what each takes off the summed square error beside those before it."""
+    root = solution.problem.design.root
+    pushes = sorted(
+        ((float(np.sum(np.square(once[t.place] * root))), i) for i, t in enumerate(_once(solution))), reverse=True
+    )
+    left, chosen, order = list(steady), list[Term](), list[Term]()
+    error = float(np.sum(held.errors([])))
+    while left or pushes:
+        rest = [float(np.sum(held.errors([*chosen, t]))) for t in left]
+        best = int(np.argmin(rest)) if rest else -1
+        if pushes and (best < 0 or pushes[0][0] > error - rest[best]):
+            order.append(_once(solution)[pushes.pop(0)[1]])
+            continue
+        error = rest[best]
+        chosen.append(left.pop(best))
+        order.append(chosen[-1])
+    return order
+
+
+def cascade(sides: Sequence[Falling], mounted: Float | None) -> tuple[Step, ...]:
+    """The steps of all sides, largest first; curves and retuned numbers last.
+
+    ``mounted`` (C,) are the errors of the torques in the simulation's own gravity, where the arm is mounted otherwise.
+    """
+    errors = {(i, c): float(side.simulation[c]) for i, side in enumerate(sides) for c in side.channels}
+    floors = {(i, c): float(side.problem.floor[c]) for i, side in enumerate(sides) for c in side.channels}
+
+    def step(kind: StepKind, label: str, effect: str = "", joint: int | None = None, held_out: bool = True) -> Step:
+        ratios = [max(errors[at] / floors[at], LEAST) for at in errors]
+        total = float(np.exp(np.mean(np.log(ratios)))) if ratios else 0.0
+        named = {channel_name(sides[i].problem, c): value for (i, c), value in errors.items()}
+        return Step(kind, label, effect, None if joint is None else joint + 1, total, named, held_out)
+
+    def put(i: int, values: Float) -> None:
+        errors.update({(i, c): float(values[c]) for c in sides[i].channels})
+
+    steps = []
+    if mounted is None:
+        steps.append(step("simulation", "your simulation", held_out=False))
+    else:
+        upright = [side.simulation for side in sides]
+        put(0, mounted)
+        steps.append(step("simulation", "your simulation", held_out=False))
+        put(0, upright[0])
+        steps.append(step("finding", "mount of the base", "gravity_tilt", held_out=False))
+    for kind in ("finding", "curve"):
+        parts = [
+            [(i, a) for a in (side.findings if kind == "finding" else side.curves)] for i, side in enumerate(sides)
+        ]
+        for i, added in heapq.merge(*parts, key=lambda pair: -pair[1].drop):
+            put(i, added.after)
+            term = added.term
+            held_out = not term.effect.form.intermittent
+            steps.append(step("finding" if kind == "finding" else "curve", said(term), *term.place, held_out))
+    for i, side in enumerate(sides):
+        put(i, side.model)
+    return (*steps, step("retuning", "your numbers retuned"))

@@ -1,0 +1,158 @@
+"""Numbers of the simulation that moved: beyond their tolerance, or by so much that they explain most of a channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt_plugins.mismatch.fit.solution import Solution
+from cellwatt_plugins.mismatch.verdict.cascade import Falling
+from cellwatt_plugins.mismatch.verdict.channels import channel_unit
+from cellwatt_plugins.mismatch.verdict.findings import Retuned
+from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.priors import link_prior
+
+Float = NDArray[np.float64]
+
+MOST = 0.5
+"""Share of a channel's mean square error beyond the noise that retuning takes off for it to be the answer there."""
+OWN = 0.25
+"""Share of what retuning takes off a channel that would come back without a number, for the number to be named."""
+SEEN = 1.3
+"""Error in units of the noise from which a channel differs from the simulation."""
+BEYOND = 2.0
+"""Tolerances, and standard errors, from which a number is off beyond its tolerance."""
+FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
+UNITS = {"coulomb_friction": "N*m", "viscous_friction": "N*m*s/rad", "rotor_inertia": "kg*m^2"}
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """A number with what the fit makes of it."""
+
+    parameter: str
+    joint: int | None
+    was: float
+    off: float
+    std: float
+    unit: str
+    tolerance: float
+
+    @property
+    def beyond(self) -> bool:
+        """True if it is off beyond its tolerance, and for certain."""
+        return abs(self.off) > BEYOND * max(self.tolerance, self.std)
+
+
+def retuned_of(solution: Solution, fall: Falling) -> list[Retuned]:
+    """The numbers of one side that are worth telling."""
+    best, out = solution.best, list[Retuned]()
+    answers = _answers(fall)
+    for i, moved in enumerate(_moved(best)):
+        explained = [c for c, gone in answers.items() if _share(best, i, c) > OWN * gone]
+        certain = [m for m in moved if abs(m.off) > m.std]
+        told = [m for m in certain if m.beyond or explained]
+        out += [_told(m, fall, explained) for m in told]
+    return out
+
+
+def _answers(fall: Falling) -> dict[int, float]:
+    """Channels (0-based) of which retuning explains most, with the mean square error that it takes off."""
+    floor = fall.problem.floor
+    beyond = np.square(fall.simulation) - np.square(floor)
+    gone = np.square(fall.untuned) - np.square(fall.model)
+    return {
+        c: float(gone[c]) for c in fall.channels if fall.simulation[c] > SEEN * floor[c] and gone[c] > MOST * beyond[c]
+    }
+
+
+def _share(best: Solution, block: int, channel: int) -> float:
+    """Mean square error of a channel that comes back without what a block of nominal numbers adds."""
+    design = best.problem.design
+    own, place = design.blocks[block], design.slices[block]
+    added = own.times(best.fit.coefficients[place], len(best.problem.floor))[:, channel]
+    left = best.residual[:, channel]
+    return float(np.mean(np.square(left + added)) - np.mean(np.square(left)))
+
+
+def _moved(best: Solution) -> Iterator[Sequence[_Moved]]:
+    """The numbers of each block of the nominal parameters, in the order of the blocks."""
+    covariance = best.fit.covariance
+    robot, places = best.problem.states[0].robot, iter(best.problem.design.slices)
+
+    def fitted(place: slice) -> tuple[Float, Float]:
+        return best.fit.coefficients[place], covariance[place, place]
+
+    if best.problem.side == "supply":
+        tolerance = robot.tolerances.supply
+        if robot.standby_power > 0:
+            off, spread = fitted(next(places))
+            std = float(np.sqrt(spread[0, 0]))
+            was = robot.standby_power
+            yield [_Moved("standby_power", None, was, float(off[0]), std, "W", tolerance * was)]
+        heating = np.flatnonzero((robot.column("winding_resistance") > 0) & (robot.column("torque_constant") > 0))
+        for joint, place in zip(heating.tolist(), places, strict=False):
+            off, spread = fitted(place)
+            was, std = robot.joints[joint].winding_resistance, float(np.sqrt(spread[0, 0]))
+            yield [_Moved("winding_resistance", joint, was, was * float(off[0]), was * std, "Ohm", tolerance * was)]
+        return
+    links = best.problem.states[0].arm.body.parameters().reshape(-1, PER_LINK)
+    for joint, own in enumerate(links):
+        yield _link(joint, own, *fitted(next(places)), robot.tolerances.link)
+    for name in FRICTION:
+        tolerance = robot.tolerances.rotor_inertia if name == "rotor_inertia" else robot.tolerances.friction
+        for joint, was in enumerate(robot.column(name).tolist()):
+            if was > 0:
+                off, spread = fitted(next(places))
+                std, unit = float(np.sqrt(spread[0, 0])), robot.unit(joint, UNITS[name])
+                yield [_Moved(name, joint, was, float(off[0]), std, unit, tolerance * was)]
+
+
+def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -> list[_Moved]:
+    """Mass and centre of mass of a link; its moments of inertia where only they moved."""
+    prior = np.sqrt(np.diag(link_prior(own, tolerance).covariance))
+    mass, now = max(float(own[0]), 1e-6), max(float(own[0] + off[0]), 1e-6)
+    out = [_Moved("mass", joint, float(own[0]), float(off[0]), float(np.sqrt(spread[0, 0])), "kg", float(prior[0]))]
+    for i, axis in enumerate("xyz", start=1):
+        was, is_ = float(own[i]) / mass, float(own[i] + off[i]) / now
+        slope = np.array([-is_ / now, 1 / now])
+        std = float(np.sqrt(max(0.0, slope @ spread[np.ix_([0, i], [0, i])] @ slope)))
+        out.append(_Moved(f"com_{axis}", joint, was, is_ - was, std, "m", tolerance * abs(was) + 0.001))
+    sizes = [(name, i) for name, i in (("ixx", 4), ("iyy", 6), ("izz", 9)) if own[i] > 0]
+    if not any(abs(m.off) > m.std for m in out):
+        out += [
+            _Moved(name, joint, own[i], off[i], float(np.sqrt(spread[i, i])), "kg*m^2", prior[i]) for name, i in sizes
+        ]
+    return out
+
+
+def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> Retuned:
+    unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
+    allowed = "beyond" if moved.beyond else "within"
+    statement = (
+        f"{_what(moved)} is {moved.was + moved.off:.3g} ± {moved.std:.1g} {unit}, where your simulation has "
+        f"{moved.was:.3g}: {allowed} the tolerance of ± {moved.tolerance:.2g} {unit}"
+    )
+    falls = [
+        f"{'the supply' if fall.problem.side == 'supply' else f'joint {c + 1}'} ({fall.untuned[c]:.3g} → "
+        f"{fall.model[c]:.3g} {channel_unit(fall.problem, c).replace('*', '')})"
+        for c in explained
+    ]
+    statement += f", and retuning explains most of {' and '.join(falls)}." if falls else "."
+    joint = None if moved.joint is None else moved.joint + 1
+    was, off, std, tolerance = (float(x) for x in (moved.was, moved.off, moved.std, moved.tolerance))
+    return Retuned(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, statement)
+
+
+def _what(moved: _Moved) -> str:
+    name = moved.parameter.replace("_", " ")
+    if moved.joint is None:
+        return "Standby power"
+    if moved.parameter == "mass":
+        return f"The mass of link {moved.joint + 1}"
+    if moved.parameter.startswith("com_"):
+        return f"The centre of mass of link {moved.joint + 1} along {moved.parameter[-1]}"
+    return f"The {name} of {'link' if moved.parameter.startswith('i') else 'joint'} {moved.joint + 1}"
