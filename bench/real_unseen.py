@@ -30,6 +30,7 @@ def main() -> None:
     parser.add_argument("--case", action="append", choices=[*CASES, POWER], help="only these")
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--more", type=Path, default=os.environ.get(MORE), help="another folder with recordings")
+    parser.add_argument("--time", type=float, default=50.0, help="seconds that explain may compute")
     parser.add_argument("--work", type=Path, help="keep robots, recordings and models here")
     options = parser.parse_args()
     folders = [options.data] if options.more is None else [options.data, options.more]
@@ -42,7 +43,9 @@ def main() -> None:
                 result |= {"skipped": f"no recordings in {needed} of {' or '.join(map(str, folders))}"}
             else:
                 try:
-                    result |= supply.supply(data, work) if name == POWER else judged(CASES[name][1](data, work))
+                    result |= (
+                        supply.supply(data, work) if name == POWER else judged(CASES[name][1](data, work), options.time)
+                    )
                 except ExplainError as error:
                     result |= {"failed": str(error)}
             print(json.dumps(result) if options.json else told(result), flush=True)

@@ -31,13 +31,17 @@ class Case:
     unseen: Recording
 
 
-def judged(case: Case) -> dict[str, Any]:
-    """Errors (n,) Nm of simulation, model and regression on the unseen motion, the names, and seconds of computing."""
+def judged(case: Case, seconds: float) -> dict[str, Any]:
+    """Errors (n,) Nm of simulation, model and regression on the unseen motion, the names, and how long it took.
+
+    ``explain`` may compute for ``seconds``.
+    """
     arm = Arm.load(case.robot)
     folder = case.robot.parent
     time = even_time(case.unseen)
     measured = low_pass(resampled(time, case.unseen.time, case.unseen.effort(arm.column("torque_constant"))), BAND)
-    said = explain([r.save(folder) for r in case.seen], case.robot, folder / "out", "--no-report", "-q")
+    options = ("--no-report", "-q", "--time", str(seconds))
+    said = explain([r.save(folder) for r in case.seen], case.robot, folder / "out", *options)
     motion = folder / "motion.parquet"
     table = pq.read_table(case.unseen.save(folder))
     pq.write_table(table.select([c for c in table.column_names if not c.startswith(("tau", "current"))]), motion)
@@ -97,7 +101,9 @@ def _panda(data: Path, work: Path, coulomb: Float) -> Case:
 
 def _lwr(data: Path, work: Path, model: str) -> Case:
     robot = write_robot(work, model, kuka.JOINTS, kuka.urdf(data, model), nothing(7), 200.0)
-    return Case(robot, [kuka.read(data, run) for run in kuka.RUNS[:2]], kuka.read(data, kuka.RUNS[2]))
+    first, _, other = (kuka.read(data, run) for run in kuka.RUNS)
+    seen, unseen = _split(other)
+    return Case(robot, [first, *seen], unseen)
 
 
 def _kr300(data: Path, work: Path, told: Drives) -> Case:
