@@ -2,9 +2,9 @@
 
 Five families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
 (``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``), Isaac Lab's (``joint_pos_0``) and the
-channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and the blank or ``_`` before a number do not matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may
-follow: ``q_1 [deg]``, ``q_3 [mm]`` of a linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI
-unit of the quantity.
+channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and the blank or ``_`` before a number do not
+matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may follow: ``q_1 [deg]``, ``q_3 [mm]`` of a
+linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI unit of the quantity.
 """
 
 from __future__ import annotations

@@ -158,3 +158,16 @@ def test_a_data_set_without_states_says_what_it_has(tmp_path):
     (path / "meta" / "info.json").write_text(json.dumps({"fps": 30, "features": {"observation.image": {}}}))
     with pytest.raises(RecordingError, match=r"without observation\.state; it has observation\.image"):
         read_table(path)
+
+
+@pytest.mark.parametrize("form", ["sqlite3", "mcap folder"])
+def test_a_damaged_bag_is_refused_or_read_to_its_damage(tmp_path, form):
+    path = written(tmp_path / "bag", form)
+    file = next(each for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
+    content = file.read_bytes()
+    for at in range(16, len(content), len(content) // 8):
+        file.write_bytes(content[:at] + b"\xff\xff\xff\x7f" + content[at + 4 :])
+        try:
+            assert 0 < len(read_log(path).time) <= len(TIME)
+        except RecordingError as error:
+            assert str(error).startswith(str(path))
