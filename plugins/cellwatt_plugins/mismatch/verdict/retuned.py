@@ -13,6 +13,7 @@ from cellwatt_plugins.mismatch.verdict.cascade import Falling
 from cellwatt_plugins.mismatch.verdict.channels import channel_unit
 from cellwatt_plugins.mismatch.verdict.findings import Retuned
 from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.effects.effect import INHERITED
 from cellwatt_plugins.robot.priors import link_prior
 
 Float = NDArray[np.float64]
@@ -21,7 +22,7 @@ MOST = 0.5
 """Share of a channel's mean square error beyond the noise that retuning takes off for it to be the answer there."""
 OWN = 0.25
 """Share of what retuning takes off a channel that would come back without a number, for the number to be named."""
-SEEN = 1.3
+SEEN = 2.0
 """Error in units of the noise from which a channel differs from the simulation."""
 BEYOND = 2.0
 """Tolerances, and standard errors, from which a number is off beyond its tolerance."""
@@ -37,9 +38,14 @@ class _Moved:
     joint: int | None
     was: float
     off: float
-    std: float
+    fitted_std: float
     unit: str
     tolerance: float
+
+    @property
+    def std(self) -> float:
+        """Standard deviation, with what a number inherits from the description that it is computed with."""
+        return float(np.hypot(self.fitted_std, INHERITED * (self.was + self.off)))
 
     @property
     def beyond(self) -> bool:
@@ -148,7 +154,7 @@ def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> Retuned:
 
 
 def _what(moved: _Moved) -> str:
-    name = moved.parameter.replace("_", " ")
+    name = moved.parameter.replace("_", " ").replace("coulomb", "Coulomb")
     if moved.joint is None:
         return "Standby power"
     if moved.parameter == "mass":
