@@ -55,8 +55,8 @@ def _place(parameter: str, joint: int | None) -> str:
 
 
 def _allowed(moved: Retuned) -> str:
-    beyond = abs(moved.now - moved.was) > moved.tolerance
-    return f"retuned, {'beyond' if beyond else 'within'} one tolerance, {number(moved.tolerance)} {unit(moved.unit)}"
+    allowed = "beyond" if moved.beyond else "within"
+    return f"retuned, {allowed} what you allow (± {number(moved.tolerance)} {unit(moved.unit)}, one standard deviation)"
 
 
 def label(step: Step, first: bool) -> str:
