@@ -160,7 +160,7 @@ def tell() -> str:
             "watch": Box(2, 2, "code", "health and alarms", "alarm book: patience, damping,\nacknowledge, shelve"),
             "files": Box(3, 0, "file", "MCAP recordings", "flush 50 ms, sync 1 s;\nbudget: oldest files go"),
             "bus": Box(4, 1, "outside", "Zenoh", "samples, frames, results,\nalarms, health"),
-            "answers": Box(3, 2, "code", "answers", "record, last 4096 alarms,\n16 MB of frames"),
+            "answers": Box(3, 2, "code", "answers", "record, last 4096 alarms,\n4 MB of frames"),
             "journal": Box(1, 2, "queue", "journal rings", "2 MB alarms, 4 MB results,\nfor a restarted tell"),
         },
         "raw>tell frames>tell results>tell tell>recorder tell>outbox tell>watch watch>outbox recorder>files outbox>bus "

@@ -5,8 +5,9 @@
 
 Emulated UR controllers (500 Hz, the full default recipe plus more: 62 values) run in one process, the daemon in
 others, on all cores or alone on one, a plain Zenoh subscriber in a last. Latency is told from the subscriber's receipt:
-``daemon`` since the daemon read the packet, ``emulator`` since the emulator sent it (the fastest packet of a run
-counts as 0, so constant transport time is not in it). The peer is the same traffic put on Zenoh by a bare loop.
+``daemon`` since the newest packet of a message came to this PC, ``emulator`` since the emulator sent each packet of it
+(the fastest of a run counts as 0, so constant transport time is not in it). The peer is the same traffic put on Zenoh
+by a bare loop.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def listen(endpoint: str) -> None:
         batch = decode(payload, Mark.decode(attachment, payload))
         samples += len(batch)
         in_daemon.append(at - batch.arrival)
-        by_robot.setdefault(batch.source, []).append(at - int(batch.device_time[-1]))
+        by_robot.setdefault(batch.source, []).extend((at - batch.device_time).tolist())
     whole = np.concatenate([np.array(x) - min(x) for x in by_robot.values()]) * 1e-6
     print(
         json.dumps(
@@ -118,14 +119,14 @@ def percentiles(values: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def run(robots: int, seconds: float, cores: int, stages: bool) -> dict[str, Any]:
+def run(robots: int, seconds: float, cores: int, stages: bool, latency: str) -> dict[str, Any]:
     """One run of the daemon on one core, or on all; its CPU share, losses and the subscriber's figures."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         emulators = spawn("devices", str(robots), cpus={1})
         ports = json.loads(line(emulators))
-        write(folder / "cell.yaml", ports, endpoint, folder, stages)
+        write(folder / "cell.yaml", ports, endpoint, folder, stages, latency)
         daemon = subprocess.Popen(
             [sys.executable, "-m", "cellwatt.commands", "run", str(folder / "cell.yaml")],
             stderr=(folder / "log").open("w"),
@@ -171,7 +172,7 @@ def last_health(folder: Path) -> dict[str, Any]:
     return dict(list(Recording.open(folder / "record").health())[-1].status)
 
 
-def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path, stages: bool) -> None:
+def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path, stages: bool, latency: str) -> None:
     channels = "[" + ", ".join(CHANNELS) + "]"
     sources = "\n".join(
         f"  robot_{i}: {{driver: ur, host: 127.0.0.1, port: {port}, channels: {channels}}}"
@@ -180,7 +181,8 @@ def write(path: Path, ports: Sequence[int], endpoint: str, folder: Path, stages:
     named = "".join(f"  tasks_{i}: {{stage: segment, arm: robot_{i}}}\n" for i in range(len(ports)))
     judged = f"stages:\n{named}" if stages else ""
     path.write_text(
-        f"site: bench\ncell: bench\nsources:\n{sources}\n{judged}record: {{folder: {folder / 'record'}}}\n"
+        f"site: bench\ncell: bench\nlatency: {latency}\nsources:\n{sources}\n{judged}"
+        f"record: {{folder: {folder / 'record'}}}\n"
         f"zenoh: {{listen: [{endpoint}]}}\n"
     )
 
@@ -220,13 +222,14 @@ def main() -> None:
     parser.add_argument("--robots", type=int, nargs="*", default=[8, 16, 32])
     parser.add_argument("--cores", type=int, choices=[1, 2], default=2, help="1: the daemon alone on one core")
     parser.add_argument("--stages", action="store_true", help="cut the motion of every robot into tasks, too")
+    parser.add_argument("--latency", choices=["normal", "low"], default="normal")
     parser.add_argument("--role", nargs=2, metavar=("ROLE", "ARGUMENT"))
     a = parser.parse_args()
     if a.role:
         role, argument = a.role
         asyncio.run(devices(int(argument))) if role == "devices" else listen(argument)
         return
-    runs = [run(robots, a.seconds, a.cores, a.stages) for robots in a.robots for _ in range(a.repeats)]
+    runs = [run(robots, a.seconds, a.cores, a.stages, a.latency) for robots in a.robots for _ in range(a.repeats)]
     if a.json:
         print(json.dumps(runs))
     else:

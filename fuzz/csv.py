@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 
@@ -10,6 +11,8 @@ from cellwatt.errors import RecordingError
 from cellwatt.tables import read_table
 from cellwatt_plugins.energy.recordings import read_reading
 from fuzz.target import Target, folder
+
+PLACE = re.compile(r"in row (\d+), column ([A-Z]+)")
 
 
 def run(data: bytes) -> None:
@@ -21,7 +24,10 @@ def run(data: bytes) -> None:
         assert all(len(column) == len(signals.time) for column in signals.columns.values())
     with suppress(RecordingError):
         table = read_table(path)
-        assert table.columns or table.text
+        for reason in table.unfit.values():
+            if (place := PLACE.search(reason)) is not None:  # the cell is there
+                assert int(place[1]) <= 1 + len(re.findall(rb"\r\n|\r|\n", data.replace(b"\0", b"")))
+                assert place[2] in table.letters.values()
         assert all(len(column) == len(table) for column in table.columns.values())
         table.joints("position")
     with suppress(RecordingError):

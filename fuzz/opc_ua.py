@@ -26,8 +26,8 @@ from fuzz.target import Target
 
 STREAM: Final = Stream("tags", (Channel("speed", "rad/s"), Channel("torque", "Nm")), 10.0, "device")
 SOURCES: Final = {
-    0: [Source(0, ua.NodeId(1), None, 1.0, 0.0)],
-    1: [Source(1, ua.NodeId(2), 1, 0.001, 273.15)],
+    0: [Source(0, ua.NodeId(1), (), 1.0, 0.0)],
+    1: [Source(1, ua.NodeId(2), (1,), 0.001, 273.15)],
 }
 EVENT: Final = b"event"
 NOTICE: Final = b"N"

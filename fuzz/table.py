@@ -39,6 +39,7 @@ TABLE: Mapping[str, Entry] = {
     "reference": Entry("references, power equations, models: YAML"),
     "model": Entry("what a model file says about itself, JSON"),
     "csv": Entry("CSV tables that people bring"),
+    "sheet": Entry("CSV tables drawn from what spreadsheets, loggers and locales write"),
     "question": Entry("a consumer's Zenoh question: selector and answer"),
     "message": Entry("a cell's Zenoh message: key, mark, JSON"),
     "arrow": Entry("a cell's Zenoh message: mark, Arrow stream"),

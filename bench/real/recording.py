@@ -32,7 +32,7 @@ class Recording:
     current: Float | None = None
     """(N, n) A."""
     torque: Float | None = None
-    """(N, n) Nm."""
+    """(N, n) Nm; NaN where a joint's is not known."""
     dropped: int = 0
     """Rows that are damaged in the source."""
 
@@ -62,12 +62,13 @@ class Recording:
         )
 
     def save(self, folder: Path) -> Path:
-        """Write ``<name>.recording.parquet``: t, q_i, qd_i and current_i or tau_i, joints from 1."""
+        """Write ``<name>.recording.parquet``: t, q_i, qd_i and current_i or tau_i where known, joints from 1."""
         groups = {"q": self.position, "qd": self.velocity, "current": self.current, "tau": self.torque}
         columns = {"t": self.time}
         for stem, values in groups.items():
             if values is not None:
-                columns |= {f"{stem}_{j + 1}": values[:, j] for j in range(values.shape[1])}
+                known = np.flatnonzero(~np.isnan(values).all(axis=0))
+                columns |= {f"{stem}_{j + 1}": values[:, j] for j in known}
         path = folder / f"{self.name}.recording.parquet"
         pq.write_table(pa.table(columns), path)
         return path

@@ -97,11 +97,13 @@ __all__ = [
 def open(recording: Places) -> Recording:
     """Open a recording: a file, several, or a folder, also one that is being written.
 
+    A ROS 2 bag, an MCAP of joint states or a LeRobot data set is opened as if cellwatt had recorded it.
+
     Raises ``RecordingError`` where there is no recording, or they are of several cells.
     """
-    from cellwatt.record import Recording
+    from cellwatt.logs.recorded import open_recording
 
-    return Recording.open(recording)
+    return open_recording(recording)
 
 
 def __getattr__(name: str) -> Any:

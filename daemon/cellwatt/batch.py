@@ -51,6 +51,8 @@ class Batch:
     values: Float
     quality: Qualities
     device_time: Nanoseconds | None = field(default=None)
+    rows: NDArray[np.void] | None = field(default=None, init=False, repr=False, compare=False)
+    """The same as rows of the record, where it was read from a ring, for the record; a changed copy has none."""
 
     def __len__(self) -> int:
         return len(self.time)

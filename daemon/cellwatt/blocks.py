@@ -55,4 +55,4 @@ def cut(content: Block, first: int, last: int) -> Block:
 
 
 def _arrays(block: Batch | Frames) -> list[str]:
-    return [f.name for f in fields(block) if isinstance(getattr(block, f.name), np.ndarray)]
+    return [f.name for f in fields(block) if f.init and isinstance(getattr(block, f.name), np.ndarray)]

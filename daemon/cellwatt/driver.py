@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Generic, Protocol, TypeVar
 
@@ -96,10 +96,16 @@ class Driver(ABC, Generic[S]):
     writes: ClassVar[tuple[str, ...]]
     """Every kind of byte sequence this driver may send to the device, in words."""
 
+    left_out: frozenset[str] = frozenset()
+    """Channels that this device does not have, which was told when it answered: they are NaN, and no trouble."""
+
     def __init__(self, name: str, settings: S, outlet: Outlet) -> None:
         self.name = name
         self.settings = settings
         self.outlet = outlet
+        self.gather: Callable[[], float] = lambda: 0.0
+        """s for which what the device sends may wait to be read or decoded together, now; 0: take it as it comes. The
+        daemon sets it. No time of arrival may depend on it: the kernel stamps what waits there."""
 
     @property
     @abstractmethod

@@ -1,10 +1,11 @@
-"""Kernel time stamps of received datagrams, which stay right if the process reads them late."""
+"""Kernel time stamps of what was received, which stay right if the process reads it late."""
 
 from __future__ import annotations
 
 import socket
 import struct
 import time
+from collections.abc import Iterable
 from typing import Any, Final
 
 _SO_TIMESTAMPNS: Final = 35
@@ -16,7 +17,7 @@ _OLDEST: Final = 10_000_000_000
 
 
 def stamp_receipts(opened: socket.socket) -> bool:
-    """Switch on kernel time stamps for a datagram socket; return False if the kernel refuses."""
+    """Switch on kernel time stamps for a socket; return False if the kernel refuses."""
     try:
         opened.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
     except OSError:
@@ -30,9 +31,22 @@ def receive(opened: socket.socket, size: int) -> tuple[bytes, Any, int]:
     The waiting time is 0 without a kernel time stamp. Raises ``OSError`` as ``socket.recvmsg`` does.
     """
     datagram, ancillary, _, sender = opened.recvmsg(size, _ANCILLARY)
+    return datagram, sender, _waited(ancillary)
+
+
+def receive_into(opened: socket.socket, room: memoryview) -> tuple[int, int]:
+    """Receive the next bytes of a connection; return how many, and the waiting time of the newest in this PC, ns.
+
+    The waiting time is 0 without a kernel time stamp. Raises ``OSError`` as ``socket.recvmsg_into`` does.
+    """
+    size, ancillary, _, _ = opened.recvmsg_into([room], _ANCILLARY)
+    return size, _waited(ancillary)
+
+
+def _waited(ancillary: Iterable[tuple[int, int, bytes]]) -> int:
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
             waited = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
-            return datagram, sender, waited if 0 < waited < _OLDEST else 0
-    return datagram, sender, 0
+            return waited if 0 < waited < _OLDEST else 0
+    return 0

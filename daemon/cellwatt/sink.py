@@ -144,6 +144,11 @@ class Sink(ABC, Generic[S]):
     def succeed(self, before: Sink[Any]) -> None:
         """Take over from the sink of this name that new settings have ended what its consumers may still ask for."""
 
+    @property
+    def awaited(self) -> bool:
+        """True if somebody waits for samples and frames: they are offered at each gather then, else less often."""
+        return False
+
     def starting(self) -> bool:
         """True while the sink does not serve yet, though nothing is wrong."""
         return False

@@ -63,7 +63,7 @@ def linear(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits
 
 def hold(samples: Samples, columns: Columns, grid: Nanoseconds, limits: Limits) -> Aligned:
     """Take the last sample at or before the grid point; it counts as missing if it is older than ``limits.longest``."""
-    last = np.searchsorted(samples.time, grid, side="right") - 1
+    last = samples.time.searchsorted(grid, side="right") - 1
     inside = last >= 0
     last = np.maximum(last, 0)
     age = grid - samples.time[last]
@@ -81,8 +81,8 @@ def average(samples: Samples, columns: Columns, grid: Nanoseconds, step: int, li
     """
     time, bound, values, quality = samples
     edges = np.append(grid, grid[-1] + step) - step // 2
-    first = np.searchsorted(time, edges[:-1], side="right") - 1
-    last = np.searchsorted(time, edges[1:], side="left")
+    first = time.searchsorted(edges[:-1], side="right") - 1
+    last = time.searchsorted(edges[1:], side="left")
     inside = (first >= 0) & (last < len(time))
     known = np.flatnonzero(inside)
     result = np.zeros((len(grid), values[:1, columns].shape[1]))
@@ -109,8 +109,8 @@ def _steps(time: Nanoseconds) -> Nanoseconds:
 
 def _neighbours(time: Nanoseconds, grid: Nanoseconds) -> tuple[_Index, _Index, NDArray[np.bool_]]:
     """Indices of the samples before and after each grid point (equal if one is on it), and if both exist, (m,) each."""
-    left = np.searchsorted(time, grid, side="right") - 1
-    right = np.searchsorted(time, grid, side="left")
+    left = time.searchsorted(grid, side="right") - 1
+    right = time.searchsorted(grid, side="left")
     inside = (left >= 0) & (right < len(time))
     return np.maximum(left, 0), np.minimum(right, len(time) - 1), inside
 
@@ -127,8 +127,8 @@ def _integrals(time: Nanoseconds, values: Float, edges: Nanoseconds) -> Float:
     before = edges - time[left]
     weight = before / np.maximum(time[right] - time[left], 1)
     at_edges = values[left] + weight[:, None] * (values[right] - values[left])
-    begin, end = np.searchsorted(time, edges[0]), np.searchsorted(time, edges[-1])
-    place = np.searchsorted(time, edges) - begin + np.arange(len(edges))
+    begin, end = time.searchsorted(edges[0]), time.searchsorted(edges[-1])
+    place = time.searchsorted(edges) - begin + np.arange(len(edges))
     is_edge = np.zeros(end - begin + len(edges), np.bool_)
     is_edge[place] = True
     when = np.empty(len(is_edge), np.int64)

@@ -52,7 +52,7 @@ class Track:
         n = len(time)
         first, last = int(time[0]), int(time[-1])
         if last > horizon:
-            n = int(np.searchsorted(time, horizon, side="right"))
+            n = int(time.searchsorted(horizon, side="right"))
             self.counts.ahead += len(time) - n
             if n == 0:
                 return
@@ -60,7 +60,7 @@ class Track:
         if first <= self.newest:
             self._turn_back(first)
         if first <= settled:
-            self.counts.late += int(np.searchsorted(time[:n], settled, side="right"))
+            self.counts.late += int(time[:n].searchsorted(settled, side="right"))
         if self._end + n > len(self._time):
             self._pack(n)
         rows = slice(self._end, self._end + n)
@@ -73,11 +73,11 @@ class Track:
 
     def forget(self, before: int) -> None:
         """Discard all samples before ``before`` ns except the last of them."""
-        older = int(np.searchsorted(self._time[self._first : self._end], before, side="right"))
+        older = int(self._time[self._first : self._end].searchsorted(before, side="right"))
         self._first += max(0, older - 1)
 
     def _turn_back(self, to: int) -> None:
-        keep = self._first + int(np.searchsorted(self._time[self._first : self._end], to))
+        keep = self._first + int(self._time[self._first : self._end].searchsorted(to))
         self.counts.replaced += self._end - keep
         self._end = keep
 

@@ -24,6 +24,7 @@ from cellwatt.demo.demonstration import Demonstration
 from cellwatt.demo.power import MEASURED
 from cellwatt.errors import CellwattError, ConfigError, Problem, why
 from cellwatt.live.as_json import take_line
+from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.sparkline import bars
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
@@ -40,6 +41,9 @@ REDRAW = 0.125
 """s between two drawings."""
 HEALTHY = 20.0
 """s that the small cell needs at least, to see healthy cycles before the fault."""
+STARTING = "starting emulated devices, the daemon and a subscriber"
+TOLD = ("health", "alarm", "task", "event", "gap")
+"""Kinds of messages that have a line where the output is no terminal."""
 
 
 @click.command()
@@ -54,6 +58,8 @@ def command(cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path 
     The small cell has four devices; halfway a spring is hooked on an elbow. Exit code 0 only if nothing was lost and
     the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate; exit code
     0 only if nothing was lost.
+
+    Where the output is no terminal, the address of the page and what happens are lines.
 
     With --outlets the small cell is also served to Prometheus, MQTT and OPC UA, and read back with a client of each;
     exit code 0 only if they said the same and showed the alarm. Mosquitto and Prometheus run where they are installed.
@@ -71,7 +77,8 @@ def command(cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path 
         except OSError as error:
             raise CellwattError(f"{folder} cannot be made: {why(error)}") from error
         beside = _outlets(folder) if outlets else None
-        summary = (_quiet if as_json else _live)(cell, folder, seconds, beside)
+        show = _quiet if as_json else _live if Console().is_terminal else _lines
+        summary = show(cell, folder, seconds, beside)
     if as_json:
         click.echo(json.dumps(summary))
     else:
@@ -102,8 +109,28 @@ def _quiet(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> 
     return asyncio.run(_run(cell, run))
 
 
+def _lines(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
+    """Print a line for each step, task, alarm and change of a source, and every 10 s how the cell stands."""
+    bulletin = Bulletin()
+
+    def show(line: Mapping[str, Any]) -> None:
+        news = bulletin.of_line(line) if line["kind"] in TOLD else ()
+        for text in (*news, *bulletin.stands(time.monotonic())):
+            say(text)
+
+    def say(text: str) -> None:
+        try:
+            click.echo(text)
+        except BrokenPipeError:
+            run.stop("nobody reads its output any more")
+
+    run = Demonstration(folder, seconds, show, say, outlets)
+    say(STARTING)
+    return asyncio.run(_run(cell, run))
+
+
 def _live(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> dict[str, Any]:
-    view, title, drawn = LiveCell(), "starting emulated devices, the daemon and a subscriber", 0.0
+    view, title, drawn = LiveCell(), STARTING, 0.0
     with Live(auto_refresh=False) as live:
 
         def draw() -> None:

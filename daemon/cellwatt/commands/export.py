@@ -18,6 +18,7 @@ from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.scheduling import with_scheduler
 from cellwatt.commands.units import recorded_units, with_units
 from cellwatt.errors import RecordingError
+from cellwatt.logs.recorded import open_recording
 from cellwatt.record import Recording, messages
 from cellwatt.record.scan import Damage
 from cellwatt.record.tables import Table, write_lines
@@ -60,13 +61,15 @@ def command(
     """
     if verify is not None:
         _refuse_unsigned(recordings, verify)
-    recording = Recording.open(recordings)
+    recording = open_recording(recordings)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordingError(f"{out} cannot be made: {error.strerror}") from error
     export = Export(out, form, force, recorded_units(recording.header.settings, units))
     written, damage = export.run(recording, only)
+    if not written:
+        raise recording.lacks_frames()
     if as_json:
         told = [str(d) for d in damage]
         report = {"start": recording.start, "end": recording.end, "files": written, "damage": told}
@@ -74,8 +77,6 @@ def command(
         return
     for file in written:
         click.echo(f"{out / file['file']}: {file['rows']} rows")
-    if not written:
-        click.echo("nothing to export")
 
 
 def _refuse_unsigned(recordings: tuple[Path, ...], key: Path) -> None:

@@ -9,11 +9,15 @@ from typing import Any, Final
 import click
 
 from cellwatt.fetch import MissingError, fetch, is_url
+from cellwatt.logs.choice import MARK, chosen
 from cellwatt.progress import show_progress
 
 
 class Input(click.Path):
-    """A path that is there, or a URL as fsspec knows them (``s3://bucket/key``), given as the path of a copy."""
+    """A path that is there, or a URL as fsspec knows them (``s3://bucket/key``), given as the path of a copy.
+
+    ``#`` and the part of a log that is meant may follow a path.
+    """
 
     def convert(self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Path of the file or folder. Raises ``CellwattError`` where a URL cannot be fetched."""
@@ -25,6 +29,9 @@ class Input(click.Path):
                     value = fetch(value)
             except MissingError as error:
                 self.fail(str(error), param, ctx)
+        place, choice = chosen(Path(value))
+        if choice:
+            return Path(f"{place}{MARK}{','.join(choice)}")
         return super().convert(value, param, ctx)
 
 

@@ -7,15 +7,16 @@ from pathlib import Path
 
 import click
 
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import FINITE
 from cellwatt.commands.quiet import with_progress
 from cellwatt.commands.units import recorded_units, with_units
+from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import stage
-from cellwatt.record import Recording
 
 
 @click.command()
-@click.argument("recording", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), default=Path("plot.html"), show_default=True)
 @click.option("--from", "start", type=FINITE, help="First second to show, from the recording's start.")
 @click.option("--to", "end", type=FINITE, help="Last second to show.")
@@ -38,7 +39,7 @@ def command(
     """
     from cellwatt.runtime.page import report
 
-    opened = Recording.open(recording)
+    opened = open_recording(recording)
     page = report(opened, start, end, channels, recorded_units(opened.header.settings, units))
     with stage(f"writing {out}"):
         page.write(out)

@@ -14,11 +14,13 @@ import click
 from pydantic import ValidationError
 
 from cellwatt.commands import EXIT_FAILED
+from cellwatt.commands.inputs import INPUT
 from cellwatt.commands.numbers import NOT_NEGATIVE
 from cellwatt.commands.quiet import with_progress
 from cellwatt.config import CellConfig, FrameSettings, load
 from cellwatt.errors import RecordingError
 from cellwatt.frames import Frames
+from cellwatt.logs.recorded import open_recording
 from cellwatt.progress import aside
 from cellwatt.record import Recording
 from cellwatt.report.page import PAGE
@@ -29,7 +31,7 @@ from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
 @click.command()
-@click.argument("recording", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.argument("recording", nargs=-1, required=True, type=INPUT)
 @click.option(
     "--settings",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -51,8 +53,10 @@ def command(
     """Run RECORDING (files or folders of one session) through frames and stages again."""
     if page is not None and not verify:
         raise click.UsageError("--report is about what --verify compares: add --verify")
-    opened = Recording.open(recording)
+    opened = open_recording(recording)
     config = load(settings) if settings is not None else None
+    if not opened.has_samples:
+        raise opened.lacks_frames()
     _check_sources(opened)
     frames = replay_frames(paced(opened.entries(), speed), opened.header.streams, _grid(opened, config))
     kept: list[Frames] = []

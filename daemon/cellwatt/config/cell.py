@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
+from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import unusable
@@ -20,6 +21,7 @@ from cellwatt.units import Units
 
 LARGEST_FRAME_RATE = 1000.0  # Hz
 
+Latency = Literal["normal", "low"]
 KeyPart = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 """A name that is one part of a Zenoh key."""
 
@@ -38,6 +40,10 @@ class CellName(BaseModel):
     robot: str | None = None
     """Robot in the cell: its name, which must be that of models and references; or a path to its ``robot.yaml`` or
     the folder that holds it."""
+    latency: Latency = "normal"
+    """``normal``: samples travel in blocks of 10 ms (at most half a frame) and reach a subscriber within 25 ms.
+    Where nobody subscribes to them, the blocks are longer. ``low``: each goes on as it comes, for several times the
+    processor time."""
 
 
 class FrameSettings(BaseModel):
@@ -119,6 +125,14 @@ class CellConfig:
     read_with: tuple[str, ...] = ()
     record_place: str = field(default="", compare=False)
     """``file:line:column`` of the record folder."""
+    latency: Latency = "normal"
+
+    def gather(self, *, awaited: bool) -> float:
+        """s for which samples gather before they go on, while somebody awaits them or nobody does; 0: not at all."""
+        if self.latency == "low":
+            return 0.0
+        shortest = min(GATHER, FRAME / self.frames.rate)
+        return shortest if awaited else max(shortest, min(UNAWAITED, LATE * self.frames.latency))
 
     @property
     def folder(self) -> Path:

@@ -156,6 +156,7 @@ def _cell(reading: _Reading, path: Path) -> CellConfig | None:
         site=name.site,
         cell=name.cell,
         robot=name.robot,
+        latency=name.latency,
         sources=sources,
         frames=frames,
         stages=stages,

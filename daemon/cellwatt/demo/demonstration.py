@@ -55,6 +55,7 @@ class Demonstration:
         Raises ``CellwattError`` when a process does not start.
         """
         endpoint, page, outlets = cells.free_endpoint(), cells.free_endpoint(), self.outlets
+        self.say(f"the daemon and four emulated devices are starting; then in a browser: http://{page}")
         file = cells.packaged() if outlets is None else outlets.settings()
         config = load(file, cells.environment(self.folder, endpoint, page, {}))
         devices = devices_of(config, free=True, speeds=cells.SPEEDS)

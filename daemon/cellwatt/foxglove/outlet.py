@@ -79,6 +79,10 @@ class _Listener:
         pass
 
 
+_RELEASE: Final = 5.0
+"""s in which a port that was ours is free again."""
+
+
 class _Behind(logging.Handler):
     """Counts the library's notices that a client does not keep up; it drops without saying how many messages."""
 
@@ -155,6 +159,7 @@ class Outlet:
                 message_backlog_size=BACKLOG,
             )
         except RuntimeError as error:
+            channels.close()
             raise SinkError(f"Foxglove cannot listen on {self._host}:{self.port}: {error}") from None
         self._channels = channels
         self.port = self._server.port
@@ -207,7 +212,18 @@ class Outlet:
         self._topics |= {topic.name: topic for topic in new}
         if self.is_open:
             self._shut()
-            self.open()
+            self._open_again()
+
+    def _open_again(self) -> None:
+        """Listen where the server was. The library may let go of the port a while after its server has stopped."""
+        end = time.monotonic() + _RELEASE
+        while True:
+            try:
+                return self.open()
+            except SinkError:
+                if time.monotonic() > end:
+                    raise
+            time.sleep(0.02)
 
     def _shut(self) -> None:
         if self._channels is not None:

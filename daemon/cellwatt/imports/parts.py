@@ -44,16 +44,29 @@ def read_parts(path: Path, columns: ColumnMap) -> Iterator[Part]:
     if columns.layout == "matlab":
         yield from (_part(name, found, columns, path) for name, found in _motions(path, columns))
         return
-    table = read_table(path).columns
+    table = read_table(path)
+    if unfit := [name for name in _wanted(columns) if name in table.unfit]:
+        raise table.refused(unfit[0])
+    found = table.columns
     if columns.part is None:
-        yield _part(path.stem, table, columns, path)
+        yield _part(path.stem, found, columns, path)
         return
-    if columns.part not in table:
-        raise RecordingError(f"{path}: no column {columns.part}; there are: {listed(list(table))}")
-    number = table[columns.part]
+    number = _column(columns.part, found, str(path))
     edges = np.flatnonzero(np.diff(number) != 0) + 1
     for a, b in zip([0, *edges], [*edges, len(number)], strict=True):
-        yield _part(f"{columns.part} {number[a]:g}", {n: c[a:b] for n, c in table.items()}, columns, path)
+        yield _part(f"{columns.part} {number[a]:g}", {n: c[a:b] for n, c in found.items()}, columns, path)
+
+
+def _wanted(columns: ColumnMap) -> Iterator[str]:
+    """Names of the columns that a map reads."""
+    if columns.part is not None:
+        yield columns.part
+    for source in columns.sources.values():
+        yield source.time
+        for column in source.channels.values():
+            for joint in range(columns.joints + 1):
+                yield column.column.format(joint)
+                yield (column.times or "").format(joint)
 
 
 def _part(name: str, found: Mapping[str, Float], columns: ColumnMap, path: Path) -> Part:

@@ -27,8 +27,12 @@ BLOCK = 0.1
 """s of samples handed on at a time, as a device would: sources that are slower are awaited."""
 
 
-def write_recording(folder: Path, parts: Iterable[Part], cell: str, rate: float) -> dict[str, int]:
+def write_recording(
+    folder: Path, parts: Iterable[Part], cell: str, rate: float, start: int | None = None
+) -> dict[str, int]:
     """Writes a recording with frames at ``rate`` Hz; gives how many parts, samples and frames.
+
+    ``start`` is the UTC ns at which the first part begins, where that is known.
 
     Raises ``RecordingError`` where parts differ in their channels, or the disk does not take them.
     """
@@ -36,12 +40,12 @@ def write_recording(folder: Path, parts: Iterable[Part], cell: str, rate: float)
     streams: dict[str, tuple[Stream, ...]] = {}
     counts = {"parts": 0, "samples": 0, "frames": 0}
     sequence: dict[str, int] = {}
-    start = START
+    start = session = START if start is None else start
     try:
         for part in parts:
             if recorder is None:
                 streams = {name: (_stream(name, each),) for name, each in part.sources.items()}
-                recorder = Recorder(RecordSettings(folder=folder), Header(cell, cell, START, streams=streams))
+                recorder = Recorder(RecordSettings(folder=folder), Header(cell, cell, session, streams=streams))
                 aligner = Aligner(streams, rate, max(0.5, 3 / rate))
                 recorder.start()
             zero = min(each.time[0] for each in part.sources.values())

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from cellwatt.live.as_json import line_of, take_line
 from cellwatt.live.state import LiveCell
-from cellwatt.results import Alarm, Energy, Event, Interval, Task
-from cellwatt.subscriber import Gap, Health, Message
+from cellwatt.subscriber import Message
 
 EVERY: Final = 10.0
 """s between two lines of how the cell stands."""
@@ -24,25 +24,34 @@ class Bulletin:
         self._stands_at = 0.0
 
     def of(self, message: Message) -> Iterator[str]:
-        """Lines about a message."""
+        """Lines about a message of a subscriber."""
+        return self._news(line_of(message), lambda: self.cell.take(message))
+
+    def of_line(self, line: Mapping[str, Any]) -> Iterator[str]:
+        """Lines about a message as ``watch --json`` prints it."""
+        return self._news(line, lambda: take_line(self.cell, line))
+
+    def _news(self, line: Mapping[str, Any], take: Callable[[], None]) -> Iterator[str]:
+        """Lines about what ``take``, which lets the cell take a message, has changed."""
         if self._silent:
             self._silent = False
             yield _line("messages again")
         before, alarms, restarts = self.cell.status, dict(self.cell.alarms), self.cell.restarts
-        self.cell.take(message)
+        take()
         if self.cell.restarts > restarts:
             before = {}
             yield _line("the daemon was started again")
-        match message.content:
-            case Health():
-                yield from _changes(before, self.cell.status)
-            case Gap() as gap:
-                yield _line(f"{gap.count} of {message.topic} are lost: {gap.reason}")
-            case Interval() | Task() | Energy() | Event() as content:
-                if said := _said(content):
-                    yield _line(said, content.time if isinstance(content, Event) else content.end)
-            case Alarm() as alarm if _news(alarm, alarms.get(alarm.id)):
-                yield _line(f"{alarm.severity if alarm.active else 'cleared'}: {alarm.statement}", alarm.time)
+        kind, content = line["kind"], line["content"]
+        if kind == "health":
+            yield from _changes(before, self.cell.status)
+        elif kind == "gap":
+            yield _line(f"{content['count']} of {line['topic']} are lost: {content['reason']}")
+        elif kind == "alarm":
+            if _is_news(content, alarms.get(content["id"])):
+                word = content["severity"] if content["active"] else "cleared"
+                yield _line(f"{word}: {content['statement']}", content["time"])
+        elif said := _said(kind, content):
+            yield _line(said, content["time" if kind == "event" else "end"])
 
     def stands(self, now: float) -> Iterator[str]:
         """Lines that are due: the silence of the cell, or each ``EVERY`` s how it stands."""
@@ -51,14 +60,15 @@ class Bulletin:
             if not self._silent:
                 self._silent = True
                 yield _line(f"no message for {gone:.0f} s; last at {_at(cell.heard_at)}")
-        elif cell.status and now >= self._stands_at:
+        elif cell.status.get("sources") and now >= self._stands_at:
             self._stands_at = now + EVERY
             yield _line(_standing(cell))
 
 
-def _news(alarm: Alarm, before: Mapping[str, Any] | None) -> bool:
+def _is_news(alarm: Mapping[str, Any], before: Mapping[str, Any] | None) -> bool:
     """True unless an alarm only tells other figures than before."""
-    return not (before and alarm.active and (alarm.severity, alarm.joint) == (before["severity"], before["joint"]))
+    same = before and (alarm["severity"], alarm["joint"]) == (before["severity"], before["joint"])
+    return not (alarm["active"] and same)
 
 
 def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[str]:
@@ -75,21 +85,25 @@ def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[s
             yield _line(f"warning: {warning}", status["time"])
 
 
-def _said(content: Interval | Task | Energy | Event) -> str:
-    match content:
-        case Interval():
+def _said(kind: str, content: Mapping[str, Any]) -> str:
+    """Words about a result or an event; empty for kinds that have no line."""
+    match kind:
+        case "interval" if content["closed"]:
             joints = (
-                f"joint{'s' * (len(content.moving) > 1)} {'+'.join(map(str, content.moving))} moved"
-                if content.moving
+                f"joint{'s' * (len(content['moving']) > 1)} {'+'.join(map(str, content['moving']))} moved"
+                if content["moving"]
                 else "rest"
             )
-            return f"interval {content.number}: {joints}, {_seconds(content)}" if content.closed else ""
-        case Task():
-            return f"task {content.name} × {content.repetition} ({content.variant}), {_seconds(content)}"
-        case Energy():
-            return f"energy {content.task} × {content.repetition}: {content.total:.0f} J ± {content.uncertainty:.1f} J"
-        case Event():
-            return f"{content.source or 'cell'}: {content.text}"
+            return f"interval {content['number']}: {joints}, {_seconds(content)}"
+        case "task":
+            name = f"{content['name']} × {content['repetition']}"
+            return f"task {name} ({content['variant']}), {_seconds(content)}"
+        case "energy":
+            name = f"{content['task']} × {content['repetition']}"
+            return f"energy {name}: {content['total']:.0f} J ± {content['uncertainty']:.1f} J"
+        case "event":
+            return f"{content['source'] or 'cell'}: {content['text']}"
+    return ""
 
 
 def _standing(cell: LiveCell) -> str:
@@ -104,8 +118,8 @@ def _standing(cell: LiveCell) -> str:
     )
 
 
-def _seconds(span: Interval | Task) -> str:
-    return f"{(span.end - span.start) * 1e-9:.2f} s"
+def _seconds(span: Mapping[str, Any]) -> str:
+    return f"{(span['end'] - span['start']) * 1e-9:.2f} s"
 
 
 def _line(text: str, ns: int | None = None) -> str:

@@ -6,6 +6,7 @@ zenoh is imported on first use. Nothing listens and nothing is discovered unless
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import re
 import socket
@@ -172,9 +173,9 @@ def open_session(
 ) -> zenoh.Session:
     """Open a session; blocks, so call it in a thread.
 
-    A client tries for ``patience`` s (``PATIENCE``) to reach its router, unless it is refused there. Raises
-    ``SinkError`` that says what to check, or when ``stopped()`` turns true meanwhile. Fragmented messages (Zenoh's
-    fragments hold 64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
+    A client tries its endpoints in turn for ``patience`` s (``PATIENCE``), unless all of them refuse it. Raises
+    ``SinkError`` that says of each endpoint what to check, or when ``stopped()`` turns true meanwhile. Fragmented
+    messages (Zenoh's fragments hold 64 kB) of more than ``largest`` bytes are discarded before they are reassembled.
     """
     import zenoh
 
@@ -182,16 +183,24 @@ def open_session(
     for problem in unreadable(settings):
         raise SinkError(problem)
     end = time.monotonic() + (PATIENCE if patience is None else patience)
-    refusals = 0
-    while True:
+    order = settings.connect or ("",)
+    refusals, reasons = dict.fromkeys(order, 0), dict.fromkeys(order, "")
+    for at in itertools.cycle(range(len(order))):
+        # Zenoh gives up at the first endpoint that is away: each is the first in turn. All stay known to the session.
+        first = order[at]
+        turned = settings.model_copy(update={"connect": settings.connect[at:] + settings.connect[:at]})
+        attempt = min(refusals[first], len(_ATTEMPTS) - 1)
         try:
-            return zenoh.open(session_config(settings, _ATTEMPTS[refusals], largest))
+            return zenoh.open(session_config(turned, _ATTEMPTS[attempt], largest))
         except zenoh.ZError as error:
-            refused, reason = _explain(settings, error)
-            refusals = refusals + 1 if refused else 0
-            if refusals == len(_ATTEMPTS) or stopped() or time.monotonic() > end:
-                raise SinkError(reason) from None
+            refused, reasons[first] = _explain(first, error)
+            refusals[first] = refusals[first] + 1 if refused else 0
+        tried = all(reasons.values()) or not settings.connect
+        hopeless = min(refusals.values()) >= len(_ATTEMPTS)
+        if hopeless or stopped() or (tried and time.monotonic() > end):
+            raise SinkError("; ".join(filter(None, dict.fromkeys(reasons.values()))))
         time.sleep(_PAUSE)
+    raise AssertionError("a cycle has no end")
 
 
 def _options(settings: LinkSettings, timeout: float, largest: int) -> Iterator[tuple[str, Any]]:
@@ -248,22 +257,18 @@ def _plain(error: Exception) -> str:
     return _ZENOH_PLACE.sub("", (found[1] or found[2]) if found else text).strip()
 
 
-def _explain(settings: LinkSettings, error: Exception) -> tuple[bool, str]:
-    """True if another try is useless for now, and the text for the person at the cell."""
+def _explain(endpoint: str, error: Exception) -> tuple[bool, str]:
+    """True if another try at an endpoint is useless for now, and the text for the person at the cell."""
     text = _plain(error)
     if "Unable to connect" not in text:
         return True, f"Zenoh session: {text}"
-    answers = {endpoint: _probe(endpoint) for endpoint in settings.connect}
-    return None in answers.values(), _answers(answers)
+    answer = _probe(endpoint)
+    return answer is None, f"{endpoint}: {answer or _REFUSED}"
 
 
 def why_unconnected(settings: LinkSettings) -> str:
     """Reason why a session has no link to any endpoint of ``connect``. Blocks for up to 1 s per endpoint."""
-    return _answers({endpoint: _probe(endpoint) for endpoint in settings.connect})
-
-
-def _answers(answers: Mapping[str, str | None]) -> str:
-    return "; ".join(f"{endpoint}: {answer or _REFUSED}" for endpoint, answer in answers.items())
+    return "; ".join(f"{endpoint}: {_probe(endpoint) or _NOT_YET}" for endpoint in settings.connect)
 
 
 def unreadable(settings: LinkSettings) -> list[str]:
@@ -283,6 +288,11 @@ def unreadable(settings: LinkSettings) -> list[str]:
 
 _REFUSED: Final = (
     "somebody answers but refuses the session: check user and password, the certificates, and that this is a Zenoh port"
+)
+
+_NOT_YET: Final = (
+    "somebody answers, but there is no session yet: if it stays so, check user and password, the certificates, and "
+    "that this is a Zenoh port"
 )
 
 

@@ -32,6 +32,8 @@ DRAIN: Final = 1.0
 HELD_UP: Final = 0.02
 """s for one put from which on a receiver is too slow to be served on the event loop, for the next ``HINDERED`` s."""
 HINDERED: Final = 1.0
+SETTLES: Final = 2.0
+"""s after its first message in which a key counts as subscribed to: Zenoh learns only then who subscribes."""
 _UNCONNECTED: Final = 5.0
 """Time, s, without any link after which the log says why."""
 
@@ -65,6 +67,8 @@ class Publisher(threading.Thread):
         self._health = health
         self._seal = seal
         self._publishers: dict[str, Any] = {}
+        self._samples: dict[str, tuple[Any, float]] = {}
+        """Publishers of samples and frames, each with the time, monotonic s, at which it was declared."""
         self._beat_due: float | None = None
         """Time, monotonic s, since which a health message is due; ``None`` if none is."""
         self._stop_at: float | None = None
@@ -72,6 +76,11 @@ class Publisher(threading.Thread):
         self._hindered_until = 0.0
         self._broken: Exception | None = None
         self._links = _LinkWatch(link)
+
+    @property
+    def awaited(self) -> bool:
+        """True if somebody subscribes to samples or frames that were published once."""
+        return self._session is not None and any(map(self._subscribed, list(self._samples)))
 
     def beat(self) -> None:
         """Publish a health message after the current put."""
@@ -158,6 +167,10 @@ class Publisher(threading.Thread):
     def _put(self, session: zenoh.Session, outgoing: Outgoing) -> None:
         import zenoh
 
+        publishers = [self._publisher(session, path, outgoing) for path in outgoing.paths]
+        if isinstance(outgoing.item, Batch | Frames) and not any(map(self._subscribed, outgoing.paths)):
+            self._outbox.sent(outgoing)
+            return
         try:
             payload = encode(outgoing)
             attachment = self._seal.message(outgoing.topic, outgoing.mark.encode(payload), payload)
@@ -167,8 +180,8 @@ class Publisher(threading.Thread):
             self._outbox.lost(outgoing, "not encodable")
             return
         try:
-            for path in outgoing.paths:
-                self._publisher(session, path, outgoing).put(payload, attachment=attachment)
+            for publisher in publishers:
+                publisher.put(payload, attachment=attachment)
         except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
             raise
@@ -201,7 +214,13 @@ class Publisher(threading.Thread):
                 priority=priority.DATA if samples else priority.INTERACTIVE_HIGH,
                 express=True,
             )
+            if samples:
+                self._samples[path] = publisher, time.monotonic()
         return publisher
+
+    def _subscribed(self, path: str) -> bool:
+        publisher, declared = self._samples[path]
+        return time.monotonic() < declared + SETTLES or bool(publisher.matching_status.matching)
 
     @staticmethod
     def _close(session: zenoh.Session) -> None:

@@ -50,7 +50,7 @@ class ZenohSettings(LinkSettings):
     """Items that are put on the bus live."""
     queue: PositiveInt = 4096
     """Messages that may wait for the bus; beyond that the oldest raw ones are dropped and counted."""
-    frame_memory: Bytes = 16e6
+    frame_memory: Bytes = 4e6
     """Memory for frames that a consumer may ask for after a cut; older ones it gets from the record, if they are
     recorded (``record: frames``), and raw samples always."""
     backfill: BytesPerSecond | None = None
@@ -151,6 +151,12 @@ class ZenohSink(Sink[ZenohSettings]):
         self._status = status
         if self._publisher is not None:
             self._publisher.beat()
+
+    @property
+    def awaited(self) -> bool:
+        """True if somebody subscribes to samples or frames."""
+        publisher = self._publisher
+        return publisher is not None and publisher.awaited
 
     def trouble(self) -> str | None:
         """The thread that is dead or stuck, in words; ``None`` if all is well."""

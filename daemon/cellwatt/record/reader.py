@@ -69,6 +69,8 @@ class Recording:
         self.streams = self._streams()
         self._unfinished = [f for f in self._files if not f.closed and f.path.name.endswith(PART)]
         self._span: tuple[int, int] | None = None
+        self.keeps: object = None
+        """Lives as long as the recording or a copy of it: what its files go with."""
         self.layout = next((t.rows.layout for t in self._all_tracks() if isinstance(t.rows, FrameRows)), None)
 
     @classmethod
@@ -161,10 +163,26 @@ class Recording:
         """All frames in one block. Raises ``RecordingError`` where there are none, or the layout changes."""
         blocks = list(self.frames())
         if not blocks or self.layout is None:
-            raise RecordingError("no frames in this recording; replay it to make them")
+            raise self.lacks_frames()
         if any(b.layout != self.layout for b in blocks):
             raise RecordingError("the layout of the frames changes within this recording: read its files one by one")
         return concatenate(blocks)
+
+    @property
+    def has_samples(self) -> bool:
+        """True where samples of a source were recorded."""
+        return any(count for topic, count in self.counts.items() if topic.startswith(topic_of("", "")[:-1]))
+
+    def lacks_frames(self) -> RecordingError:
+        """Return the error of a recording without frames: what it holds, and what can be done with it."""
+        there = ", ".join(f"{topic} ({count})" for topic, count in sorted(self.counts.items()) if count)
+        name = self.paths[0].name if len(self.paths) == 1 else f"{self.paths[0].name} and {len(self.paths) - 1} more"
+        if self.has_samples:
+            return RecordingError(
+                f"{name}: no frames in this recording, only samples: cellwatt export --raw writes them as tables "
+                f"(it has {there})"
+            )
+        return RecordingError(f"{name}: neither frames nor samples in this recording; it has {there or 'no messages'}")
 
     @overload
     def results(self) -> Iterator[Result]: ...

@@ -149,7 +149,11 @@ class SampleRows:
         self._untimed = RowType(SAMPLE_FIELDS[1:], channels)
 
     def encode(self, batch: Batch, channel: int) -> Rows:
-        """The records of a batch."""
+        """The records of a batch; those it was read from, if it has them, differ in the channel alone."""
+        if batch.rows is not None:
+            rows = np.frombuffer(bytearray(batch.rows.tobytes()), batch.rows.dtype)
+            rows["channel"] = channel
+            return rows
         row_type = self._untimed if batch.device_time is None else self._timed
         rows = row_type.rows(len(batch), channel, batch.sequence)
         rows["log_time"] = np.ascontiguousarray(batch.time, np.int64).view(np.uint64)
@@ -161,10 +165,11 @@ class SampleRows:
             rows["device_time"] = batch.device_time
         return rows
 
-    def decode(self, data: bytes, offset: int, length: int, first: int) -> tuple[Batch, int]:
+    def decode(self, data: bytes, offset: int, length: int, first: int, *, keep: bool = False) -> tuple[Batch, int]:
         """The batch whose records begin at ``offset``, and where they end.
 
-        ``length`` is the first record's, ``first`` the sequence number at which this file's stream begins.
+        ``length`` is the first record's, ``first`` the sequence number at which this file's stream begins. With
+        ``keep`` the batch has its rows, and with them all of ``data``.
         Raises ``ValueError`` where the record is not of this stream.
         """
         row_type = next((t for t in (self._timed, self._untimed) if t.size - 9 == length), None)
@@ -182,6 +187,8 @@ class SampleRows:
             quality=rows["quality"].astype(np.uint8),
             device_time=rows["device_time"].astype(np.int64) if row_type is self._timed else None,
         )
+        if keep:
+            object.__setattr__(batch, "rows", rows)
         return batch, offset + rows.nbytes
 
 

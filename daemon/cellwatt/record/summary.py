@@ -17,6 +17,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.record.chunks import LARGEST_RECORD, parse, parse_attachment
 from cellwatt.record.container import MAGIC, RECORD, TAIL, Contents, read_chunk_index
 from cellwatt.record.decoder import tracks_of
+from cellwatt.record.foreign import ForeignError, held, is_foreign
 from cellwatt.record.header import PART, FileName, Header
 from cellwatt.record.openfile import HEADER
 from cellwatt.record.rows import SampleRows
@@ -47,16 +48,24 @@ def survey_open(file: FileIO, path: Path, *, chunks: bool = True) -> Survey:
     status = os.fstat(file.fileno())
     identity = (status.st_dev, status.st_ino)
     if summary is not None:
-        header = _header(file, summary) or guess_header(path, summary)
+        own = _header(file, summary)
+        _refuse_foreign(file, path, summary, own)
+        header = own or guess_header(path, summary)
         damage = _undeclared(path, summary)
         return Survey(path, status.st_size, header, summary, damage, closed=True, identity=identity)
     found = scan(file, path)
+    _refuse_foreign(file, path, found.contents, found.header)
     if not found.contents.chunks and found.header is None:
         raise RecordingError(f"{path}: holds nothing that is a recording")
     header = found.header or guess_header(path, found.contents)
     sound = found.end if path.name.endswith(PART) else found.size + 1
     damage = (*(d for d in found.damage if d.offset < sound), *_undeclared(path, found.contents))
     return Survey(path, found.size, header, found.contents, damage, found.closed, identity)
+
+
+def _refuse_foreign(file: FileIO, path: Path, contents: Contents, header: Header | None) -> None:
+    if is_foreign(file, contents, header):
+        raise ForeignError(f"{path}: no recording of cellwatt: it has {held(file, contents)}")
 
 
 def _undeclared(path: Path, contents: Contents) -> tuple[Damage, ...]:

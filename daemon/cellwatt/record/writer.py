@@ -42,6 +42,8 @@ class Recorder:
     def __init__(self, settings: RecordSettings, header: Header) -> None:
         self.settings = settings
         self.cell, self.session = header.cell, header.session
+        self.gathered = 0.0
+        """s that what is given has waited already: with it, nothing waits for longer than ``settings.flush``."""
         self._upkeep = Upkeep(settings, header.cell)
         self._files = Files(settings, header, self._upkeep)
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -165,7 +167,7 @@ class Recorder:
                 self._drops[topic] += n
                 return False
             if not self._queue:
-                self._first_at = time.monotonic()
+                self._first_at = time.monotonic() - self.gathered
             self._queue.append(Entry(item, size, topic, n, number))
             self._bytes += size
             self._accepted += 1

@@ -153,20 +153,21 @@ class ItemReader:
 
     @property
     def bell(self) -> int:
-        """A descriptor that can be read once there is something new."""
+        """A descriptor that can be read once there is something new, if this reader listens."""
         return self.ring.bell(self.reader)
 
+    def listen(self) -> bool:
+        """Have ``bell`` rung at each new item; return True if there is one already."""
+        self.ring.listen(self.reader)
+        return self.ring.head > self.position
+
     def quiet(self) -> None:
-        """Reset ``bell``; look for items after this call, not before."""
+        """Reset ``bell``, and have it rung no more."""
+        self.ring.listen(self.reader, False)
         self.ring.quiet(self.reader)
 
     def items(self) -> Iterator[Item | Skipped]:
-        """Read all present items in order; resets ``bell`` first."""
-        self.quiet()
-        yield from self.rest()
-
-    def rest(self) -> Iterator[Item | Skipped]:
-        """Read all present items in order; leaves ``bell`` alone."""
+        """Read all present items in order."""
         while True:
             record, following = self.ring.read(self.position)
             missed = following - self.position
@@ -198,6 +199,8 @@ class ItemReader:
             self._channel = record.channel
             rows = self._rows.get(record.channel) or self._look_up(record.channel)
             size = int.from_bytes(record.body[1:9], "little")
+            if isinstance(rows, SampleRows):
+                return rows.decode(record.body, 0, size, record.sequence, keep=True)[0]
             return rows.decode(record.body, 0, size, record.sequence)[0]
         if record.kind == _STATUS:
             return Status(json.loads(record.body))

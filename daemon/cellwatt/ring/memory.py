@@ -5,11 +5,12 @@ waits. A reader that falls behind by more than the ring holds learns how many by
 oldest record that is still whole.
 
 Layout: first native 64-bit words: number of bytes ever written (*head*), position of the oldest byte still whole
-(*tail*), 1 once no more will come, length of the declarations, a note of the writer; then the settled position of
-each reader and the next sequence number of each channel. Declarations follow, to which lines are only ever added,
-then the records, each with a header of 32 bytes and a length that is a multiple of 32. A record becomes visible when
-*head* moves past it, so a writer that is killed leaves no half record. A record that was overwritten while it was
-copied is detected by *tail*, and by its checksum on machines that reorder stores.
+(*tail*), 1 once no more will come, length of the declarations, a note of the writer, 1 while somebody awaits the
+records; then the settled position of each reader, the next sequence number of each channel, and 1 for each reader
+that looks by itself. Declarations follow, to which lines are only ever added, then the records, each with a header of
+32 bytes and a length that is a multiple of 32. A record becomes visible when *head* moves past it, so a writer that
+is killed leaves no half record. A record that was overwritten while it was copied is detected by *tail*, and by its
+checksum on machines that reorder stores.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ CHANNELS: Final = 4096
 DECLARATIONS: Final = 16 << 20
 """Room for what channels are; only what is used takes memory."""
 
-_HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _POSITIONS = 0, 1, 2, 3, 4, 8
+_HEAD, _TAIL, _ENDED, _DECLARED, _NOTE, _AWAITED, _POSITIONS = 0, 1, 2, 3, 4, 5, 8
 _COUNTS = _POSITIONS + READERS
-_WORDS = _COUNTS + CHANNELS
+_DEAF = _COUNTS + CHANNELS
+_WORDS = _DEAF + READERS
 _START = -(-_WORDS * 8 // mmap.PAGESIZE) * mmap.PAGESIZE
 _RECORD = struct.Struct("=IIHHIqq")
 """Length with this head, checksum of the body, kind, channel, length of the body, sequence number, spare."""
@@ -68,7 +70,7 @@ class Ring:
     # writer ---------------------------------------------------------------------------------------
 
     def put(self, kind: int, channel: int, sequence: int, count: int, body: bytes, note: int | None = None) -> None:
-        """Add a record of ``count`` items of its channel, numbered from ``sequence`` on, and wake all readers.
+        """Add a record of ``count`` items of its channel, numbered from ``sequence`` on, and wake who listens.
 
         ``note`` is for the next writer. Raises ``ValueError`` if the body is longer than ``largest``.
         """
@@ -127,14 +129,23 @@ class Ring:
             words[_TAIL] = tail
 
     def _ring(self) -> None:
-        for bell in self._bells:
-            os.eventfd_write(bell, 1)
+        words = self._words
+        for reader, bell in enumerate(self._bells, _DEAF):
+            if not words[reader]:
+                os.eventfd_write(bell, 1)
 
     # readers --------------------------------------------------------------------------------------
 
     def bell(self, reader: int) -> int:
         """A descriptor that can be read once there is something new; ``quiet`` takes that back."""
         return self._bells[reader]
+
+    def listen(self, reader: int, wanted: bool = True) -> None:
+        """Have ``bell`` rung at each record, as at first, or not; look for records after this call, not before.
+
+        A record put at the very same moment may go unheard until the next one.
+        """
+        self._words[_DEAF + reader] = not wanted
 
     def quiet(self, reader: int) -> None:
         """Reset ``bell``; look for records after this call, not before."""
@@ -176,6 +187,15 @@ class Ring:
                     return None, self.head
                 return Record(kind, channel, sequence, body), position + length
             position += length
+
+    @property
+    def awaited(self) -> bool:
+        """True while somebody awaits the records: a reader sets it, for the writer."""
+        return bool(self._words[_AWAITED])
+
+    @awaited.setter
+    def awaited(self, awaited: bool) -> None:
+        self._words[_AWAITED] = awaited
 
     def position(self, reader: int) -> int:
         """Settled position of a reader."""

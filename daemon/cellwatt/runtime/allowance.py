@@ -16,7 +16,7 @@ UNDECLARED: Final = 1000.0
 MINUTE: Final = 60 * SECOND
 MOST: Final = 100
 """Events of a kind in a minute that are told one by one."""
-ONCE: Final = frozenset({"clock_reset", "clock_step", "beyond_rate"})
+ONCE: Final = frozenset({"clock_reset", "clock_step", "beyond_rate", "counter_misread"})
 """Kinds of which one a minute is told: health has counts of its own for them."""
 LONGEST: Final = 600
 """Characters of an event's text, which may be a device's own."""

@@ -23,9 +23,9 @@ class Change:
     def between(cls, old: CellConfig, new: CellConfig) -> Change:
         """Parts to begin, end or change for the new settings.
 
-        Raises ``CellwattError`` for changes that need a restart: site, cell, record.
+        Raises ``CellwattError`` for changes that need a restart: site, cell, latency, record.
         """
-        fixed = [k for k in ("site", "cell", "record") if getattr(old, k) != getattr(new, k)]
+        fixed = [k for k in ("site", "cell", "latency", "record") if getattr(old, k) != getattr(new, k)]
         if fixed:
             raise CellwattError(f"a change of {', '.join(fixed)} needs a restart; nothing was changed")
         sources, stages = _changed(old.sources, new.sources), _changed(old.stages, new.stages)

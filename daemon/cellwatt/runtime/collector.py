@@ -6,21 +6,24 @@ import asyncio
 import contextlib
 import importlib
 import logging
+import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.cell_clock import CellClock
 from cellwatt.config import CellConfig, SourceConfig
 from cellwatt.driver import Driver
+from cellwatt.gather import next_moment
 from cellwatt.registry import driver as find_driver
 from cellwatt.results import Event
 from cellwatt.runtime.source import Source
 from cellwatt.runtime.tasks import Tasks
-from cellwatt.ticker import Ticker
 
 log = logging.getLogger(__name__)
 
+AFTER: Final = 0.0005
+"""s after the moments at which drivers read, for the question whether any of them spoke."""
 Entry = Batch | Tick | Event
 """Items that a collector gives."""
 
@@ -34,13 +37,23 @@ def load_libraries(config: CellConfig) -> None:
 
 
 class Collector:
-    """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop."""
+    """Runs the sources of a cell; ``give`` gets every batch, event and tick in order, on the event loop.
 
-    def __init__(self, config: CellConfig, clock: CellClock, give: Callable[[Entry], None]) -> None:
+    ``awaited`` says whether somebody waits for samples, which then gather for less long.
+    """
+
+    def __init__(
+        self,
+        config: CellConfig,
+        clock: CellClock,
+        give: Callable[[Entry], None],
+        awaited: Callable[[], bool] = lambda: True,
+    ) -> None:
         self.clock = clock
         self.sources: dict[str, Source] = {}
         self._config = config
         self._give = give
+        self._awaited = awaited
         self._fresh = False
         self._began = asyncio.Event()
 
@@ -87,7 +100,9 @@ class Collector:
         driver_class = find_driver(config.driver)
 
         def make(outlet: Source) -> Driver[Any]:
-            return driver_class(config.name, config.settings, outlet)
+            driver = driver_class(config.name, config.settings, outlet)
+            driver.gather = lambda: self._config.gather(awaited=self._awaited())
+            return driver
 
         source = Source(config.name, make, self.clock.now, self._take, self._give, sequence)
         self.sources[config.name] = source
@@ -100,8 +115,9 @@ class Collector:
 
     async def _ticks(self) -> None:
         await self._began.wait()
-        async with Ticker(self._config.frames.rate) as ticker:
-            async for _ in ticker:
-                if not self._fresh:
-                    self._give(Tick(self.clock.now()))
-                self._fresh = False
+        period = max(1 / self._config.frames.rate, self._config.gather(awaited=False))
+        while True:
+            await asyncio.sleep(next_moment(period, AFTER) - time.monotonic())
+            if not self._fresh:
+                self._give(Tick(self.clock.now()))
+            self._fresh = False

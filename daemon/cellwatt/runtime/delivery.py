@@ -41,6 +41,11 @@ class Delivery:
         """Hand over one item; where the sink breaks at it, it is lost and counted."""
         self._contained("items lost", lambda: self._sink.offer(item))
 
+    @property
+    def awaited(self) -> bool:
+        """See ``Sink.awaited``."""
+        return bool(self._contained("looks lost", lambda: self._sink.awaited))
+
     def health(self, status: Mapping[str, Any]) -> None:
         """Hand over the cell's health."""
         self._contained("health lost", lambda: self._sink.health(status))

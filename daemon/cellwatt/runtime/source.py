@@ -11,6 +11,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cellwatt.account import Account
 from cellwatt.batch import Batch, Reading
@@ -87,6 +88,8 @@ class Source:
         self._last_time = dict.fromkeys(self.meters, 0)
         self._allowances = {s.name: Allowance(s.rate, now) for s in self.driver.streams}
         self._repeats = Repeats()
+        self._blank: dict[str, NDArray[np.bool_]] = {}
+        """Channels, by stream, that gave no number since the device answered; no stream of which all have."""
 
     # Outlet ---------------------------------------------------------------------------------------
 
@@ -96,7 +99,9 @@ class Source:
         self.identity = identity
         self._connected_at = time.monotonic()
         self.last_error = None
-        self._enter("ok")
+        if self.state != "ok":
+            self._blank = {s.name: np.ones(len(s.channels), bool) for s in self.driver.streams}
+            self.state, self.since = "starting", time.monotonic()
         who = " ".join(x for x in (identity.maker, identity.model, identity.firmware) if x)
         self.event("reconnected" if again else "connected", f"{self.name}: {who} answers")
 
@@ -129,6 +134,8 @@ class Source:
         self._last_time[stream.name] = int(stamped[-1])
         self.account.receive(n)
         self.meters[stream.name].add(stamped)
+        if stream.name in self._blank:
+            self._look_for_numbers(stream.name, reading.values)
         self._take(
             Batch(
                 self.name,
@@ -181,6 +188,22 @@ class Source:
             "what is beyond is dropped; is the rate in the settings right?",
         )
 
+    def _look_for_numbers(self, stream: str, values: NDArray[np.float64]) -> None:
+        blank = self._blank[stream]
+        blank &= np.isnan(values).all(axis=0)
+        if self.state == "starting" and not blank.all():
+            self._enter("ok")
+        if not blank.any():
+            del self._blank[stream]
+
+    def _without_number(self, stream: Stream) -> list[str]:
+        """Channels that never gave a number; states may be unknown, and what is left out was told."""
+        blank = self._blank.get(stream.name)
+        if blank is None:
+            return []
+        known = zip(stream.channels, blank, strict=True)
+        return [c.name for c, b in known if b and c.kind != "discrete" and c.name not in self.driver.left_out]
+
     # supervision ----------------------------------------------------------------------------------
 
     async def run(self) -> None:
@@ -228,7 +251,9 @@ class Source:
             "error": self.last_error,
             "identity": asdict(self.identity) if self.identity else None,
             **self.account.snapshot(),
-            "streams": {name: meter.figures() for name, meter in self.meters.items()},
+            "streams": {
+                s.name: self.meters[s.name].figures() | {"blank": self._without_number(s)} for s in self.driver.streams
+            },
             "clocks": {name: asdict(clock.state()) for name, clock in self.clocks.items()},
             "last_sequence": {name: n - 1 for name, n in self.sequence.items()},
         }

@@ -201,6 +201,11 @@ class Teller:
                 self._consumption.add(item)
             self._offer(item)
 
+    @property
+    def awaited(self) -> bool:
+        """True if somebody waits for samples or frames."""
+        return any(sink.awaited for sink in self.sinks.values())
+
     def withdraw(self, stages: Collection[str], why: str) -> None:
         """Clear the alarms that stages have left active, with the reason."""
         left = [s.alarm for s in self.alarms.raised if s.holds and s.alarm.stage in stages]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -27,6 +28,10 @@ STRANGE: Final = 0.01
 """Share of the samples due that may be doubled, malformed, late …"""
 FEWEST_STRANGE: Final = 5
 """… or so many, where that is more."""
+PERIODS: Final = 3
+"""Periods of a slow stream without a sample, after which it counts as one that gives none."""
+MOST_NAMED: Final = 5
+"""Channels that an alarm names."""
 RESETS: Final = 3
 """Resets of a device's clock within ``SPAN`` that are one clock which cannot be followed."""
 UNSURE: Final = 0.05
@@ -35,6 +40,8 @@ UNSURE: Final = 0.05
 
 KINDS: Final = {
     "source_down": "source {part} is back",
+    "source_silent": "source {part} gives numbers",
+    "source_blank": "source {part} gives a number for each of its channels",
     "source_slow": "source {part} gives its declared rate again",
     "source_strange": "source {part} sends nothing strange any more",
     "clock_unsure": "source {part}: its clock is known well enough again",
@@ -74,6 +81,7 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
         if source["state"] == "ok" and name in before["sources"]:
             found += _slow(name, source, before["sources"][name], seconds)
             found += _unsure(name, source)
+        found += _silent(name, source)
         if name in before["sources"]:
             found += _strange(name, source, before["sources"][name], seconds)
             found += _unsteady(name, source, before["sources"][name], seconds)
@@ -114,6 +122,26 @@ def _behind(name: str, process: Mapping[str, Any], before: Mapping[str, Any]) ->
     what = "are missing in the record" if name == "tell" else "were left out"
     text = f"Process {name} fell more than 10 s behind: {lost} bytes of samples {what}. This PC is too busy"
     return [Trouble("process_slow", "error", name, f"{text} with other programs.", {"skipped_bytes": lost})]
+
+
+def _silent(name: str, source: Mapping[str, Any]) -> list[Trouble]:
+    """A device that answers and gives no number, or none for some of its channels."""
+    since = source["since_s"]
+    if source["state"] == "starting" and source["identity"] and since >= SPAN:
+        text = f"Source {name} answers, but has given no number since, for {since:.0f} s: cellwatt doctor tells more."
+        return [Trouble("source_silent", "error", name, text, {"silent_s": since})]
+    blank = [
+        f"{name}.{channel}"
+        for figures in source["streams"].values()
+        if source["state"] == "ok" and since >= max(SPAN, PERIODS / (figures["nominal_hz"] or math.inf))
+        for channel in figures.get("blank", ())
+        if figures["samples"] or figures["nominal_hz"]  # what is sent on change may never have changed
+    ]
+    if not blank:
+        return []
+    more = f" and {len(blank) - MOST_NAMED} more" if len(blank) > MOST_NAMED else ""
+    text = f"Source {name} answers, but never gave a number for {', '.join(blank[:MOST_NAMED])}{more}"
+    return [Trouble("source_blank", "warning", name, f"{text}: is it what the device has?", {"channels": blank})]
 
 
 def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:

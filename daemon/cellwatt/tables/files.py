@@ -5,10 +5,10 @@ pyarrow is imported on first use.
 
 from __future__ import annotations
 
+import csv
 import io
-import re
-from collections.abc import Mapping
-from itertools import islice
+import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,10 +17,17 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
+from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped
+from cellwatt.tables.encoding import text_of
+from cellwatt.tables.names import is_unit
+from cellwatt.tables.rows import Rows, rows_of
 from cellwatt.tables.table import Table
+from cellwatt.tables.times import CLOCKS, DAY
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+log = logging.getLogger(__name__)
 
 LARGEST: Final = 4_000_000_000
 """Bytes of a Parquet file in memory; one of some kB may unpack to any number."""
@@ -28,19 +35,25 @@ _LONGEST: Final = 40
 """Characters of a cell that a message repeats."""
 
 
-def read_table(path: Path) -> Table:
-    """A Parquet or CSV file, or the frames of a recording, whose time ``t`` counts from its first frame.
+def read_table(path: Path, joints: Sequence[str] = ()) -> Table:
+    """A Parquet or CSV file, the frames of a recording, whose time ``t`` counts from the first, or a log of others.
 
-    CSV: comma, semicolon, tab or blanks between the columns, decimal commas where another separates them. Raises
-    ``RecordingError`` where it cannot be read, has no names or no rows, or a name twice.
+    ``joints`` are a robot's by name, in its order: the columns of a log that names its joints follow it.
+
+    CSV: any separator, decimal mark and encoding that spreadsheets and loggers write. A column that cannot be read is
+    refused when it is asked for. Raises ``RecordingError`` where the file cannot be read, or has no names or no rows.
     """
+    from cellwatt.logs.opening import is_log, read_log
+
+    if is_log(path):
+        log_of = read_log(path)
+        return Table(path, {"t": log_of.time, **log_of.columns(joints)}, named=tuple(joints) or log_of.joints)
     if path.is_dir() or ".mcap" in path.suffixes:
         return _recorded(path)
     import pyarrow as pa
 
     try:
-        table, text = (_parquet(path), None) if path.suffix == ".parquet" else _csv(path)
-        return _table(path, table, text)
+        return _arrow(path, _parquet(path)) if path.suffix == ".parquet" else _csv(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {_line(why(error))}") from error
     except (pa.ArrowException, ValueError) as error:  # the latter: names that are not UTF-8
@@ -81,57 +94,131 @@ def _parquet(path: Path) -> pa.Table:
     return pq.read_table(path)
 
 
-def _csv(path: Path) -> tuple[pa.Table, bytes]:
+def _csv(path: Path) -> Table:
+    """A text table. Raises ``ValueError`` where it is none."""
     import pyarrow as pa
     import pyarrow.csv
 
-    content = read_bytes(path, COMPUTED).removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    header, _, rest = content.partition(b"\n")
-    separator = next((s for s in (b";", b",", b"\t") if s in header), b" ")
-    if separator == b" ":
-        content = re.sub(rb"(?m)^ +| +$", b"", re.sub(rb" {2,}", b" ", content))
-    decimal = "," if separator != b"," and b"," in rest.partition(b"\n")[0] else "."
-    try:
-        table = pyarrow.csv.read_csv(
-            io.BytesIO(content),
-            # One block: types are told by the whole file, not by its beginning.
-            read_options=pyarrow.csv.ReadOptions(block_size=max(len(content), 1)),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=separator.decode()),
-            convert_options=pyarrow.csv.ConvertOptions(decimal_point=decimal),
-        )
-    except pa.ArrowInvalid as error:
-        raise ValueError(_ragged(content, separator) or str(error)) from error
-    return table, content
+    rows = rows_of(text_of(read_bytes(path, COMPUTED)))
+    units, records, numbers = _units(rows)
+    if not records:
+        raise RecordingError(f"{path}: has no rows")
+    content = "\n".join(records).encode()
+    names = [str(i) for i in range(len(rows.names))]
+    columns = pyarrow.csv.read_csv(
+        io.BytesIO(content),
+        read_options=pyarrow.csv.ReadOptions(block_size=len(content) + 1, column_names=names),
+        parse_options=pyarrow.csv.ParseOptions(delimiter=rows.separator),
+        convert_options=pyarrow.csv.ConvertOptions(
+            column_types=dict.fromkeys(names, pa.string()), strings_can_be_null=True, null_values=["", "nan", "NaN"]
+        ),
+    )
+    if columns.num_rows != len(records):
+        raise ValueError(f"it has {len(records)} rows, of which {columns.num_rows} can be told apart: see its quotes")
+    found = [cells_of(pa.chunked_array(column), rows.separator) for column in columns.columns]
+    return _placed(path, rows, numbers, columns.columns, _without_groups(found, columns.columns), units)
 
 
-def _ragged(content: bytes, separator: bytes) -> str:
-    """The first line with more or fewer cells than the header, in words."""
-    header, *lines = content.split(b"\n")
-    expected = header.count(separator) + 1
-    for number, line in enumerate(lines, start=2):
-        if line and (cells := line.count(separator) + 1) != expected:
-            return f"line {number} has {cells} cells, expected {expected} as in the header"
-    return ""
+def _units(rows: Rows) -> tuple[Mapping[str, str], Sequence[str], Sequence[int]]:
+    """Units in the row below the names, where it holds nothing else, and the rows behind it."""
+    first = next(csv.reader(rows.records[:1], delimiter=rows.separator), [])
+    found = {name: cell.strip(" \t[]()") for name, cell in zip(rows.names, first, strict=False) if name}
+    written = {name: unit for name, unit in found.items() if unit and unit != "-"}
+    if not written or not all(is_unit(unit) for unit in written.values()):
+        return {}, rows.records, rows.numbers
+    return written, rows.records[1:], rows.numbers[1:]
 
 
-def _table(path: Path, table: pa.Table, content: bytes | None) -> Table:
+def _without_groups(found: Sequence[Cells], columns: Sequence[Any]) -> Sequence[Cells]:
+    """Refuse columns of thousands like 1.234 beside others with decimal commas: they may be either."""
+    if not any(cells.commas for cells in found):
+        return found
+    fault = "may have decimal points or digits in groups of three, as other columns have decimal commas"
+    plain = [cells.values is not None and cells.kind is None and not cells.commas for cells in found]
+    rows = [grouped(column) if each else None for each, column in zip(plain, columns, strict=True)]
+    return [cells if row is None else Cells(None, row=row, fault=fault) for cells, row in zip(found, rows, strict=True)]
+
+
+def _placed(
+    path: Path,
+    rows: Rows,
+    numbers: Sequence[int],
+    columns: Sequence[Any],
+    found: Sequence[Cells],
+    units: Mapping[str, str],
+) -> Table:
+    """The named columns as a table; without the rows that have no time."""
+    values: dict[str, NDArray[np.float64]] = {}
+    unfit: dict[str, str] = {}
+    names = [name or _of_index(cells, rows.names) for name, cells in zip(rows.names, found, strict=True)]
+    letters = dict(zip(names, map(letters_of, range(len(names))), strict=True))
+    dates = [cells.values for cells in found if cells.kind == "date" and cells.values is not None]
+    for i, (name, cells) in enumerate(zip(names, found, strict=True)):
+        if name and names.count(name) > 1:
+            places = [letters_of(k) for k, other in enumerate(names) if other == name]
+            unfit[name] = f"is there {len(places)} times, as columns {', '.join(places)}: keep one"
+        elif name and cells.values is not None:
+            day = dates[0] if cells.kind == "clock" and len(dates) == 1 else 0.0
+            values[name] = cells.values % DAY + day if np.ndim(day) else cells.values
+        elif name:
+            word = str(columns[i][cells.row])[:_LONGEST]
+            wanted = ", expected numbers" if cells.fault == TEXT else ""
+            unfit[name] = f"{cells.fault}, first {word!r} in row {numbers[cells.row]}, column {letters_of(i)}{wanted}"
+    clocks = tuple(name for name, cells in zip(names, found, strict=True) if name and cells.kind in CLOCKS)
+    return timed(Table(path, values, unfit, units, np.asarray(numbers), letters, clocks))
+
+
+def _of_index(cells: Cells, names: Sequence[str]) -> str:
+    """The name of a column without one: pandas writes the times of an index under none."""
+    return "time" if cells.kind in CLOCKS and "time" not in names else ""
+
+
+def timed(table: Table) -> Table:
+    """The rows that have a time, where the table has any; the others are counted in a warning."""
+    time = None if table.clock is None else table.columns.get(table.clock)
+    if time is None or np.isfinite(time).all() or not np.isfinite(time).any():
+        return table
+    known = np.isfinite(time)
+    log.warning(
+        "%s: %d of %d rows have no time and are left out, first row %d",
+        *(table.path, np.sum(~known), len(time), table.row(int(np.argmin(known)))),
+    )
+    return table.at(known)
+
+
+def letters_of(column: int) -> str:
+    """What a spreadsheet calls a column: A, B, …, Z, AA; ``column`` counts from 0."""
+    out = ""
+    while column >= 0:
+        out = chr(ord("A") + column % 26) + out
+        column = column // 26 - 1
+    return out
+
+
+def _arrow(path: Path, table: pa.Table) -> Table:
+    """Columns of a Parquet file."""
     names = [name.strip() for name in table.column_names]
-    if all(_is_number(name) for name in names if name):
-        raise RecordingError(f"{path}: no names in its first row: write t, q_1, …, tau_1, … above the columns")
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise RecordingError(f"{path}: two columns are called {twice!r}")
     if not table.num_rows:
         raise RecordingError(f"{path}: has no rows")
     columns: dict[str, NDArray[np.float64]] = {}
-    text: dict[str, str] = {}
+    unfit: dict[str, str] = {}
     for name, column in zip(names, table.columns, strict=True):
-        if (numbers := _numbers(column)) is None:
-            text[name] = _first_word(column, content)
-        else:
+        if names.count(name) > 1:
+            unfit[name] = f"is there {names.count(name)} times: keep one"
+        elif (numbers := _numbers(column)) is not None:
             columns[name] = numbers
+        elif name:
+            unfit[name] = _first_word(column)
     units = {name: (field.metadata or {}).get(b"unit", b"") for name, field in zip(names, table.schema, strict=True)}
-    return Table(path, columns, text, {name: unit.decode() for name, unit in units.items() if unit})
+    moments = tuple(name for name, column in zip(names, table.columns, strict=True) if _is_moment(column.type))
+    told = {name: unit.decode() for name, unit in units.items() if unit}
+    return timed(Table(path, columns, unfit, told, clocks=moments))
+
+
+def _is_moment(kind: Any) -> bool:
+    import pyarrow as pa
+
+    return bool(pa.types.is_timestamp(kind))
 
 
 def _numbers(column: Any) -> NDArray[np.float64] | None:
@@ -139,6 +226,8 @@ def _numbers(column: Any) -> NDArray[np.float64] | None:
     import pyarrow as pa
 
     kind, scale = column.type, 1.0
+    if pa.types.is_dictionary(kind):
+        column, kind = column.cast(kind.value_type), kind.value_type
     if pa.types.is_timestamp(kind):
         column, scale = column.cast(pa.timestamp("ns")).cast(pa.int64()), 1e-9
     elif not any(of(kind) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_null, pa.types.is_boolean)):
@@ -147,15 +236,11 @@ def _numbers(column: Any) -> NDArray[np.float64] | None:
     return scale * np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), np.float64)
 
 
-def _first_word(column: Any, content: bytes | None) -> str:
+def _first_word(column: Any) -> str:
     """Place and content of the first cell in a column of text that is no number."""
     words = ((row, str(cell.as_py())) for row, cell in enumerate(column) if cell.is_valid)
     row, word = next(((row, word) for row, word in words if not _is_number(word)), (0, str(column.type)))
-    place = f"row {row + 1}"
-    if content is not None:
-        filled = (number for number, line in enumerate(content.split(b"\n"), start=1) if line)  # others are no rows
-        place = f"line {next(islice(filled, row + 1, None))}"
-    return f"first {word[:_LONGEST]!r} in {place}"
+    return f"{TEXT}, first {word[:_LONGEST]!r} in row {row + 1}, expected numbers"
 
 
 def _is_number(text: str) -> bool:
@@ -167,4 +252,4 @@ def _is_number(text: str) -> bool:
 
 
 def _line(error: object) -> str:
-    return str(error).strip().splitlines()[0][:120]
+    return str(error).strip().splitlines()[0][:160]

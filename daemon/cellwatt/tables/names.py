@@ -144,6 +144,11 @@ def units_of(quantity: str) -> tuple[str, ...]:
     return tuple(_UNITS[quantity])
 
 
+def is_unit(text: str) -> bool:
+    """True for a unit of any quantity, other than 1."""
+    return text != "1" and any(scale(quantity, text) is not None for quantity in _UNITS)
+
+
 def usual(quantity: str, joint: int | None = None) -> str:
     """The name under which messages ask for a quantity: ``q_3``, ``power``."""
     stem = _STEMS[quantity][0]

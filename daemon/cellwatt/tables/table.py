@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -35,10 +35,18 @@ class Table:
     path: Path
     columns: Mapping[str, Float]
     """(N,) each as it stands in the file, by its own name; NaN where a cell is empty."""
-    text: Mapping[str, str] = field(default_factory=dict)
-    """Columns that hold something else than numbers: where the first such cell is, and what it holds."""
+    unfit: Mapping[str, str] = field(default_factory=dict)
+    """Columns that cannot be read, and why: they hold text, or several have the name."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Units that the file states beside the names, by column."""
+    rows: NDArray[np.int64] | None = None
+    """(N,) number of each row in the file, from 1, where it is a text; None where rows count from the first value."""
+    letters: Mapping[str, str] = field(default_factory=dict)
+    """What a spreadsheet calls each column."""
+    clocks: tuple[str, ...] = ()
+    """Columns that hold times of day."""
+    named: tuple[str, ...] = ()
+    """Names of the joints, in the order of the columns, where the file names them."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -46,19 +54,23 @@ class Table:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all columns beside the time."""
-        return tuple(name for name in (*self.columns, *self.text) if name != self.clock)
+        return tuple(name for name in (*self.columns, *self.unfit) if name != self.clock)
 
     @cached_property
     def clock(self) -> str | None:
-        """Name of the time column, None where there is none."""
-        return self._whole("time")
+        """Name of the time column, None where there is none; the only one of times of day may have any name."""
+        only = self.clocks[0] if len(self.clocks) == 1 else None
+        return self._whole("time") or only
 
     @cached_property
     def time(self) -> Float:
         """Time (N,) s, as the file counts it. Raises ``RecordingError`` where there is none."""
+        return self._values(self._clock())
+
+    def _clock(self) -> str:
         if self.clock is None:
             raise RecordingError(f"{self.path}: no column t, timestamp or time for the time; {self.there()}")
-        return self._values(self.clock)
+        return self.clock
 
     def rising_time(self, least: int = 2) -> Float:
         """``time``. Raises ``RecordingError`` where it has fewer than ``least`` rows or does not rise in each."""
@@ -69,9 +81,25 @@ class Table:
             row = int(np.argmin(rises))
             raise RecordingError(
                 f"{self.path}: column {self.clock} does not rise from {time[row]:g} to {time[row + 1]:g} s "
-                f"in row {row + 2}"
+                f"in {self.place(self._clock(), row + 1)}"
             )
         return time
+
+    def row(self, index: int) -> int:
+        """Number of a row in the file."""
+        return index + 1 if self.rows is None else int(self.rows[index])
+
+    def place(self, name: str, index: int) -> str:
+        """A cell for a message, as a spreadsheet shows it."""
+        letters = f", column {self.letters[name]}" if name in self.letters else ""
+        return f"row {self.row(index)}{letters}"
+
+    def at(self, rows: NDArray[np.bool_]) -> Table:
+        """The same with some of its rows (N,)."""
+        columns = {name: values[rows] for name, values in self.columns.items()}
+        return replace(
+            self, columns=columns, rows=np.arange(1, len(rows) + 1)[rows] if self.rows is None else self.rows[rows]
+        )
 
     def joints(self, quantity: str) -> Float | None:
         """A quantity of ``JOINT`` of all n joints that the file has, (N, n) in its SI unit; None where it has none.
@@ -124,7 +152,7 @@ class Table:
 
         None where there is none. Raises ``RecordingError`` where several sources give it.
         """
-        if name in self.columns:
+        if name in self.columns or name in self.unfit:
             return self._values(name)
         if (asked := understood(name)) is not None:
             if asked.number is None:
@@ -166,14 +194,20 @@ class Table:
         """Columns by quantity, family and joint number, 0 for what belongs to no joint."""
         out: dict[str, dict[str, dict[int, str]]] = {}
         for written, name in self._understood.items():
-            family = out.setdefault(name.quantity, {}).setdefault(name.family, {})
-            if (other := family.setdefault(name.number or 0, written)) != written:
-                raise RecordingError(f"{self.path}: two columns are called {other!r} and {written!r}: keep one")
+            out.setdefault(name.quantity, {}).setdefault(name.family, {}).setdefault(name.number or 0, written)
         return out
+
+    def _refuse_twins(self, family: Mapping[int, str]) -> None:
+        """Raise ``RecordingError`` where two columns of a family have the same number."""
+        same = {(name.quantity, name.family, name.number): written for written, name in self._understood.items()}
+        for written in family.values():
+            name = self._understood[written]
+            if (other := same[name.quantity, name.family, name.number]) != written:
+                raise RecordingError(f"{self.path}: two columns are called {written!r} and {other!r}: keep one")
 
     @cached_property
     def _understood(self) -> Mapping[str, Name]:
-        names = {name: understood(name) for name in (*self.columns, *self.text)}
+        names = {name: understood(name) for name in (*self.columns, *self.unfit)}
         return {written: name for written, name in names.items() if name is not None}
 
     def _family(self, quantity: str) -> Mapping[int, str]:
@@ -185,6 +219,7 @@ class Table:
         first = [self._understood[next(iter(each.values()))].rank for each in ranked[:2]]
         if len(first) > 1 and first[0] == first[1]:
             raise self._several(quantity, [next(iter(each.values())) for each in ranked])
+        self._refuse_twins(ranked[0])
         return ranked[0]
 
     def _whole(self, quantity: str) -> str | None:
@@ -194,6 +229,10 @@ class Table:
         return RecordingError(
             f"{self.path}: several sources give {wanted} ({listed(found)}): keep the columns of one arm"
         )
+
+    def refused(self, name: str) -> RecordingError:
+        """Return the error of a column in ``unfit``."""
+        return RecordingError(f"{self.path}: column {name} {self.unfit[name]}")
 
     def _values(self, name: str) -> Float:
         values = self._scaled(name)
@@ -211,8 +250,8 @@ class Table:
         return bool(np.nanmedian(np.diff(self.time)) <= FOLLOWED)
 
     def _scaled(self, name: str) -> Float:
-        if name in self.text:
-            raise RecordingError(f"{self.path}: column {name} holds text, {self.text[name]}, expected numbers")
+        if name in self.unfit:
+            raise self.refused(name)
         known = self._understood.get(name)
         if known is None:
             return self.plain(name)

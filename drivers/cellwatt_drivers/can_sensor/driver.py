@@ -97,12 +97,14 @@ class CanSensorDriver(Driver[CanSensorSettings]):
         packages = _EXTRAS | ({"msgpack": "msgpack"} if settings.interface == "udp_multicast" else {})
         require(name, "driver can_sensor", packages, "pip install 'cellwatt[can]'")
         self._map, decodings = load_decodings(settings.sensor, settings.map)
-        self._intakes: dict[tuple[int, bool], Intake] = {}
+        self._intakes: list[Intake] = []
         for stream in _chosen(self._map, settings):
             rate = settings.rates.get(stream)
             period = 1 / rate if rate else self._map.streams[stream].cycle
-            intake = Intake(name, decodings[stream], period, outlet)
-            self._intakes[intake.identifier] = intake
+            self._intakes.append(Intake(name, decodings[stream], period, outlet))
+        self._by_frame: dict[tuple[int, bool], list[Intake]] = {}
+        for intake in self._intakes:
+            self._by_frame.setdefault(intake.identifier, []).append(intake)
         self._state: BusState = "active"
         self._others: set[int] = set()
         self._errors = 0
@@ -111,8 +113,8 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     @property
     def streams(self) -> tuple[Stream, ...]:
-        """One for each message that is read."""
-        return tuple(i.stream for i in self._intakes.values())
+        """One for each message that is read, or for each page of it."""
+        return tuple(i.stream for i in self._intakes)
 
     async def identify(self) -> Identity:
         """The map's sensor, once one of its frames was heard. Raises ``SourceError``."""
@@ -121,7 +123,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
 
     async def run(self) -> None:
         """See ``Driver.run``."""
-        for intake in self._intakes.values():
+        for intake in self._intakes:
             intake.resume()
         async with self._open() as listening:
             connected = False
@@ -160,31 +162,29 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             for frame in await listening.frames(end - loop.time()):
                 if frame.is_error_frame:
                     self._errors += 1
-                elif (frame.arbitration_id, frame.is_extended_id) in self._intakes:
+                elif (frame.arbitration_id, frame.is_extended_id) in self._by_frame:
                     return self._identity()
                 elif len(self._others) < _MOST_OTHERS:
                     self._others.add(frame.arbitration_id)
         raise self._verdict(listening.place)
 
     def _identity(self) -> Identity:
-        heard = ", ".join(f"{name} 0x{i.identifier[0]:X}" for name, i in self._by_name().items())
+        heard = ", ".join(f"{i.stream.name} 0x{i.identifier[0]:X}" for i in self._intakes)
         return Identity(self._map.maker, self._map.model, notes={"messages": heard, "map": self._map.source})
-
-    def _by_name(self) -> dict[str, Intake]:
-        return {i.stream.name: i for i in self._intakes.values()}
 
     def _take(self, frame: Message) -> bool:
         """Take a frame; true if it is one of the sensor's."""
         if frame.is_error_frame:
             self._note_error(frame)
             return False
-        intake = self._intakes.get((frame.arbitration_id, frame.is_extended_id))
-        if intake is None or frame.is_remote_frame:
+        intakes = self._by_frame.get((frame.arbitration_id, frame.is_extended_id))
+        if intakes is None or frame.is_remote_frame:
             self.outlet.account.count("other frames")
             if len(self._others) < _MOST_OTHERS:
                 self._others.add(frame.arbitration_id)
             return False
-        intake.take(frame)
+        for intake in intakes:
+            intake.take(frame)
         return True
 
     def _note_error(self, frame: Message) -> None:
@@ -204,7 +204,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
     def _hand_over(self, listening: Listening) -> None:
         since = asyncio.get_running_loop().time() - listening.latest  # read ahead of the cell's time: never too early
         arrival = self.outlet.now() - round(since * 1e9)
-        for intake in self._intakes.values():
+        for intake in self._intakes:
             intake.flush(arrival)
         if listening.dropped > self._dropped:
             self.outlet.account.anomaly("frames dropped", listening.dropped - self._dropped)
@@ -222,7 +222,7 @@ class CanSensorDriver(Driver[CanSensorSettings]):
             )
         if self._others:
             others = ", ".join(f"0x{i:X}" for i in sorted(self._others))
-            wanted = ", ".join(f"0x{i.identifier[0]:X}" for i in self._intakes.values())
+            wanted = ", ".join(f"0x{identifier:X}" for identifier, _ in self._by_frame)
             return WrongDeviceError(f"{where} only frames {others}, but none of the {self._map.model}'s ({wanted})")
         if self._errors:
             return ConnectError(f"{where} only {self._errors} error frames: wrong bit rate, or a wire is off?")

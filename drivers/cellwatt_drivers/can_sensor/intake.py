@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -35,8 +36,6 @@ class Intake:
         self._name = name
         self._decoding = decoding
         self._outlet = outlet
-        wanted = decoding.wanted
-        self._needed = frozenset((*wanted.signals, *wanted.flags, *([wanted.counter] if wanted.counter else [])))
         self._cycle = Cycle(period, decoding.counts_to)
         self._losses = Losses(outlet.account, "disconnected")
         self._bracketed = 0
@@ -63,10 +62,12 @@ class Intake:
             if self._outlet.account.counters["malformed"] == 1:
                 self._outlet.event("malformed_frame", f"{self._name}: {error}")
             return
-        if not self._needed <= signals.keys():  # a multiplexed message that carries others this time
+        if not signals:  # a multiplexed message that carries others this time
             self._outlet.account.count("frames without the signals")
             return
         wanted = self._decoding.wanted
+        if len(signals) < len(wanted.needed):
+            self._outlet.account.count("signals beyond a short frame", len(wanted.needed) - len(signals))
         count = int(signals[wanted.counter]) if wanted.counter else 0
         lost = self._cycle.lost(frame.timestamp, count, self._losses.resumed)
         if lost == DUPLICATE:
@@ -85,9 +86,10 @@ class Intake:
         flags = frozenset(f for f in self._decoding.wanted.flags if signals[f])
         self._tell(flags)
         quality = max((_QUALITY[self._decoding.wanted.flags[f]] for f in flags), default=Quality.GOOD)
-        row = [signals[s] * f for s, f in zip(self._decoding.wanted.signals, self._decoding.factors, strict=True)]
+        wanted = zip(self._decoding.wanted.signals, self._decoding.factors, strict=True)
+        row = [signals.get(s, math.nan) * f for s, f in wanted]
         self._times.append(self.last)
-        self._rows.append([float("nan")] * len(row) if quality is Quality.MISSING else row)
+        self._rows.append([math.nan] * len(row) if quality is Quality.MISSING else row)
         self._qualities.append(quality)
 
     def _tell(self, flags: frozenset[str]) -> None:

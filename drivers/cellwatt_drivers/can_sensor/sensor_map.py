@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
@@ -70,6 +73,11 @@ class SensorStream(_Part):
     optional: bool = False
     """Read only where the settings name it."""
 
+    @cached_property
+    def needed(self) -> frozenset[str]:
+        """All signals that a sample is made of."""
+        return frozenset((*self.signals, *self.flags, *([self.counter] if self.counter else [])))
+
 
 class SensorMap(_Part):
     """A make of sensor."""
@@ -87,9 +95,13 @@ class SensorMap(_Part):
 
     @model_validator(mode="after")
     def _one_each(self) -> SensorMap:
-        names = [s.message for s in self.streams.values()]
-        if len(set(names)) != len(names):
-            raise ValueError("streams: each message feeds one stream")
+        taken = Counter((s.message, signal) for s in self.streams.values() for signal in s.signals)
+        for (message, signal), n in taken.items():
+            if n > 1:
+                raise ValueError(
+                    f"streams: {signal} of {message} is in {n} of them; each message feeds one stream, or one for each "
+                    "of its pages"
+                )
         return self
 
 
@@ -102,22 +114,66 @@ class Decoding:
     message: Message
     channels: tuple[Channel, ...]
     factors: tuple[float, ...]
+    pages: Mapping[str, frozenset[int]]
+    """Values of each multiplexer with which a frame carries the signals."""
 
     @property
     def counts_to(self) -> int | None:
         """Number of values that the message's counter has before it begins anew."""
         return None if self.wanted.counter is None else 1 << _signal(self.message, self.wanted.counter).length
 
-    def decode(self, data: bytes) -> Mapping[str, float]:
-        """Decode the signals, by name, in the DBC file's units. Raises ``ValueError`` where there are too few bytes."""
-        from cantools.database.errors import DecodeError
+    @cached_property
+    def _flat(self) -> Message:
+        return _without_pages(self.message, self.wanted.needed)
 
-        try:
-            found: Any = self.message.decode(data, decode_choices=False)
-        except DecodeError as error:
-            raise ValueError(f"{self.wanted.message}: {error}") from error
-        signals: Mapping[str, float] = found
-        return signals
+    @cached_property
+    def _multiplexers(self) -> Message:
+        return _without_pages(self.message, self.pages)
+
+    def decode(self, data: bytes) -> Mapping[str, float]:
+        """Decode the signals, by name, in the DBC file's units.
+
+        Signals of ``wanted.signals`` that lie beyond a short frame are left out; a frame with another page has none.
+        Raises ``ValueError`` where there are too few bytes for any of them, or for a flag, counter or multiplexer.
+        """
+        if self.pages:
+            selected = _numbers(self._multiplexers, data, scaling=False)
+            if len(selected) < len(self.pages):
+                raise self._short(data)
+            if any(selected[name] not in values for name, values in self.pages.items()):
+                return {}
+        found = _numbers(self._flat, data)
+        wanted = self.wanted
+        if not found.keys() & wanted.signals.keys() or not wanted.needed - wanted.signals.keys() <= found.keys():
+            raise self._short(data)
+        return found
+
+    def _short(self, data: bytes) -> ValueError:
+        return ValueError(f"{self.message.name}: a frame of {len(data)} bytes is too short for {self.name}")
+
+
+def _numbers(message: Message, data: bytes, *, scaling: bool = True) -> Mapping[str, float]:
+    found: Any = message.decode(data, decode_choices=False, scaling=scaling, allow_truncated=True)
+    numbers: Mapping[str, float] = found
+    return numbers
+
+
+def _without_pages(message: Message, names: Iterable[str]) -> Message:
+    """Return the message with some of its signals, in every frame, whatever page it carries."""
+    from cantools.database.can import Message
+
+    signals = [copy(_signal(message, name)) for name in names]
+    for signal in signals:
+        signal.is_multiplexer, signal.multiplexer_ids, signal.multiplexer_signal = False, None, None
+    return Message(
+        message.frame_id,
+        message.name,
+        message.length,
+        signals,
+        is_extended_frame=message.is_extended_frame,
+        is_fd=message.is_fd,
+        strict=False,
+    )
 
 
 def load_map(path: Path) -> SensorMap:
@@ -171,9 +227,30 @@ def _decoding(name: str, wanted: SensorStream, message: Message) -> Decoding:
         kind: Literal["counter", "continuous"] = "counter" if spec.counter else "continuous"
         channels.append(Channel(spec.channel, si, kind, "hold" if si == "J" else None))
         factors.append(factor)
-    for signal in (*wanted.flags, *([wanted.counter] if wanted.counter else [])):
-        _signal(message, signal)
-    return Decoding(name, wanted, message, tuple(channels), tuple(factors))
+    return Decoding(name, wanted, message, tuple(channels), tuple(factors), _pages(name, wanted, message))
+
+
+def _pages(name: str, wanted: SensorStream, message: Message) -> Mapping[str, frozenset[int]]:
+    """Return the values of each multiplexer with which a frame carries all signals of a stream.
+
+    Raises ``ConfigError`` where no frame can carry all of them.
+    """
+    pages: dict[str, frozenset[int]] = {}
+    by: dict[str, str] = {}
+    for needed in sorted(wanted.needed):
+        signal = _signal(message, needed)
+        while signal.multiplexer_ids is not None:
+            selector, values = signal.multiplexer_signal, frozenset(signal.multiplexer_ids)
+            together = values & pages.get(selector, values)
+            if not together:
+                raise ConfigError(
+                    f"stream {name}: no frame of {message.name} carries both {by[selector]} and {needed}, which are on "
+                    f"different pages of {selector}: write a stream for each page"
+                )
+            pages[selector] = together
+            by.setdefault(selector, needed)
+            signal = _signal(message, selector)
+    return pages
 
 
 def _signal(message: Message, name: str) -> Any:

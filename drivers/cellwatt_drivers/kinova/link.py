@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
-from cellwatt_drivers.shared.modbus import Modbus, connect
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +38,14 @@ async def open_link(host: str, port: int, unit: int, timeout: float, now: Callab
     """Open a connection. Raises ``ConnectError`` that says what to check."""
     from pymodbus.client import AsyncModbusTcpClient
 
-    client = AsyncModbusTcpClient(host, port=port, timeout=timeout, retries=0, reconnect_delay=0)
+    numbering = Numbering()
+    client = AsyncModbusTcpClient(
+        host, port=port, timeout=timeout, retries=0, reconnect_delay=0, trace_packet=numbering.trace
+    )
     place = f"TCP {host}:{port}"
     advice = "check the address, and that the arm's Modbus server is on (web application, Configurations, Networks)"
     await connect(client, timeout, lambda: f"nobody answers at {place}; {advice}")
     try:
-        yield Link(Modbus(client, place), unit, now)
+        yield Link(Modbus(client, place, numbering), unit, now)
     finally:
         client.close()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from cellwatt.errors import ConnectError
-from cellwatt_drivers.shared.modbus import Modbus, connect
+from cellwatt_drivers.shared.modbus import Modbus, Numbering, connect
 from cellwatt_drivers.shared.polling import NoAnswerError
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ Place = TcpPlace | SerialPlace
 class Bus(Modbus):
     """An open line. Whoever holds ``turn`` has it alone; ``settle`` s pass after a request nobody answered."""
 
-    def __init__(self, client: Client, place: Place, settle: float) -> None:
-        super().__init__(client, str(place))
+    def __init__(self, client: Client, place: Place, numbering: Numbering, settle: float) -> None:
+        super().__init__(client, str(place), numbering)
         self.turn = asyncio.Lock()
         self.users = 0
         self._client = client
@@ -98,7 +98,8 @@ async def open_bus(place: Place, timeout: float) -> AsyncIterator[Bus]:
 
 
 async def _connect(place: Place, timeout: float) -> Bus:
-    client = _tcp(place, timeout) if isinstance(place, TcpPlace) else _serial(place, timeout)
+    numbering = Numbering()
+    client = _tcp(place, timeout, numbering) if isinstance(place, TcpPlace) else _serial(place, timeout)
     try:
         await connect(client, timeout, lambda: _unreachable(place, timeout))
     except ConnectError:
@@ -107,16 +108,22 @@ async def _connect(place: Place, timeout: float) -> Bus:
         raise ConnectError(f"{place} cannot be opened: {error}") from error
     numbered = isinstance(place, TcpPlace) and place.framing == "tcp"
     # Answers on RTU carry no number: a late one must not be taken for that of the next request.
-    return Bus(client, place, 0.0 if numbered else timeout)
+    return Bus(client, place, numbering, 0.0 if numbered else timeout)
 
 
-def _tcp(place: TcpPlace, timeout: float) -> AsyncModbusTcpClient:
+def _tcp(place: TcpPlace, timeout: float, numbering: Numbering) -> AsyncModbusTcpClient:
     from pymodbus import FramerType
     from pymodbus.client import AsyncModbusTcpClient
 
-    framer = FramerType.SOCKET if place.framing == "tcp" else FramerType.RTU
+    framer, trace = (FramerType.SOCKET, numbering.trace) if place.framing == "tcp" else (FramerType.RTU, None)
     return AsyncModbusTcpClient(
-        place.host, port=place.port, framer=framer, timeout=timeout, retries=0, reconnect_delay=0
+        place.host,
+        port=place.port,
+        framer=framer,
+        timeout=timeout,
+        retries=0,
+        reconnect_delay=0,
+        trace_packet=trace,
     )
 
 

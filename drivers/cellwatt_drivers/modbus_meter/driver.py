@@ -26,14 +26,24 @@ from cellwatt_drivers.modbus_meter.bus import (
     TcpPlace,
     open_bus,
 )
-from cellwatt_drivers.modbus_meter.counter import RisingCounter
+from cellwatt_drivers.modbus_meter.counter import Counted, RisingCounter
 from cellwatt_drivers.modbus_meter.meter_map import MeterMap, MeterName, load_map, packaged_map
 from cellwatt_drivers.modbus_meter.reader import Reader
-from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
+from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, OtherNumberError, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError, deliver, reason_of
 from cellwatt_drivers.shared.requirements import require
 
 PORT = 502
+
+_USUAL = {"timeouts", "retries", "refused reads"}
+"""Counts that also grow on a good line."""
+_PLAUSIBLE = {"J": 1e6}
+"""Rise of a counter a second, by unit, that no two first readings of a cell's meter exceed."""
+_CHANGES = {
+    "wrapped": "began anew at its end",
+    "reset": "was set back; what is given goes on rising",
+    "misread": "jumped or fell and came back: its value was held meanwhile",
+}
 
 
 class ModbusMeterSettings(SourceSettings):
@@ -118,8 +128,12 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         self._reader = Reader(self._map, self._names, settings.unit, settings.retries, self._count, self._left_out)
         self._factor = np.array([v.factor for v in values])
         self._largest = np.array([math.inf if v.largest is None else v.largest for v in values])
-        self._missing = [(c, m) for c, v in enumerate(values) for m in v.missing]
-        self._counters = {c: RisingCounter(self._map.wrap(n)) for c, n in enumerate(self._names) if values[c].counts}
+        self._missing = [(c, float(m)) for c, n in enumerate(self._names) for m in self._map.marks(n)]
+        self._counters = {
+            c: RisingCounter(self._map.wrap(n), 1 / settings.rate, _PLAUSIBLE.get(values[c].channel(n).unit, 0.0))
+            for c, n in enumerate(self._names)
+            if values[c].counts
+        }
         window = settings.window or self._map.window
         channels = tuple(v.channel(n, window) for n, v in zip(self._names, values, strict=True))
         self._stream = Stream("measured", channels, settings.rate, "host")
@@ -159,6 +173,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         async with bus.turn:
             try:
                 raw = await self._reader.read(bus)
+                arrival = self.outlet.now()
             except WrongDeviceError as error:
                 raise await likeness.wrong(bus, unit, meter, "it has none of its registers") from error
             except RefusedError as error:
@@ -166,18 +181,22 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                     raise
                 raise await likeness.wrong(bus, unit, meter, f"it reads no {meter.function} registers") from error
             except NoAnswerError as error:
-                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if meter.delivered else ""
+                told = meter.delivered and not isinstance(error, OtherNumberError)
+                delivered = f"; a {meter.model} is delivered with {meter.delivered}" if told else ""
                 raise ConnectError(f"{error}{delivered}") from error
+            values, _ = self._in_si(raw)
             found = {n: float(v) for n, v in zip(self._names, raw, strict=True) if n not in self._reader.left_out}
             await likeness.examine(bus, unit, meter, found, self.settings.mains_may_be_off)
+        self._count_on(values, arrival)  # counters begin with two readings that agree
         notes = {"map": meter.source, "requests a poll": str(len(self._reader.blocks))}
         return Identity(meter.maker, meter.model, notes=notes)
 
     def _count(self, what: str) -> None:
         account = self.outlet.account
-        (account.anomaly if what == "malformed" else account.count)(what)
+        (account.count if what in _USUAL else account.anomaly)(what)
 
     def _left_out(self, name: str, error: RefusedError) -> None:
+        self.left_out |= {name}
         self.outlet.event("value_refused", f"{self.name}: {name} is left out: {error}", channel=name)
 
     async def _serve(self, bus: Bus) -> None:
@@ -188,7 +207,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
                 arrival = self.outlet.now()
         except SourceError as error:
             self.outlet.account.lose(1, reason_of(error))
-            if isinstance(error, RefusedError):
+            if isinstance(error, RefusedError | OtherNumberError):
                 self._tell("device_error", str(error))
             if not isinstance(error, NoAnswerError | RefusedError | ProtocolError):
                 raise
@@ -196,7 +215,7 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
         else:
             self._told = ""
             self._heard = time.monotonic_ns()
-            values, quality = self._measured(raw)
+            values, quality = self._measured(raw, arrival)
             deliver(self.outlet, self._stream, values, asked, arrival, quality)
 
     def _endure(self, error: SourceError) -> None:
@@ -211,25 +230,46 @@ class ModbusMeterDriver(Driver[ModbusMeterSettings]):
             self._told = text
             self.outlet.event(kind, f"{self.name}: {text}")
 
-    def _measured(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], Quality]:
-        """Return the values in SI units and their quality from the numbers in the registers."""
-        for column, mark in self._missing:
-            if raw[column] == mark:
-                raw[column] = np.nan
-        over = np.abs(raw) > self._largest
-        row = np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor
-        for column, counter in self._counters.items():
-            row[column], fall = counter.take(float(row[column]))
-            if fall:
-                name = self._names[column]
-                text = "began anew at its end" if fall == "wrapped" else "was set back; what is given goes on rising"
-                self.outlet.event(f"counter_{fall}", f"{self.name}: {name} {text}", channel=name)
-        quality = Quality.MISSING if np.isnan(row).all() else Quality.GOOD
+    def _measured(self, raw: NDArray[np.float64], arrival: int) -> tuple[NDArray[np.float64], Quality]:
+        """Return the values in SI units and their quality from the numbers in the registers, read at ``arrival`` ns."""
+        row, over = self._in_si(raw)
+        quality = Quality.INTERPOLATED if self._count_on(row, arrival) else Quality.GOOD
+        if np.isnan(row).all():
+            quality = Quality.MISSING
         if over.any():
             quality = Quality.CLIPPED
             self.outlet.account.count("overloads")
         self._note_overload(frozenset(n for n, o in zip(self._names, over, strict=True) if o))
         return row, quality
+
+    def _in_si(self, raw: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the values in SI units, NaN where there is none, and which are beyond what the meter can measure.
+
+        ``raw`` is NaN afterwards where its number stands for no value.
+        """
+        for column, mark in self._missing:
+            if raw[column] == mark:
+                raw[column] = np.nan
+        over = np.abs(raw) > self._largest
+        return np.where(over | ~np.isfinite(raw), np.nan, raw) * self._factor, over
+
+    def _count_on(self, row: NDArray[np.float64], arrival: int) -> bool:
+        """Replace the readings of counters by values that only rise; return whether any is held."""
+        held = False
+        for column, counter in self._counters.items():
+            counted = counter.take(float(row[column]), arrival * 1e-9)
+            row[column] = counted.value
+            held |= counted.held
+            self._note_counter(self._names[column], counted)
+        return held
+
+    def _note_counter(self, name: str, counted: Counted) -> None:
+        if counted.misread:
+            self.outlet.account.count("counter misread", counted.misread)
+        if counted.change:
+            self.outlet.event(
+                f"counter_{counted.change}", f"{self.name}: {name} {_CHANGES[counted.change]}", channel=name
+            )
 
     def _note_overload(self, names: frozenset[str]) -> None:
         if new := names - self._overloaded:

@@ -1,4 +1,4 @@
-"""Tells a meter from another make's by voltage, frequency and what it says of itself."""
+"""Tells a meter from another make's by what several of its registers say together, and what it says of itself."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ from cellwatt_drivers.modbus_meter.meter_map import METERS, MeterMap, MeterName,
 from cellwatt_drivers.modbus_meter.reader import Reader
 from cellwatt_drivers.shared.modbus import ILLEGAL_FUNCTION, RefusedError
 from cellwatt_drivers.shared.polling import NoAnswerError
+
+_LOOKS = 3
+"""Readings in a row that must contradict themselves."""
+_LOADED = 10.0
+"""VA of a phase, from which its power factor means anything."""
+_BELOW = 0.2
+"""By how much a power factor may be below power over voltage times current."""
 
 
 def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
@@ -37,6 +44,23 @@ def doubt(meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> str:
     return ""
 
 
+def contradiction(meter: MeterMap, found: Mapping[str, float]) -> str:
+    """Return which of these values, as they stand in the registers, contradict each other; empty if none do.
+
+    A phase's power factor is its power over voltage times current, or the cosine of its angle, which is above that
+    where the current has harmonics: one that is clearly below is another meter's register.
+    """
+    values = {n: number * meter.values[n].factor for n, number in found.items()}
+    for name in meter.factors:
+        phase = name.removesuffix(".power_factor")
+        voltage, current, power = (values.get(f"{phase}.{q}", math.nan) for q in ("voltage", "current", "power"))
+        apparent = abs(voltage * current)
+        if apparent >= _LOADED and abs(values.get(name, math.nan)) < abs(power) / apparent - _BELOW:
+            share = f"{abs(power) / apparent:.2g} of voltage times current"
+            return f"{name} reads {values[name]:.3g}, but {phase}.power is {share}"
+    return ""
+
+
 async def examine(bus: Bus, unit: int, meter: MeterMap, found: Mapping[str, float], may_be_off: bool) -> None:
     """Raise ``WrongDeviceError`` where the meter is another one than the map is for, and say which, if that shows.
 
@@ -47,6 +71,12 @@ async def examine(bus: Bus, unit: int, meter: MeterMap, found: Mapping[str, floa
     found = {**found, **await _numbers(bus, unit, meter, left)}
     if reason := doubt(meter, found, may_be_off):
         raise await wrong(bus, unit, meter, reason)
+    for _ in range(_LOOKS):  # a load may change from one register to the next
+        found = await _numbers(bus, unit, meter, meter.related)
+        reason = contradiction(meter, found)
+        if not reason:
+            return
+    raise await wrong(bus, unit, meter, reason)
 
 
 def _quantity(meter: MeterMap, name: str) -> str:
@@ -65,7 +95,7 @@ async def wrong(bus: Bus, unit: int, meter: MeterMap, reason: str) -> WrongDevic
 
 
 async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
-    """Return the packaged maps whose voltages and frequency are all there and plausible."""
+    """Return the packaged maps whose voltages, frequency and power factors are all there and plausible."""
     fitting = []
     for name, meter in (await asyncio.to_thread(_packaged)).items():
         if meter == but:
@@ -74,7 +104,8 @@ async def _like(bus: Bus, unit: int, but: MeterMap) -> list[str]:
             found = await _numbers(bus, unit, meter, meter.checked)
         except NoAnswerError:
             break
-        if len(found) == len(meter.checked) and not doubt(meter, found, may_be_off=False):
+        fits = len(found) == len(meter.checked) and not doubt(meter, found, may_be_off=False)
+        if fits and not contradiction(meter, await _numbers(bus, unit, meter, meter.related)):
             fitting.append(f"{meter.maker} {meter.model} (meter: {name})")
     return fitting
 

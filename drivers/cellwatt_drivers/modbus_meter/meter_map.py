@@ -65,8 +65,9 @@ class MeterValue(_Part):
     """Counts up: what falls is a wrap or a reset. Left out: yes for an energy."""
     wraps_at: float | None = Field(None, gt=0, allow_inf_nan=False)
     """A counter begins anew at this, in ``unit``; left out: where an unsigned type ends."""
-    missing: tuple[int, ...] = ()
-    """Numbers in the registers that stand for no value."""
+    missing: tuple[int, ...] | None = None
+    """Numbers in the registers that stand for no value. Left out: the lowest of a signed integer, the highest of an
+    unsigned one."""
     largest: float | None = None
     """A number in the registers beyond this (up or down) stands for an overload."""
     between: tuple[float, float] | None = None
@@ -146,6 +147,29 @@ class MeterMap(_Part):
     def checked(self) -> tuple[str, ...]:
         """Values that tell whether this is the meter."""
         return tuple(name for name, value in self.values.items() if value.between is not None)
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Power factors of phases, by which it is told whether this is the meter."""
+        return tuple(n for n in self.checked if n.startswith("phase_") and n.endswith(".power_factor"))
+
+    @property
+    def related(self) -> tuple[str, ...]:
+        """Values that the ``factors`` must agree with, and these."""
+        phases = [name.removesuffix("power_factor") for name in self.factors]
+        wanted = (f"{p}{q}" for p in phases for q in ("voltage", "current", "power", "power_factor"))
+        return tuple(name for name in wanted if name in self.values)
+
+    def marks(self, name: str) -> tuple[int, ...]:
+        """Return the numbers in the registers that stand for no value."""
+        value = self.values[name]
+        kind = value.type or self.type
+        if value.missing is not None:
+            return value.missing
+        bits = 16 * width(kind)
+        if kind.startswith("uint"):
+            return (2**bits - 1,)
+        return (-(2 ** (bits - 1)),) if kind.startswith("int") else ()
 
     def wrap(self, name: str) -> float | None:
         """Return the value at which a counter begins anew, in SI units; ``None`` if that is not known."""

@@ -81,8 +81,8 @@ class Reader:
             try:
                 words = await bus.read(self._meter.function, block.address, block.count, self._unit)
                 return block.decode(words)
-            except NoAnswerError:
-                self._count("timeouts")
+            except NoAnswerError as error:
+                self._count(f"{error.reason}s")
                 if attempt == self._retries:
                     raise
                 self._count("retries")

@@ -155,7 +155,6 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         self._intake = Intake(name, outlet, self._stream, _status_name)
         # The newest sample of a message is this old at most, and always so where sampling and sending beat together.
         vars(self)["least_delay"] = (0.0, min(settings.publish, 1 / settings.rate) + _WAY)
-        self._told: frozenset[str] = frozenset()
         self._dropped = 0
 
     @property
@@ -225,10 +224,10 @@ class OpcUaDriver(Driver[OpcUaSettings]):
         sources, lacking = await Search(session, self.url, self._map.namespaces).find(self._tags)
         if not sources:
             raise DeviceError(f"{self.url} has none of the tags: {', '.join(lacking)}")
-        if lacking and frozenset(lacking) != self._told:
+        if lacking and frozenset(lacking) != self.left_out:
             told = ", ".join(lacking)
             self.outlet.event("tags_missing", f"{self.name}: not there, and left out: {told}", channels=told)
-        self._told = frozenset(lacking)
+        self.left_out = frozenset(lacking)
         return sources, lacking
 
     async def _identity(self, session: Session, sources: list[Source], lacking: list[str]) -> Identity:

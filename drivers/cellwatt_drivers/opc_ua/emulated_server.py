@@ -52,14 +52,21 @@ class Variable:
     """A variable and the channels that it holds, with factor and zero of each from SI units to the node's value."""
 
     node: Node
-    parts: list[tuple[str, float, float, int | None]] = field(default_factory=list)
+    parts: list[tuple[str, float, float, tuple[int, ...]]] = field(default_factory=list)
 
-    def value(self, world: Mapping[str, float]) -> float | list[float]:
+    def value(self, world: Mapping[str, float]) -> float | list[Any]:
         """Return its value; 0 for what the world lacks."""
         found = {index: (world.get(name, 0.0) + zero) / factor for name, factor, zero, index in self.parts}
-        if None in found:
-            return found[None]
-        return [found.get(i, 0.0) for i in range(max(i for i in found if i is not None) + 1)]
+        return _nested(found, tuple(max(along) + 1 for along in zip(*found, strict=True)))
+
+
+def _nested(
+    found: Mapping[tuple[int, ...], float], shape: tuple[int, ...], at: tuple[int, ...] = ()
+) -> float | list[Any]:
+    """Return the values by their indices as arrays within each other; 0 where there is none."""
+    if len(at) == len(shape):
+        return found.get(at, 0.0)
+    return [_nested(found, shape, (*at, i)) for i in range(shape[len(at)])]
 
 
 class EmulatedServer:
@@ -149,7 +156,7 @@ class EmulatedServer:
                 told = ua.EUInformation(DisplayName=ua.LocalizedText(tag.unit), UnitId=-1)
                 await node.add_property(0, "EngineeringUnits", told)
         variable = self.variables[text]
-        variable.parts.append((name, tag.scale * unit.factor, unit.zero * unit.factor, tag.index))
+        variable.parts.append((name, tag.scale * unit.factor, unit.zero * unit.factor, tag.indices))
         await node.write_value(ua.Variant(variable.value({}), ua.VariantType.Double))
 
     async def _with_id(self, tag: Tag, first: float | str) -> Node:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import getitem
 from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.config.wording import did_you_mean
@@ -30,14 +32,13 @@ class Source:
 
     column: int
     node: ua.NodeId
-    index: int | None
+    index: tuple[int, ...]
     factor: float
     zero: float
 
     def si(self, value: Any) -> float:
         """Return a value of the node in SI units. Raises ``ValueError`` or ``TypeError`` where it is no number."""
-        picked = value if self.index is None else value[self.index]
-        return float(picked) * self.factor - self.zero
+        return float(reduce(getitem, self.index, value)) * self.factor - self.zero
 
 
 class Search:
@@ -79,7 +80,7 @@ class Search:
                 continue
             self._check(name, tag, value, kind)
             factor, zero = self._scale(name, tag, unit)
-            found.append(Source(column, node, tag.index, factor, zero))
+            found.append(Source(column, node, tag.indices, factor, zero))
         return found, lacking
 
     async def _placed(self, name: str, tag: Tag) -> ua.NodeId | None:
@@ -181,15 +182,10 @@ class Search:
                 raise WrongDeviceError(f"{told} is a {_type(int(declared.Identifier))}, expected a number")
             return
         number = int(getattr(variant.VariantType, "value", variant.VariantType))
-        array = isinstance(variant.Value, list)
         if number not in NUMBERS:
             raise WrongDeviceError(f"{told} is a {_type(number)}, expected a number")
-        if array and tag.index is None:
-            raise WrongDeviceError(f"{told} is an array of {len(variant.Value)}: write 'index', from 0")
-        if not array and tag.index is not None:
-            raise WrongDeviceError(f"{told} is no array: leave out 'index'")
-        if array and tag.index is not None and tag.index >= len(variant.Value):
-            raise WrongDeviceError(f"{told} has {len(variant.Value)} elements, none with index {tag.index}")
+        if wrong := misplaced(variant.Value, tag.indices):
+            raise WrongDeviceError(f"{told} {wrong}")
 
     def _scale(self, name: str, tag: Tag, told: Any) -> tuple[float, float]:
         """Return factor and zero to SI units; the server's own unit decides where the tag says so."""
@@ -207,6 +203,30 @@ class Search:
                     f"{self._where}: {tag.place!r} ({name}) is in {given}, the settings say {tag.unit}"
                 )
         return tag.scale * unit.factor, unit.zero * unit.factor
+
+
+def misplaced(value: Any, index: tuple[int, ...]) -> str:
+    """Return why an index does not lead to a number of a value; empty if it does."""
+    shape = _shape(value)
+    size = " × ".join(map(str, shape))
+    if len(shape) != len(index):
+        if not shape:
+            return "is no array: leave out 'index'"
+        if len(shape) == 1:
+            return f"is an array of {size}: write 'index', from 0"
+        return f"is an array of arrays ({size}): write 'index: [{', '.join('ijkl'[: len(shape)])}]', each from 0"
+    try:
+        picked = reduce(getitem, index, value)
+    except IndexError:
+        return f"has {size} elements, none with index {', '.join(map(str, index))}"
+    return "" if isinstance(picked, int | float) else f"has {picked!r} where a number is expected"
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Lengths of the arrays within each other, by the first of each."""
+    if not isinstance(value, list):
+        return ()
+    return (len(value), *(_shape(value[0]) if value else ()))
 
 
 def _type(number: int) -> str:

@@ -19,6 +19,8 @@ ModelName = Literal["opc_40010"]
 ChannelName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)+$")]
 Prefix = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
+Index = Annotated[int, Field(ge=0)]
+
 
 def _written(unit: object) -> object:
     """A bare 1 is a number in YAML, and the unit of a ratio here."""
@@ -37,8 +39,8 @@ class Tag(_Part):
     path: str | None = None
     """Browse path below Objects instead of ``node``: ``di:DeviceSet/*/rob:Axes/*2/…``; ``*`` is the first child that
     leads on, ``*2`` the second object by name."""
-    index: int | None = Field(None, ge=0)
-    """Element of an array, from 0."""
+    index: Index | Annotated[tuple[Index, ...], Field(min_length=2, max_length=4)] | None = None
+    """Element of an array, from 0; of an array of arrays a list, like ``[1, 0]``."""
     unit: Annotated[str, BeforeValidator(_written)]
     """Unit of the value, after ``scale``."""
     server_unit: bool = False
@@ -70,6 +72,13 @@ class Tag(_Part):
         if self.node is not None and not any(part[:2] in ("i=", "s=", "g=", "b=") for part in self.node.split(";")):
             raise ValueError("a node id ends in i=NUMBER, s=TEXT, g=GUID or b=BASE64, like 'ns=4;s=Robot.Power'")
         return self
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Index in each of the arrays within each other; empty for a value that is none."""
+        if self.index is None:
+            return ()
+        return self.index if isinstance(self.index, tuple) else (self.index,)
 
     @property
     def steps(self) -> tuple[Step, ...]:

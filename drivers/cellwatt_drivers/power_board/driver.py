@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from typing import Annotated, ClassVar
 
 from pydantic import BeforeValidator, Field, StrictInt, field_validator
 
 from cellwatt import (
-    Account,
     ConnectError,
     Driver,
     Identity,
@@ -105,11 +105,11 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
             opened, connected = self.outlet.now(), False
             try:
                 while True:
-                    packets = await listening.packets(self._wait())
-                    if packets and not connected:
+                    heard = await listening.packets(self._wait())
+                    if heard and not connected:
                         connected = True
-                        self.outlet.connected(_identity(packets[0], port))
-                    self._deliver(packets, self.outlet.now(), opened)
+                        self.outlet.connected(_identity(heard[0][0], port))
+                    self._deliver(heard, opened)
             finally:
                 for board in self._boards.values():
                     board.release(self.outlet.now(), everything=True)
@@ -118,15 +118,16 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
         """See ``Driver.identify``; a board says who it is with every packet."""
         async with listening_port(self.settings.port, self.settings.baud) as port:
             listening = self._listening(port)
-            while not (packets := await listening.packets(self.settings.silence)):
+            while not (heard := await listening.packets(self.settings.silence)):
                 pass
-            return _identity(packets[0], port)
+            return _identity(heard[0][0], port)
 
-    def _deliver(self, packets: list[Packet], now: int, opened: int) -> None:
-        for packet in packets:
+    def _deliver(self, heard: list[tuple[Packet, int]], opened: int) -> None:
+        for packet, arrival in heard:
             if packet.board not in self._boards:
                 self._boards[packet.board] = self._board(packet.board, self.streams[0])
-            self._boards[packet.board].take(packet, now)
+            self._boards[packet.board].take(packet, arrival)
+        now = heard[-1][1] if heard else self.outlet.now()
         for board in self._boards.values():
             board.release(now)
             if len(self._boards) > 1:  # a lone board's silence ends ``run``
@@ -142,7 +143,7 @@ class PowerBoardDriver(Driver[PowerBoardSettings]):
         )
 
     def _listening(self, port: ListeningPort) -> Listening:
-        return Listening(port, self.settings, tuple(self._boards), self.outlet.account)
+        return Listening(port, self.settings, tuple(self._boards), self.outlet, self.gather)
 
     def _wait(self) -> float:
         """Time in s until a board gives up a gap."""
@@ -161,45 +162,53 @@ def _identity(packet: Packet, port: ListeningPort) -> Identity:
 
 
 class Listening:
-    """From an open port to packets of wanted boards; what else comes is counted in ``account``.
+    """From an open port to packets of wanted boards, read each ``gather()`` s; what else comes is counted.
 
     ``boards`` may be empty: then the first one heard is the one wanted.
     """
 
     def __init__(
-        self, port: ListeningPort, settings: PowerBoardSettings, boards: tuple[int, ...], account: Account
+        self,
+        port: ListeningPort,
+        settings: PowerBoardSettings,
+        boards: tuple[int, ...],
+        outlet: Outlet,
+        gather: Callable[[], float],
     ) -> None:
         self._port = port
         self._settings = settings
         self._wanted = boards
-        self._account = account
+        self._account = outlet.account
+        self._now = outlet.now
+        self._gather = gather
         self._decoder = wire.decoder(settings.mode)
         self._heard = asyncio.get_running_loop().time()
         self._bytes = 0
         self._evidence = b""
         self._others: set[int] = set()
 
-    async def packets(self, seconds: float) -> list[Packet]:
-        """Packets in order of arrival; after at most ``seconds``, then perhaps none.
+    async def packets(self, seconds: float) -> list[tuple[Packet, int]]:
+        """Packets in order, each with its time of arrival, ns; after at most ``seconds``, then perhaps none.
 
         Raises ``ConnectError`` when the port is gone or silent, ``ProtocolError`` when what comes is not
         what was configured, ``WrongDeviceError`` when it is other boards, or a board with other phases.
         """
         loop = asyncio.get_running_loop()
         end = self._heard + self._settings.silence
-        data = await self._port.read(max(0.0, min(seconds, end - loop.time())))
-        packets = self._decoder.feed(data)
+        came = await self._port.read(max(0.0, min(seconds, end - loop.time())), self._now, self._gather())
+        packets = [(packet, arrival) for data, arrival in came for packet in self._decoder.feed(data)]
         for what, n in self._decoder.counts.items():
             if what in _GARBLED:
                 self._account.anomaly(what, n)
             else:
                 self._account.count(what, n)
         self._decoder.counts.clear()
-        wanted = [p for p in packets if self._wants(p)]
+        wanted = [heard for heard in packets if self._wants(heard[0])]
         if wanted:
             self._heard, self._bytes, self._evidence = loop.time(), 0, b""
             self._others.clear()
         else:
+            data = b"".join(data for data, _ in came)
             self._bytes += len(data)
             self._evidence = (self._evidence + data)[-EVIDENCE:]
             if loop.time() >= end:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import serial
 
 from cellwatt import ConnectError
+from cellwatt.gather import next_moment
 from cellwatt_drivers.shared.aside import opened_aside
 
 MOST_READ = 4096
@@ -34,33 +36,57 @@ class ListeningPort:
         """Let go of the port; blocks."""
         self._device.close()
 
-    async def read(self, seconds: float) -> bytes:
-        """Return the bytes that came, after at most ``seconds``; empty when none did.
+    async def read(self, seconds: float, now: Callable[[], int], gather: float) -> list[tuple[bytes, int]]:
+        """Return what came until the next moment of ``gather`` s: bytes, and the time by ``now`` at which they came.
 
-        Raises ``ConnectError`` when the port is gone.
+        Empty when nothing came within ``seconds``. Raises ``ConnectError`` when the port is gone.
         """
         loop = asyncio.get_running_loop()
         descriptor = self._device.fileno()
-        ready = asyncio.Event()
-        loop.add_reader(descriptor, ready.set)
+        came: list[tuple[bytes, int]] = []
+        done: asyncio.Future[None] = loop.create_future()
+
+        def take() -> None:
+            try:
+                came.append((self._read(descriptor), now()))
+            except BlockingIOError:
+                return
+            except ConnectError as error:  # bytes before it are given first: the next call meets it again
+                loop.remove_reader(descriptor)
+                if not came:
+                    done.set_exception(error)
+                return
+            if len(came) == 1:
+                loop.call_at(next_moment(gather) if gather else 0.0, _finish, done)
+
+        loop.add_reader(descriptor, take)
         try:
             async with asyncio.timeout(seconds):
-                await ready.wait()
+                await done
         except TimeoutError:
-            pass  # bytes may have come together with the time-out: look before saying that none did
+            pass  # what came until then is given
         finally:
             loop.remove_reader(descriptor)
+        return came
+
+    def _read(self, descriptor: int) -> bytes:
         try:
             data = os.read(descriptor, MOST_READ)
         except BlockingIOError:
-            return b""
+            raise
         except OSError as error:
-            raise ConnectError(
-                f"{self._path}: the port is gone ({error.strerror}): is the adapter plugged in?"
-            ) from error
-        if not data and ready.is_set():
-            raise ConnectError(f"{self._path}: the port is gone (end of file): is the adapter plugged in?")
+            raise self._gone(error.strerror) from error
+        if not data:
+            raise self._gone("end of file")
         return data
+
+    def _gone(self, why: str | None) -> ConnectError:
+        return ConnectError(f"{self._path}: the port is gone ({why}): is the adapter plugged in?")
+
+
+def _finish(done: asyncio.Future[None]) -> None:
+    if not done.done():
+        done.set_result(None)
 
 
 def listening_port(path: str, baud: int) -> AbstractAsyncContextManager[ListeningPort]:

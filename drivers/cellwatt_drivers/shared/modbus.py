@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 Function = Literal["input", "holding"]
 
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
+_HEADER = 6
+"""Bytes of a frame's header up to its length."""
 _WORDS = {
     ILLEGAL_FUNCTION: "it does not know the function",
     ILLEGAL_ADDRESS: "it has no such register",
@@ -39,16 +41,57 @@ class RefusedError(DeviceError):
         self.code = code
 
 
+class OtherNumberError(NoAnswerError):
+    """What came bears a transaction number that was not asked with: another request's answer, or a faulty gateway's."""
+
+    reason = "other transaction number"
+
+
+class Numbering:
+    """Transaction numbers of Modbus TCP, which pymodbus passes over in silence; ``trace`` is its ``trace_packet``."""
+
+    def __init__(self) -> None:
+        self._unanswered: set[int] = set()
+        self._asked = 0
+        self.strange: int | None = None
+        """Number of an answer since the last request that no unanswered request bears."""
+
+    def trace(self, sending: bool, data: bytes) -> bytes:
+        """Take the frames that are sent, or that came; return them as they are."""
+        if sending:
+            self._asked, self.strange = int.from_bytes(data[:2], "big"), None
+            self._unanswered.add(self._asked)
+            return data
+        rest = data
+        while len(rest) >= _HEADER and len(rest) >= (end := _HEADER + int.from_bytes(rest[4:6], "big")):
+            number, rest = int.from_bytes(rest[:2], "big"), rest[end:]
+            if number and number not in self._unanswered:  # pymodbus takes 0 for the number asked with
+                self.strange = number
+            self._unanswered.discard(number or self._asked)
+        return data
+
+    def of(self, unanswered: NoAnswerError) -> NoAnswerError:
+        """Return the error that says why the last request is unanswered."""
+        if self.strange is None:
+            return unanswered
+        where = str(unanswered).removesuffix(" gave no answer")
+        return OtherNumberError(
+            f"{where} answers with another transaction number ({self.strange}, asked with {self._asked}): "
+            "is the gateway faulty, or does it mix up the answers of two clients?"
+        )
+
+
 class Modbus:
-    """Requests over an open connection; ``place`` names it in errors.
+    """Requests over an open connection; ``place`` names it in errors, ``numbering`` follows what passes on it.
 
     All raise ``NoAnswerError``, ``RefusedError``, ``ProtocolError`` where the answer is another one than asked for,
     and ``ConnectError`` where the connection is gone.
     """
 
-    def __init__(self, client: Client, place: str) -> None:
+    def __init__(self, client: Client, place: str, numbering: Numbering) -> None:
         self.place = place
         self._client = client
+        self._numbering = numbering
 
     @property
     def alive(self) -> bool:
@@ -105,7 +148,7 @@ class Modbus:
             reason = "no answer any more" if "No response" in text else "the connection is gone"
             return ConnectError(f"unit {unit} at {self.place}: {reason}")
         if isinstance(error, ModbusIOException) and ("received" not in text or "No response" in text):
-            return NoAnswerError(f"unit {unit} at {self.place} gave no answer")
+            return self._numbering.of(NoAnswerError(f"unit {unit} at {self.place} gave no answer"))
         return ProtocolError(f"{self.place}: another answer than asked for: {text}")
 
 

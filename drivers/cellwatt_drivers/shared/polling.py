@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import Any, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from cellwatt.errors import ConnectError, DeviceError, ProtocolError, SourceErro
 class NoAnswerError(ConnectError):
     """No answer came in time; a late one could be taken for that of the next question."""
 
+    reason: ClassVar[str] = "timeout"
+    """Reason under which the account counts the poll."""
+
 
 def reason_of(error: SourceError) -> str:
     """Return the reason under which the account counts a poll that failed with this error."""
     if isinstance(error, NoAnswerError):
-        return "timeout"
+        return error.reason
     if isinstance(error, ConnectError):
         return "connection lost"
     return "device error" if isinstance(error, DeviceError) else "malformed"

@@ -32,7 +32,7 @@ class _Newest:
     def __init__(self) -> None:
         self.found: asyncio.Future[tuple[int, int]] = asyncio.get_running_loop().create_future()
 
-    def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
+    def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
         """See ``Takes``."""
         if not_before is not None and not self.found.done():
             self.found.set_result((round(float(time[0]) * 1e9), not_before))

@@ -142,7 +142,7 @@ class UrDriver(Driver[UrSettings]):
 
     def _connect(self, account: Account) -> AbstractAsyncContextManager[tuple[native.Session, ControllerVersion]]:
         s = self.settings
-        return native.connect(s.host, s.port, s.timeout, self.outlet.now, account)
+        return native.connect(s.host, s.port, s.timeout, self.outlet.now, account, self.gather)
 
     def _open(self, version: ControllerVersion) -> float:
         """Tell the intake who is there; returns the rate in Hz that such a controller gives."""

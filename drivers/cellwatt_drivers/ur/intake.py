@@ -67,13 +67,14 @@ class Intake:
         self._heard = clock.monotonic()
         self._quiet = False
 
-    def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
+    def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
         """The next packages: controller time (n,) s and values (n, channels).
 
         ``not_before``: the first of them was asked for then (cell's time, ns), so it was made after that, give or
-        take a cycle of the controller. Raises ``ProtocolError`` where a time cannot be one.
+        take a cycle of the controller. ``arrival`` of the last one, cell's time, ns; by default now. Raises
+        ``ProtocolError`` where a time cannot be one.
         """
-        arrival = self._outlet.now()
+        arrival = self._outlet.now() if arrival is None else arrival
         if len(time) == 1 and not_before is None and self._next(time.item(), values, arrival):
             return
         if not (time.min() >= 0 and time.max() < LATEST):

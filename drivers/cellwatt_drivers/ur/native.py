@@ -14,6 +14,7 @@ from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.fields import FIELDS
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Decoder, Float, Selection
+from cellwatt_drivers.ur.transport import GatheringTransport
 from cellwatt_drivers.ur.wire import ControllerVersion, Kind, TextMessage
 
 BUFFER = 1 << 18
@@ -29,7 +30,7 @@ TICK = 0.1
 class Takes(Protocol):
     """Takes what a connection receives; see ``Intake``."""
 
-    def take(self, time: Float, values: Float, not_before: int | None = None) -> None:
+    def take(self, time: Float, values: Float, not_before: int | None = None, arrival: int | None = None) -> None:
         """The next packages."""
         ...
 
@@ -38,11 +39,11 @@ class Takes(Protocol):
         ...
 
 
-class Session(asyncio.BufferedProtocol):
+class Session:
     """Frames in and out of one connection. ``where`` names it in errors, ``now`` is the cell's time, ns.
 
-    With ``decoder`` and ``intake`` set, data packages go to the intake as they arrive, those of one turn of
-    the loop together; while more than ``AT_ONCE`` wait, no more is read. ``closed`` is done once the connection is
+    With ``decoder`` and ``intake`` set, data packages go to the intake as they are read, those of one gather
+    together; while more than ``AT_ONCE`` wait, no more is read. ``closed`` is done once the connection is
     gone, with the error if there is one.
     """
 
@@ -55,14 +56,14 @@ class Session(asyncio.BufferedProtocol):
         self._account = account
         self._view = memoryview(bytearray(BUFFER))
         self._filled = 0
+        self._arrival = 0  # of the newest bytes, ns
         self._transport: asyncio.Transport | None = None
         self._asked: Kind | None = None  # the outstanding question
         self._answer: asyncio.Future[bytes] | None = None
         self._not_before: int | None = None
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+    def connection_made(self, transport: asyncio.Transport) -> None:
         """Keep the transport."""
-        assert isinstance(transport, asyncio.Transport)
         self._transport = transport
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -79,8 +80,9 @@ class Session(asyncio.BufferedProtocol):
         """The room behind what is not used yet; never empty, as no frame is as long as the buffer."""
         return self._view[self._filled :]
 
-    def buffer_updated(self, nbytes: int) -> None:
-        """Take whole frames, keep the rest."""
+    def buffer_updated(self, nbytes: int, waited: int = 0) -> None:
+        """Take whole frames, keep the rest; the newest bytes had ``waited`` ns in this PC."""
+        self._arrival = self._now() - waited
         self._filled += nbytes
         if self._take() and self._transport is not None:
             self._transport.pause_reading()
@@ -123,9 +125,11 @@ class Session(asyncio.BufferedProtocol):
 
     def _packages(self, run: wire.Run) -> None:
         assert self.decoder is not None and self.intake is not None
+        if self._asked == Kind.START and self._answer is not None and not self._answer.done():
+            self._answer.set_result(wire.ACCEPTED)  # it has started, whether it confirms that later or never
         not_before, self._not_before = self._not_before, None
         controller_time, values = self.decoder.decode(run.data, run.count)
-        self.intake.take(controller_time, values, not_before)
+        self.intake.take(controller_time, values, not_before, self._arrival)
 
     def _frame(self, frame: wire.Frame) -> None:
         if frame.kind == Kind.TEXT_MESSAGE:
@@ -177,20 +181,23 @@ class Session(asyncio.BufferedProtocol):
 
 @asynccontextmanager
 async def connect(
-    host: str, port: int, timeout: float, now: Callable[[], int], account: Account
+    host: str,
+    port: int,
+    timeout: float,
+    now: Callable[[], int],
+    account: Account,
+    gather: Callable[[], float] = lambda: 0.0,
 ) -> AsyncIterator[tuple[Session, ControllerVersion]]:
-    """A connection that speaks protocol version 2, and who is there.
+    """A connection that speaks protocol version 2, read each ``gather()`` s, and who is there.
 
     Raises ``ConnectError`` where nobody answers within timeout s, ``WrongDeviceError`` where somebody else
     does, ``DeviceError`` where the controller is too old.
     """
     where = f"{host}:{port}"
     session = Session(where, now, account)
-    loop = asyncio.get_running_loop()
     try:
         async with asyncio.timeout(timeout):
-            raw = await _socket(host, port)
-            await loop.create_connection(lambda: session, sock=raw)
+            GatheringTransport(await _socket(host, port), session, gather)
     except TimeoutError as error:
         raise ConnectError(
             f"{where}: no answer within {timeout:g} s; is the address right and the robot on?"

@@ -240,6 +240,10 @@ def text_message(message: TextMessage) -> bytes:
     return frame(Kind.TEXT_MESSAGE, b"".join(bytes([len(p)]) + p for p in parts) + bytes([message.level]))
 
 
+ACCEPTED = b"\x01"
+"""Payload of an acceptance."""
+
+
 def parse_accept(payload: bytes) -> bool:
     """True if the controller accepted."""
     if len(payload) != 1 or payload[0] > 1:

@@ -16,24 +16,28 @@ from cellwatt_plugins.models.seal import sealed
 def describe(path: str | PathLike[str], metadata: Metadata) -> None:
     """Writes metadata, and a digest of the whole, into an ONNX file; the file is replaced in one step.
 
-    Raises ``ModelError``, and leaves the file as it is, where its tensors do not agree with the metadata or it
-    cannot be written; ``CellwattError`` where the package onnx, or onnxruntime, is not installed.
+    Weights that lie in a file beside it (``.onnx.data``) are packed into it, so that the digest covers them. Raises
+    ``ModelError``, and leaves the file as it is, where its tensors do not agree with the metadata, or where it cannot
+    be written or packed; ``CellwattError`` where the package onnx, or onnxruntime, is not installed.
     """
     try:
         import onnx
+        from google.protobuf.message import EncodeError
     except ImportError as error:
         raise CellwattError(
             f"writing metadata into {path} needs onnx ({error}): install it with pip install onnx"
         ) from error
     file = Path(path)
     Network(OnnxFile(file), metadata, file)
-    model = onnx.load(file, load_external_data=False)
+    model = onnx.load(file)
     properties = {p.key: p.value for p in model.metadata_props if p.key != SEAL_KEY} | {KEY: encode(metadata)}
     onnx.helper.set_model_props(model, properties)
     partial = file.with_name(f".{file.name}.partial")
     try:
         partial.write_bytes(sealed(model.SerializeToString()))
         partial.replace(file)
+    except (ValueError, EncodeError) as error:  # of protobuf
+        raise refused(file, "with its weights it is larger than the 2 GiB of an ONNX file") from error
     except OSError as error:
         raise refused(file, f"its metadata cannot be written: {(error.strerror or str(error)).lower()}") from error
     finally:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt.files import COMPUTED, read_bytes
 from cellwatt.onnx_file import OnnxFile, refused
 from cellwatt_plugins.models.metadata import Metadata, metadata_of
-from cellwatt_plugins.models.seal import broken
+from cellwatt_plugins.models.seal import broken, uncovered
 
 Array = NDArray[np.floating[Any]]
 """Numbers in the precision of the model."""
@@ -24,10 +24,12 @@ APART = 1e-3
 def check_intact(path: Path) -> None:
     """Raises ``ModelError`` where a file cannot be read, or has changed since ``describe`` wrote it."""
     try:
-        damaged = broken(read_bytes(path, COMPUTED))
+        content = read_bytes(path, COMPUTED)
     except OSError as error:
         raise refused(path, f"it cannot be read: {(error.strerror or str(error)).lower()}") from error
-    if damaged:
+    if uncovered(content):
+        raise refused(path, "it has weights in a file beside it, where nothing shows a change: describe it anew")
+    if broken(content):
         raise refused(path, "it is not as describe() left it: copy it again, or describe it anew if that was meant")
 
 

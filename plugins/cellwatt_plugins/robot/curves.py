@@ -42,6 +42,7 @@ class Curve(Effect):
         return [tuple(knots.tolist())] if len(knots) == KNOTS else []
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
+        """Contribution (N, m) of 1 Nm at each of the m knots."""
         knots = np.asarray(shape)
         course = np.clip(self.course(run, joint or 0), knots[0], knots[-1])
         after = np.clip(np.searchsorted(knots, course, side="right"), 1, len(knots) - 1)
@@ -57,9 +58,11 @@ class Curve(Effect):
         return Prior(np.zeros(columns.shape[1]), alike * size[joint or 0] ** 2)
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
+        """Torque at each knot, Nm."""
         return {f"at_{knot:.4g}": estimate.coefficient(i, "N*m") for i, knot in enumerate(estimate.shape)}
 
     def statement(self, who: str, parameters: Mapping[str, Parameter]) -> str:
+        """One plain sentence."""
         return f"{who} has a torque that goes with {self.along}."
 
 
@@ -71,6 +74,7 @@ class PositionCurve(Curve):
     unit = "rad"
 
     def course(self, run: States, joint: int) -> Float:
+        """The joint's position (N,) rad."""
         return run.q[:, joint]
 
 
@@ -82,6 +86,7 @@ class VelocityCurve(Curve):
     unit = "rad/s"
 
     def course(self, run: States, joint: int) -> Float:
+        """The joint's velocity (N,) rad/s."""
         return run.qd[:, joint]
 
 
@@ -93,6 +98,7 @@ class AccelerationCurve(Curve):
     unit = "rad/s^2"
 
     def course(self, run: States, joint: int) -> Float:
+        """The joint's acceleration (N,) rad/s²."""
         return run.qdd[:, joint]
 
 
@@ -104,6 +110,7 @@ class LoadCurve(Curve):
     unit = "N*m"
 
     def course(self, run: States, joint: int) -> Float:
+        """The joint's torque (N,) Nm of the links."""
         return run.rigid[:, joint]
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cellwatt.errors import ConfigError
 from cellwatt.files import read_bytes
+from cellwatt.logs.log import alike
 from cellwatt_plugins.robot.description import Joint, RobotDescription
 from cellwatt_plugins.robot.mjcf import compiled, gravity, is_mjcf, parents
 
@@ -19,15 +20,17 @@ def is_simulator(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def described(path: Path, joints: int | None = None) -> RobotDescription:
+def described(path: Path, joints: int | Sequence[str] | None = None) -> RobotDescription:
     """The arm of an MJCF or URDF with its first ``joints`` (all where None), from the base; others are held.
+
+    Of ``joints`` by name, those that the file has make the arm, in the file's order.
 
     Rotors, friction and ranges are the file's. Raises ``ConfigError`` where it cannot be read or has no such arm.
     """
     return _of_mjcf(path, joints) if is_mjcf(path) else _of_urdf(path, joints)
 
 
-def _of_mjcf(path: Path, joints: int | None) -> RobotDescription:
+def _of_mjcf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
     model = compiled(path)
     found = []
     for name in _chain(path, parents(path, model), joints):
@@ -46,7 +49,7 @@ def _of_mjcf(path: Path, joints: int | None) -> RobotDescription:
     return RobotDescription(robot=path.stem, urdf=path, joints=tuple(found), gravity=gravity(model))
 
 
-def _of_urdf(path: Path, joints: int | None) -> RobotDescription:
+def _of_urdf(path: Path, joints: int | Sequence[str] | None) -> RobotDescription:
     try:
         root = ET.fromstring(read_bytes(path))
     except (OSError, ET.ParseError) as error:
@@ -77,8 +80,24 @@ def _link(joint: ET.Element, which: str) -> str:
     return "" if found is None else found.get("link", "")
 
 
-def _chain(path: Path, above: Mapping[str, str | None], joints: int | None) -> list[str]:
-    """The first ``joints`` of the longest row of joints from the base."""
+def _known(above: Mapping[str, str | None], names: Sequence[str]) -> dict[str, str | None]:
+    """The joints that have one of the names, as have all between them and the base."""
+
+    def known(name: str | None) -> bool:
+        return name is None or (any(alike(name, each) for each in names) and known(above[name]))
+
+    return {name: before for name, before in above.items() if known(name)}
+
+
+def _chain(path: Path, above: Mapping[str, str | None], joints: int | Sequence[str] | None) -> list[str]:
+    """The first ``joints`` of the longest row of joints from the base; of names, those that are among them."""
+    if joints is not None and not isinstance(joints, int):
+        known = _known(above, joints)
+        if not known:
+            raise ConfigError(
+                f"{path} has the joints {', '.join(above)}, the recording {', '.join(joints)}: name them alike"
+            )
+        above, joints = known, None
     rows = []
     for name in above:
         row, before = [name], above[name]

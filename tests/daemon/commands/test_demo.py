@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from cellwatt.commands import demo
+from cellwatt.live.as_json import line_of
 from tests.daemon.commands.calling import Call, call
+from tests.daemon.live import cells
 
 __all__ = ["call"]
 
@@ -81,6 +83,30 @@ def test_what_the_host_held_up_is_told_and_fails_nothing(call: Call, folders: di
     ended = call("demo")
     assert ended.code == 0
     assert "arm: 7 samples fell due while this PC stood still" in ended.out
+
+
+def test_what_happens_is_a_line_at_once_where_the_output_is_no_terminal(
+    call: Call, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out: list[str] = []
+
+    async def run(demonstration: Any) -> dict[str, Any]:
+        out.append(capsys.readouterr().out)
+        demonstration.say("running for 30 s; in a browser: http://127.0.0.1:8080")
+        out.append(capsys.readouterr().out)
+        for message in (cells.health(), cells.task(4), cells.interval(1, (2,), 1.0), cells.alarm("elbow")):
+            demonstration.show(json.loads(json.dumps(line_of(message))))
+        out.append(capsys.readouterr().out)
+        return GOOD
+
+    monkeypatch.setitem(demo.RUNS, "small", run)
+    ended = call("demo")
+    assert out[:2] == [f"{demo.STARTING}\n", "running for 30 s; in a browser: http://127.0.0.1:8080\n"]
+    told = [line.split(" ", 1)[1] for line in out[2].splitlines()]
+    assert told[:2] == ["source arm: ok", "source board: ok"]
+    assert told[2].startswith("plant-1/weld-3 is green: 2 of 2 sources ok")
+    assert told[3:] == ["task task_1 × 4 (speed=1.00), 9.00 s", "error: elbow is wrong."]
+    assert ended.out.endswith("nothing was lost\n")
 
 
 @pytest.mark.parametrize(("summary", "code"), [(GOOD, 0), (BAD, 1)])

@@ -19,6 +19,7 @@ from cellwatt.record import Header
 from cellwatt.results import Interval
 from tests.daemon.commands.calling import CELL, Call, call, cell
 from tests.daemon.record import making
+from tests.rights import as_anybody
 
 __all__ = ["call", "cell"]
 
@@ -157,21 +158,15 @@ def test_a_mistake(
 
 
 @pytest.fixture
-def forbidden() -> Iterator[Path]:
-    """A folder that may not be written, with a file that may not be read, for a user who is not root."""
-    with tempfile.TemporaryDirectory(dir="/tmp") as name:  # that of the test run is root's alone
-        folder = Path(name)
-        (folder / "weld.yaml").write_text(CELL)
-        (folder / "weld.yaml").chmod(0)
-        (folder / "open.yaml").write_text(CELL + "record: {folder: recordings}\n")
-        folder.chmod(0o555)
-        root = os.geteuid() == 0
-        if root:
-            os.seteuid(65534)
-        yield folder
-        if root:
-            os.seteuid(0)
-        folder.chmod(0o755)
+def forbidden(tmp_path: Path) -> Iterator[Path]:
+    """A folder that may not be written, with a file that may not be read, for root neither."""
+    (tmp_path / "weld.yaml").write_text(CELL)
+    (tmp_path / "weld.yaml").chmod(0)
+    (tmp_path / "open.yaml").write_text(CELL + "record: {folder: recordings}\n")
+    tmp_path.chmod(0o555)
+    with as_anybody():
+        yield tmp_path
+    tmp_path.chmod(0o755)
 
 
 @pytest.mark.parametrize("command", FILES)

@@ -23,7 +23,7 @@ def source_choice(schema, driver):
 def test_top_level(schema):
     assert schema["required"] == ["site", "cell", "sources"]
     assert set(schema["properties"]) == {
-        "site", "cell", "version", "robot", "sources", "frames", "stages", "record", "units", "zenoh", "log",
+        "site", "cell", "version", "robot", "latency", "sources", "frames", "stages", "record", "units", "zenoh", "log",
     }  # fmt: skip
     assert schema["additionalProperties"] is False
 

@@ -42,7 +42,7 @@ def test_parquet(tmp_path: Path) -> None:
     [
         ("a,b\n1,2\n", "no column t, timestamp or time for the time; there are: a, b"),
         ("t,b\n1,2\n1,3\n", "does not rise"),
-        ("t,b\n1,2,3\n2,3,4\n", "line 2 has 3 cells, expected 2"),
+        ("t,b\n1,2,3\n2,3,4\n", "row 2 has 3 cells, expected 2"),
         ("t,b\n1,2\n", "1 rows, expected at least 2"),
     ],
 )
@@ -60,7 +60,7 @@ def test_file_that_is_no_parquet(tmp_path: Path) -> None:
         load_signals(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"t,x\n", b"t,x\n# 1,2\n", b"t,\xefx\n0,1\n1,2\n", b"t,t\n0,1\n1,2\n"])
+@pytest.mark.parametrize("content", [b"", b"t,x\n", b"t,x\n# 1,2\n", b"t,\x81x\n0,1\n1,2\n", b"t,t\n0,1\n1,2\n"])
 def test_tables_without_rows_and_names_that_are_no_text(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.csv").write_bytes(content)
     with pytest.raises(RecordingError):

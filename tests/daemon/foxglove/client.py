@@ -13,8 +13,8 @@ from types import TracebackType
 from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosedError
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
 from tests.patience import eventually
@@ -42,26 +42,28 @@ class Client:
     ended: bool = False
 
     async def __aenter__(self) -> Client:
-        self._socket: ClientConnection = await eventually(self._connect, "somebody who listens")
-        assert self._socket.subprotocol == "foxglove.sdk.v1"
-        self._reading = asyncio.create_task(self._read())
-        await eventually(lambda: self.info, "a greeting")
+        await eventually(self._greeted, "a server that greets")
         return self
 
     async def __aexit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
         await self._socket.close()
         await self._reading
 
-    async def _connect(self) -> ClientConnection | None:
-        """A connection, or none while the server starts anew."""
+    async def _greeted(self) -> bool:
+        """Connect; False if nobody listens, or the server ends before its greeting because it starts anew."""
         protocols = [Subprotocol("foxglove.sdk.v1")]
         try:
-            return await connect(f"ws://127.0.0.1:{self.port}", subprotocols=protocols, max_size=None)
-        except OSError:
-            return None
+            self._socket = await connect(f"ws://127.0.0.1:{self.port}", subprotocols=protocols, max_size=None)
+        except (OSError, InvalidHandshake):
+            return False
+        assert self._socket.subprotocol == "foxglove.sdk.v1"
+        self.ended = False
+        self._reading = asyncio.create_task(self._read())
+        await eventually(lambda: self.info or self.ended, "a greeting")
+        return bool(self.info)
 
     async def _read(self) -> None:
-        with suppress(ConnectionClosedError):  # the library's server says no farewell
+        with suppress(ConnectionClosed):  # the library's server says no farewell
             await self._take()
         self.ended = True
 

@@ -1,5 +1,8 @@
 """The lines of a log."""
 
+import json
+
+from cellwatt.live.as_json import line_of
 from cellwatt.live.bulletin import EVERY, Bulletin
 from tests.daemon.live.cells import alarm, energy, gap, health, interval, source, task
 
@@ -35,6 +38,13 @@ def test_results_are_told_with_their_time() -> None:
     ]
     (line,) = bulletin.of(task(5))
     assert line.startswith("2023-11-14T22:13:29.000Z ")
+
+
+def test_lines_of_watch_json_tell_the_same() -> None:
+    messages = (health(), interval(1, (2,), 1.0), task(4), energy(4), alarm("a"), gap(30), alarm("a", active=False))
+    bulletin = Bulletin()
+    lines = [json.loads(json.dumps(line_of(message))) for message in messages]
+    assert [text.split(" ", 1)[1] for line in lines for text in bulletin.of_line(line)] == said(Bulletin(), *messages)
 
 
 def test_an_alarm_is_told_when_it_is_raised_changed_and_cleared() -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import socket
 import subprocess
 import threading
 import time
@@ -101,6 +102,32 @@ def test_a_router_that_comes_up_meanwhile_is_found() -> None:
         opened[0].close()
 
 
+@pytest.mark.parametrize("first", ["dead", "unknown", "both"])
+def test_a_router_further_down_the_list_is_found(first: str) -> None:
+    live = f"tcp/{HOST}:{free_port()}"
+    with socket.create_server((HOST, 0)) as silent, open_session(LinkSettings(mode="router", listen=(live,))) as router:
+        away = {
+            "dead": [f"tcp/{HOST}:{free_port()}"],
+            "unknown": ["tcp/no-such-host.invalid:7447"],
+            "silent": [f"tcp/{HOST}:{silent.getsockname()[1]}"],
+        }
+        endpoints = away[first] if first != "both" else away["dead"] + away["silent"]
+        client = LinkSettings(mode="client", connect=(*endpoints, live))
+        with open_session(client, patience=0) as session:
+            assert [str(zid) for zid in session.info.routers_zid()] == [str(router.zid())]
+
+
+def test_each_endpoint_is_told_with_its_own_reason() -> None:
+    dead = f"tcp/{HOST}:{free_port()}"
+    with socket.create_server((HOST, 0)) as server:
+        silent = f"tcp/{HOST}:{server.getsockname()[1]}"
+        with pytest.raises(SinkError) as told:
+            open_session(LinkSettings(mode="client", connect=(dead, silent)), patience=0)
+    one, other = str(told.value).split("; ")
+    assert one.startswith(f"{dead}: nobody answers")
+    assert other.startswith(f"{silent}: somebody answers but refuses")
+
+
 def test_opening_can_be_stopped() -> None:
     endpoint = f"tcp/{HOST}:{free_port()}"
     with pytest.raises(SinkError, match="nobody answers"):
@@ -108,12 +135,12 @@ def test_opening_can_be_stopped() -> None:
 
 
 def test_somebody_who_is_no_zenoh_is_told_apart(tmp_path: Path) -> None:
-    import socket
-
     with socket.create_server((HOST, 0)) as server:
         endpoint = f"tcp/{HOST}:{server.getsockname()[1]}"
         settings = LinkSettings(mode="client", connect=(endpoint,))
-        assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers but refuses the session")
+        assert why_unconnected(settings).startswith(f"{endpoint}: somebody answers, but there is no session yet")
+        with pytest.raises(SinkError, match="somebody answers but refuses the session"):
+            open_session(settings, lambda: True)
 
 
 def test_a_router_on_a_pc_whose_cores_are_taken_is_no_refusal(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from cellwatt import Event, Prediction, SinkError
-from cellwatt.publish import ZenohSettings, ZenohSink
+from cellwatt.publish import ZenohSettings, ZenohSink, publisher
 from cellwatt.publish.encode import decode
 from cellwatt.publish.link import LinkSettings, open_session
 from cellwatt.publish.mark import Mark
@@ -238,6 +238,32 @@ async def test_what_is_not_to_be_published_is_not(view: FakeView, endpoint: str)
         finally:
             session.close()
     assert sink.account.expected == 1
+
+
+async def test_nothing_is_encoded_while_nobody_subscribes(
+    sink: ZenohSink, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publisher, "SETTLES", 0.0)
+    encoded: list[Any] = []
+    monkeypatch.setattr(publisher, "encode", lambda out, real=publisher.encode: encoded.append(out) or real(out))
+    assert not sink.awaited
+    async with serving(sink):
+        sink.offer(batch(0, 5))
+        sink.offer(frames(0, 2))
+        await eventually(lambda: sink.account.received == 7, "nobody is served")
+        assert not sink.awaited and not encoded
+        session = await asyncio.to_thread(open_session, LinkSettings(mode="client", connect=(endpoint,)))
+        try:
+            consumer = Consumer(session)
+            await eventually(lambda: sink.awaited, "the subscriber")
+            sink.offer(batch(5, 3))
+            await consumer.until(1)
+            assert mark_of(consumer.samples[0]).sequence == 5
+            assert len(encoded) == 1
+        finally:
+            session.close()
+        await eventually(lambda: not sink.awaited, "the end of the subscriber")
+    assert sink.account.residue == 0
 
 
 async def test_stopping_drains_what_waits(sink: ZenohSink, endpoint: str) -> None:

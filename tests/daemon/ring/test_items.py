@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from cellwatt.batch import Tick
+from cellwatt.blocks import cut
 from cellwatt.frames import Frames
+from cellwatt.record.rows import SampleRows
 from cellwatt.results import Alarm, Event, Prediction
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Ring, RingJournal, Skipped, Status
 from tests.daemon.record.making import ARM, batch_of
@@ -45,6 +47,20 @@ def test_every_kind_of_item_comes_through(ring):
     assert (got[0].source, got[0].stream) == (items[0].source, items[0].stream)
     assert got[2].layout == LAYOUT
     assert list(reader.items()) == []
+
+
+def test_samples_are_recorded_as_they_stand_in_the_ring(ring):
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    put = batch_of(7, 4)
+    writer.put(put)
+    (got,) = reader.items()
+    rows = SampleRows(put.source, put.stream)
+    assert rows.encode(got, 300).tobytes() == rows.encode(put, 300).tobytes()
+    assert got.rows is not None and (got.rows["channel"] != 300).all(), "a copy is moved, not the rows"
+    part = cut(got, 1, 3)
+    assert part.rows is None
+    assert rows.encode(part, 3).tobytes() == rows.encode(cut(put, 1, 3), 3).tobytes()
+    assert replace(got, values=got.values + 1).rows is None
 
 
 def test_a_block_that_is_too_large_goes_in_parts(ring):

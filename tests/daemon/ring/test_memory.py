@@ -199,3 +199,20 @@ def test_a_killed_writer_is_followed_by_another():
         assert position == ring.head
     finally:
         ring.close()
+
+
+def test_only_readers_that_listen_are_rung(ring):
+    ring.listen(0, False)
+    put(ring, 2)
+    with pytest.raises(BlockingIOError):
+        os.eventfd_read(ring.bell(0))
+    assert os.eventfd_read(ring.bell(1)) == 2
+    ring.listen(0)
+    put(ring, 1)
+    assert os.eventfd_read(ring.bell(0)) == 1
+
+
+def test_a_reader_tells_the_writer_that_somebody_awaits_records(ring):
+    assert not ring.awaited
+    ring.awaited = True
+    assert ring.awaited

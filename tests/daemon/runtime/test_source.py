@@ -85,6 +85,25 @@ def test_a_source_starts(at_once):
     at_once(main())
 
 
+def test_a_source_is_well_with_its_first_number(at_once):
+    async def main():
+        async with running(answer, give(1), fail(NOBODY), answer) as cellar:
+            source = cellar.source
+            await DEVICES["arm"].done()
+            assert source.status()["state"] == "starting", "it answers again, and has given no number since"
+            assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage", "bus.current"]
+            source.emit(Reading(STREAM, np.full((1, 2), np.nan), 1))
+            assert source.status()["state"] == "starting"
+            source.emit(Reading(STREAM, np.array([[np.nan, 1.0], [np.nan, np.nan]]), 2))
+            assert source.status()["state"] == "ok"
+            assert source.status()["streams"]["supply"]["blank"] == ["bus.voltage"]
+            source.emit(Reading(STREAM, np.array([[230.0, np.nan]]), 3))
+            assert source.status()["streams"]["supply"]["blank"] == []
+            source.account.expect(4)
+
+    at_once(main())
+
+
 def test_nobody_answers(at_once, no_jitter):
     async def main():
         async with running(*[fail(NOBODY)] * 7) as cellar:

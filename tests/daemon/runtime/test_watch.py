@@ -13,6 +13,7 @@ def status(**source: Any) -> dict[str, Any]:
     healthy = {
         "state": "ok",
         "error": None,
+        "identity": {"maker": "M", "model": "N"},
         "since_s": 5.0,
         "residue": 0,
         "expected": 10,
@@ -188,3 +189,29 @@ def test_samples_that_were_never_recorded_are_an_error_and_over_when_no_more_are
     assert "missing in the record" in alarms[0].statement
     alarms = [a for s in range(20, 40) for a in watch.look(process(19_000), s * second)]
     assert [(a.kind, a.active) for a in alarms] == [("process_slow", False)]
+
+
+def test_a_device_that_answers_and_gives_no_number_is_an_alarm() -> None:
+    starting = {"state": "starting", "streams": {}}
+    waits = looked_at(Watch(), 20, lambda second: starting | {"since_s": float(second)})
+    assert [(a.kind, a.severity, a.time // 10**9) for a in waits] == [("source_silent", "error", 10 + PATIENCE - 1)]
+    assert waits[0].statement.startswith("Source arm answers, but has given no number since")
+    assert not looked_at(Watch(), 20, lambda second: starting | {"identity": None}), "it does not answer yet"
+
+
+def test_channels_without_any_number_are_named_until_there_is_one() -> None:
+    def source(second: int) -> dict[str, Any]:
+        blank = ["joint_1.torque"] if second < 15 else []
+        return {"streams": {"tags": {"nominal_hz": 10.0, "samples": 10 * (second + 100), "blank": blank}}}
+
+    said = looked_at(Watch(), 30, source)
+    assert [(a.kind, a.active) for a in said] == [("source_blank", True), ("source_blank", False)]
+    assert "never gave a number for arm.joint_1.torque" in said[0].statement
+
+
+def test_what_is_sent_on_change_or_seldom_may_not_have_come_yet() -> None:
+    for nominal, since, raised in ((0.0, 1000.0, 0), (0.01, 299.0, 0), (0.01, 301.0, 1), (5.0, 9.0, 0)):
+        figures = {"nominal_hz": nominal, "samples": 0, "blank": ["valve.state"]}
+        streams = {"streams": {"tags": figures}, "since_s": since}
+        kinds = {a.kind for a in looked_at(Watch(), PATIENCE, lambda _, streams=streams: streams)}
+        assert kinds == ({"source_blank"} if raised else set())

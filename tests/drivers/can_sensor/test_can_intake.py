@@ -23,22 +23,69 @@ BO_ 16 A: 8 Vector__XXX
  SG_ U m1 : 8|16@1+ (0.1,0) [0|0] "V" Vector__XXX
  SG_ W m2 : 8|16@1+ (1,0) [0|0] "W" Vector__XXX
 """
-MAP = "maker: M\nmodel: N\ndbc: a.dbc\nstreams:\n  a: {message: A, signals: {U: bus.voltage}}\n"
+MAP = "maker: M\nmodel: N\ndbc: a.dbc\nstreams:\n  a: {message: A, signals: {%s}}\n"
+NESTED = """VERSION ""
+BU_: Vector__XXX
+BO_ 16 A: 8 Vector__XXX
+ SG_ M M : 0|8@1+ (2,0) [0|0] "" Vector__XXX
+ SG_ I : 56|8@1+ (1,0) [0|0] "A" Vector__XXX
+ SG_ S m1M : 8|8@1+ (1,0) [0|0] "" Vector__XXX
+ SG_ U m3 : 16|16@1+ (0.1,0) [0|0] "V" Vector__XXX
+ SG_ W m2 : 8|16@1+ (1,0) [0|0] "W" Vector__XXX
+SG_MUL_VAL_ 16 S M 1-1;
+SG_MUL_VAL_ 16 U S 3-3, 5-7;
+SG_MUL_VAL_ 16 W M 2-4;
+"""
 
 
-async def test_a_multiplexed_message_that_carries_others_is_no_sample(tmp_path):
-    (tmp_path / "a.dbc").write_text(DBC)
-    (tmp_path / "a.yaml").write_text(MAP)
-    _, decodings = load_decodings(None, tmp_path / "a.yaml")
+def taken(folder, frames, signals="U: bus.voltage", dbc=DBC):
+    """What an intake gives for frames that come one a second."""
+    (folder / "a.dbc").write_text(dbc)
+    (folder / "a.yaml").write_text(MAP % signals)
+    _, decodings = load_decodings(None, folder / "a.yaml")
     outlet = CollectingOutlet()
     intake = Intake("sensor", decodings["a"], 0.0, outlet)
-    for second, multiplexer in enumerate((1, 2, 1, 3)):
-        intake.take(Message(arbitration_id=16, data=[multiplexer, 10, 0, 0, 0, 0, 0, 0], timestamp=100.0 + second))
+    for second, data in enumerate(frames):
+        intake.take(Message(arbitration_id=16, data=data, timestamp=100.0 + second))
     intake.flush(outlet.now())
-    assert outlet.values.tolist() == [[1.0], [1.0]]
-    assert outlet.account.counters["frames without the signals"] == 1
-    assert outlet.account.counters["malformed"] == 1  # a multiplexer that the file does not know
     assert outlet.account.residue == 0
+    return outlet
+
+
+def values(outlet):
+    return outlet.values.tolist() if outlet.readings else []
+
+
+async def test_frames_with_other_pages_and_with_unknown_ones_are_no_samples(tmp_path):
+    outlet = taken(tmp_path, [[page, 10, 0, 0, 0, 0, 0, 0] for page in (1, 2, 1, 3)])
+    assert values(outlet) == [[1.0], [1.0]]
+    assert outlet.account.counters == {"frames without the signals": 2}
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [([1, 10, 0], 1), ([1, 10, 0, 9, 9, 9, 9, 9, 9, 9, 9, 9], 1), ([1, 10], "malformed"), ([], "malformed"), ([2], 0)],
+)
+async def test_a_frame_may_be_shorter_and_longer_than_the_file_says(tmp_path, data, found):
+    outlet = taken(tmp_path, [data])
+    assert values(outlet) == ([[1.0]] if found == 1 else [])
+    assert outlet.account.counters["malformed"] == (found == "malformed")
+    assert outlet.account.counters["frames without the signals"] == (found == 0)
+
+
+async def test_signals_beyond_a_short_frame_are_missing(tmp_path):
+    outlet = taken(tmp_path, [[2, 10, 0, 7, 0, 0, 0, 3], [2, 10, 0]], "I: bus.current, W: bus.power", NESTED)
+    assert repr(values(outlet)) == "[[3.0, 10.0], [nan, 10.0]]"
+    assert outlet.account.counters == {"signals beyond a short frame": 1}
+
+
+async def test_pages_within_pages_and_ranges_of_them(tmp_path):
+    frames = [[1, s, 10, 0, 0, 0, 0, 9] for s in (3, 4, 5, 7)] + [[5, 3, 10, 0, 0, 0, 0, 9]]
+    outlet = taken(tmp_path, frames, "U: bus.voltage, I: bus.current", NESTED)
+    assert values(outlet) == [[1.0, 9.0]] * 3
+    assert outlet.account.counters == {"frames without the signals": 2}
+    outlet = taken(tmp_path, [[page, 1, 0, 0, 0, 0, 0, 0] for page in range(6)], "W: bus.power", NESTED)
+    assert values(outlet) == [[1.0]] * 3
 
 
 @pytest.mark.parametrize("line", LINES)

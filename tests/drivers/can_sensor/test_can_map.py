@@ -111,6 +111,33 @@ def test_a_dbc_file_that_is_none(folder):
         load_decodings(None, folder / "drive.yaml")
 
 
+PAGES = """VERSION ""
+BU_: DRIVE
+BO_ 256 Drive_Status: 8 DRIVE
+ SG_ Page M : 0|8@1+ (1,0) [0|0] "" Vector__XXX
+ SG_ Speed m0 : 8|16@1- (1,0) [0|0] "rpm" Vector__XXX
+ SG_ Energy m1 : 8|32@1+ (1,0) [0|0] "Wh" Vector__XXX
+ SG_ Number : 56|8@1+ (1,0) [0|0] "" Vector__XXX
+"""
+
+
+def test_signals_that_never_come_together_are_refused(folder):
+    (folder / "drive.dbc").write_text(PAGES)
+    why = "stream status: no frame of Drive_Status carries both Energy and Speed, .* different pages of Page: write a"
+    with pytest.raises(ConfigError, match=why):
+        load_decodings(None, folder / "drive.yaml")
+
+
+def test_a_stream_for_each_page_of_a_message(folder):
+    (folder / "drive.dbc").write_text(PAGES)
+    again = "  again:\n    message: Drive_Status\n    signals: {Energy: drive.energy}\n"
+    (folder / "drive.yaml").write_text(
+        GOOD.replace("      Energy: {channel: drive.energy, counter: true}\n", "") + again
+    )
+    _, decodings = load_decodings(None, folder / "drive.yaml")
+    assert {name: dict(d.pages) for name, d in decodings.items()} == {"status": {"Page": {0}}, "again": {"Page": {1}}}
+
+
 def test_one_message_feeds_one_stream(folder):
     again = "  again:\n    message: Drive_Status\n    signals: {Speed: drive.speed_2}\n"
     (folder / "drive.yaml").write_text(GOOD + again)

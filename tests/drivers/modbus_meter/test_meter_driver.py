@@ -169,24 +169,28 @@ async def test_meters_on_one_serial_line_take_turns():
         assert outlet.values[0, column] == pytest.approx(number * 3.6e6, rel=1e-3)
 
 
-async def test_counters_that_wrap_and_are_reset(tmp_path):
+async def test_counters_that_wrap_are_reset_and_misread(tmp_path):
     file = tmp_path / "wrapping.yaml"
     file.write_text(
         "maker: Acme\nmodel: A1\nfunction: input\ntype: uint16\nvalues:\n"
         "  supply.energy_imported: {address: 0, unit: Wh, wraps_at: 10000}\n"
     )
-    joule = 3600.0
-    async with emulated(map=str(file)) as (emulator, place), running(settings(place, map=str(file))) as run:
-        meter = emulator.meters[1]
-        for level in (9990, 4, 700, 300):
-            meter.energy = level * joule
-            seen = len(run.outlet.readings)
-            await run.outlet.until(lambda o, seen=seen: len(o.readings) >= seen + 3)
-    found = run.outlet.values[:, 0] / joule
-    assert np.all(np.diff(found) >= 0)
-    assert found[-1] - found[found >= 9989].min() == pytest.approx(10_700 - 9990, abs=2)
-    assert run.outlet.kinds().count("counter_wrapped") == 1
-    assert run.outlet.kinds().count("counter_reset") == 1
+    zero = [9975, 9980, 0, 9985]
+    wrap = [9990, 9995, 0, 5, 10, 15, 20]
+    high_then_reset = [700, 25, 30, 3, 4, 5, 6, 7]
+    true = [9980, 9980, 9985, 9990, 9995, *[9995] * 3, 10015, 10020, 10020, 10025, 10030, *[10030] * 3, 10033, 10034]
+    held = [0, 1, 0, 0, 0, *[1] * 3, 0, 0, 1, 0, 0, *[1] * 3, 0, 0]
+    readings = iter(zero + wrap + high_then_reset)
+    async with emulated(map=str(file)) as (emulator, place):
+        emulator.meters[1]._measured = lambda t: {"supply.energy_imported": 3600.0 * next(readings, 7)}
+        async with running(settings(place, map=str(file))) as run:
+            await run.outlet.until(lambda o: len(o.readings) >= len(true))
+    assert run.outlet.values[: len(true), 0] / 3600.0 == pytest.approx(true)
+    quality = np.concatenate([r.quality for r in run.outlet.readings])
+    assert quality[: len(true)].tolist() == held
+    kinds = run.outlet.kinds()
+    assert [kinds.count(f"counter_{what}") for what in ("misread", "wrapped", "reset")] == [2, 1, 1]
+    assert run.outlet.account.counters["counter misread"] == 2
 
 
 async def test_overload_and_no_value(tmp_path):
@@ -195,8 +199,10 @@ async def test_overload_and_no_value(tmp_path):
         "maker: Acme\nmodel: A1\nfunction: holding\ntype: int32\nword_order: little\nvalues:\n"
         "  phase_1.voltage: {address: 0, unit: V, scale: 0.1, largest: 0x7FFEFFFF}\n"
         "  phase_1.current: {address: 2, unit: A, missing: [-2147483648]}\n"
+        "  phase_2.current: {address: 4, unit: A, scale: 0.1, type: uint16}\n"
+        "  phase_1.power: {address: 5, unit: W}\n"
     )
-    words = [0x0000, 0x7FFF, 0x0000, 0x8000]
+    words = [0x0000, 0x7FFF, 0x0000, 0x8000, 0xFFFF, 0x0000, 0x8000]
     server = ModbusTcpServer(
         SimDevice(0, simdata=[SimData(0, values=words, datatype=DataType.REGISTERS)]), address=("127.0.0.1", 0)
     )

@@ -77,6 +77,7 @@ async def test_a_meter_that_is_silent_on_a_line_is_given_up():
     async with emulated("pty", unit="1") as (emulator, line):
         async with running(settings(line, timeout="30 ms", silence="300 ms", retries=0)) as run:
             await run.outlet.until(lambda o: len(o.readings) >= 2)
+            before = len(run.failures)  # a busy PC may have missed answers already
             emulator.inject(Fault("loss"))
-            await run.outlet.until(lambda _: run.failures)
-        assert str(run.failures[0]).startswith("no good answer for 0.")
+            await run.outlet.until(lambda _: len(run.failures) > before)
+        assert str(run.failures[before]).startswith("no good answer for 0.")

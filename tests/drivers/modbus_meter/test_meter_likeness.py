@@ -14,7 +14,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from cellwatt.errors import ConnectError, WrongDeviceError
 from cellwatt_drivers.modbus_meter import ModbusMeterDriver
-from cellwatt_drivers.modbus_meter.likeness import doubt
+from cellwatt_drivers.modbus_meter.likeness import contradiction, doubt
 from cellwatt_drivers.modbus_meter.meter_map import METERS, packaged_map
 
 from ..outlet import CollectingOutlet
@@ -68,6 +68,68 @@ async def test_an_sdm630_map_on_a_shelly():
         with pytest.raises(WrongDeviceError, match=r"no phase has a voltage.*like Shelly Pro 3EM"):
             await identify(place, meter="eastron_sdm630")
         assert (await identify(place, meter="shelly_pro_3em")).maker == "Shelly"
+
+
+def em24(cosine: float, kilowatts: float) -> list[int]:
+    """Registers of a Carlo Gavazzi EM24 on RS-485: where an EM340 has the frequency, it has phase 2's power factor."""
+    words = [0] * 100
+
+    def write(address: int, number: float) -> None:
+        words[address : address + 2] = [round(number) & 0xFFFF, round(number) >> 16]
+
+    power = 1000 * kilowatts / 3
+    for phase in range(3):
+        write(0x00 + 2 * phase, 2300)
+        write(0x0C + 2 * phase, 1000 * power / cosine / 230)
+        write(0x12 + 2 * phase, 10 * power)
+    write(0x28, 10 * 3 * power)
+    write(0x2E, 10 * 3 * power)  # demand of the last minutes: W, then VA
+    write(0x30, 10 * 3 * power / cosine)
+    words[0x32:0x36] = [round(1000 * cosine)] * 4
+    words[0x37] = 500
+    return words
+
+
+@pytest.mark.parametrize("cosine", [0.41, 0.5, 0.69])
+@pytest.mark.parametrize("kilowatts", [0.03, 0.1, 3.0, 12.0])
+async def test_an_em24_whose_power_factor_looks_like_a_frequency_is_no_em340(cosine, kilowatts):
+    device = SimDevice(0, simdata=[SimData(0, values=em24(cosine, kilowatts), datatype=DataType.REGISTERS)])
+    server = ModbusTcpServer(device, address=("127.0.0.1", 0))
+    await server.serve_forever(background=True)
+    place = f"127.0.0.1:{server.transport.sockets[0].getsockname()[1]}"
+    try:
+        for read in (None, ["supply.power"]):
+            with pytest.raises(WrongDeviceError, match=r"is not a EM340: phase_\d\.power_factor reads"):
+                await identify(place, meter="gavazzi_em340", read=read)
+    finally:
+        await server.shutdown()
+
+
+def phase(voltage: float, current: float, power: float, factor: float) -> dict[str, float]:
+    """As it stands in the registers of an EM340."""
+    return {
+        "phase_1.voltage": 10 * voltage,
+        "phase_1.current": 1000 * current,
+        "phase_1.power": 10 * power,
+        "phase_1.power_factor": 1000 * factor,
+    }
+
+
+@pytest.mark.parametrize(
+    ("values", "fits"),
+    [
+        (phase(230, 2, 460, 1.0), True),
+        (phase(230, 2, -230, -0.5), True),
+        (phase(230, 2, 230, -0.5), True),  # the sign may say that the current leads
+        (phase(230, 2, 276, 0.99), True),  # a rectifier's current: 0.6 by its harmonics, its cosine is 0.99
+        (phase(230, 0.01, 2.3, 0.0), True),  # next to nothing
+        (phase(230, 2, 460, math.nan), True),
+        (phase(230, 2, 230, 0.0), False),
+        (phase(230, 2, -460, 0.5), False),
+    ],
+)
+def test_power_factor_and_power_are_judged_together(values, fits):
+    assert bool(contradiction(packaged_map("gavazzi_em340"), values)) != fits
 
 
 async def test_an_em340_map_on_an_sdm630():

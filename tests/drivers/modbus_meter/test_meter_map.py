@@ -107,3 +107,22 @@ def test_mistakes_are_told_with_their_place(tmp_path, old, new, place, why):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
         load_map(tmp_path / "nowhere.yaml")
+
+
+@pytest.mark.parametrize(
+    ("value", "marks"),
+    [
+        ("type: uint16", (0xFFFF,)),
+        ("type: int16", (-0x8000,)),
+        ("type: uint32", (0xFFFF_FFFF,)),
+        ("type: int64", (-(2**63),)),
+        ("type: float32", ()),
+        ("type: uint16, missing: []", ()),
+        ("type: int32, missing: [7]", (7,)),
+    ],
+)
+def test_numbers_that_stand_for_no_value(tmp_path, value, marks):
+    file = tmp_path / "map.yaml"
+    head = "maker: A\nmodel: B\nfunction: input\ntype: float64\nvalues:\n"
+    file.write_text(f"{head}  supply.power: {{address: 0, unit: W, {value}}}\n")
+    assert load_map(file).marks("supply.power") == marks

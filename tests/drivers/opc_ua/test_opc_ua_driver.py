@@ -16,8 +16,12 @@ from cellwatt.channel import Quality
 from cellwatt.demo.cells import free_endpoint
 from cellwatt.emulation import Fault
 from cellwatt.errors import ConnectError, DeviceError, WrongDeviceError
+from cellwatt_drivers.opc_ua.emulator import OpcUaEmulator
+from cellwatt_drivers.opc_ua.nodes import misplaced
 from cellwatt_drivers.opc_ua.session import open_session
+from cellwatt_drivers.opc_ua.tag_map import Tag
 
+from ..running import Steady, served
 from .rig import PLC, TAGS, certificate, driver, emulated, running, settings
 
 BAD_NODES = [
@@ -60,6 +64,43 @@ async def test_values_come_in_si_units_with_the_sources_time():
     assert (np.diff(run.outlet.device_time) > 0).all()
 
 
+async def test_elements_of_arrays_within_arrays():
+    tags = {
+        "a.x": {"node": "ns=plc;s=Matrix", "index": [1, 0], "unit": "N"},
+        "a.y": {"node": "ns=plc;s=Matrix", "index": [0, 2], "unit": "N"},
+    }
+    options = OpcUaEmulator.options_for([settings("127.0.0.1:1", tags=tags)])
+    forces = Steady({"a.x": 3.5, "a.y": -2.0})
+    emulator = OpcUaEmulator(forces, "127.0.0.1:0", seed=3, options=options)
+    async with served(emulator) as place, running(place, tags=tags) as run:
+        await run.outlet.until(lambda o: len(o.readings) > 5)
+    assert run.outlet.values[-1].tolist() == [3.5, -2.0]
+    assert not run.failures
+
+
+@pytest.mark.parametrize(
+    ("value", "index", "text"),
+    [
+        ([[1.0, 2.0], [3.0, 4.0]], 0, "is an array of arrays (2 × 2): write 'index: [i, j]', each from 0"),
+        ([[1.0, 2.0], [3.0, 4.0]], 2, "is an array of arrays (2 × 2)"),
+        ([[1.0, 2.0], [3.0, 4.0]], None, "is an array of arrays (2 × 2)"),
+        ([[1.0, 2.0], [3.0, 4.0]], (1, 2), "has 2 × 2 elements, none with index 1, 2"),
+        ([[[1.0]]], (0, 0), "is an array of arrays (1 × 1 × 1): write 'index: [i, j, k]'"),
+        ([1.0, 2.0], (0, 0), "is an array of 2: write 'index', from 0"),
+        ([], 0, "has 0 elements, none with index 0"),
+        (1.0, (0, 0), "is no array: leave out 'index'"),
+        ([1.0, None], 1, "has None where a number is expected"),
+        ([[1.0, 2.0], [3.0, 4.0]], (1, 0), ""),
+        ([True], 0, ""),
+        (1, None, ""),
+    ],
+)
+def test_an_index_that_leads_to_no_number_is_refused(value, index, text):
+    tag = Tag.model_validate({"node": "ns=2;s=x", "index": index, "unit": "N"})
+    found = misplaced(value, tag.indices)
+    assert text in found and bool(text) == bool(found)
+
+
 async def test_the_server_says_who_it_is():
     async with emulated() as (_, place):
         made, _ = driver(place)
@@ -90,6 +131,7 @@ async def test_what_is_optional_may_be_missing():
         await run.outlet.until(lambda o: len(o.readings) > 2)
     assert np.isnan(run.outlet.values[:, -1]).all() and np.isfinite(run.outlet.values[:, :-1]).all()
     assert run.outlet.kinds() == ["tags_missing"]
+    assert run.driver.left_out == {"tool.force"}
 
 
 @pytest.mark.parametrize("security", ["sign", "encrypt"])
@@ -250,6 +292,17 @@ async def test_a_server_that_says_nothing_is_given_up():
         assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
         before = len(run.outlet.readings)
         await run.outlet.until(lambda o: len(o.readings) > before)
+
+
+async def test_a_server_that_loses_its_subscriptions_is_subscribed_to_anew():
+    async with emulated() as (emulator, place), running(place, silence="300 ms") as run:
+        await run.outlet.until(lambda o: len(o.readings) > 2)
+        service = emulator._server._server.iserver.subscription_service
+        await service.delete_subscriptions(list(service.subscriptions))
+        await run.outlet.until(lambda _: run.failures)
+        before = len(run.outlet.readings)
+        await run.outlet.until(lambda o: len(o.readings) > before)
+    assert "no sign of life of the subscription for 0.3 s" in str(run.failures[0])
 
 
 async def test_every_sample_is_asked_for():

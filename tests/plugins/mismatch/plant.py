@@ -195,12 +195,18 @@ NOTHING = Missing()
 
 
 def record(
-    name: str, seed: int, missing: Missing = NOTHING, seconds: float = 24.0, plan: bool = True, power: bool = True
+    name: str,
+    seed: int,
+    missing: Missing = NOTHING,
+    seconds: float = 24.0,
+    plan: bool = True,
+    power: bool = True,
+    along: Course | None = None,
 ) -> Run:
-    """A noisy recording of the real arm with what the simulation says of its plan."""
+    """A noisy recording of the real arm with what the simulation says of its plan, ``along`` a course of its own."""
     random = np.random.default_rng(1000 + seed)
     time = np.arange(round(seconds * RATE)) / RATE
-    course = moves(seed, seconds)
+    course = along or moves(seed, seconds)
 
     def needed(when: np.ndarray) -> np.ndarray:
         q, qd, qdd = course(when - LAG)

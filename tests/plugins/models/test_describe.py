@@ -17,9 +17,10 @@ from pydantic import ValidationError
 
 from cellwatt import CellwattError, ModelError
 from cellwatt.channel import UNITS
-from cellwatt.onnx_file import decoded
+from cellwatt.onnx_file import OnnxFile, decoded
 from cellwatt_plugins.models import Input, Metadata, Output, Training, describe, read_metadata
 from cellwatt_plugins.models.metadata import encode
+from cellwatt_plugins.models.seal import sealed
 from tests.plugins.models.making import Mlp, metadata, stage
 
 SEAL = 2 + 2 + len("cellwatt.sha256") + 2 + 64
@@ -107,6 +108,34 @@ def test_a_changed_weight_is_taken_once_it_is_described_again(tmp_path):
         stage(path)
     describe(path, metadata())
     assert stage(path).metadata == metadata()
+
+
+def with_weights_beside(folder: Path, seed: int) -> Path:
+    """As PyTorch's exporter writes it: the weights in ``m.onnx.data``."""
+    path = Mlp.random(seed).save(folder / "m.onnx", None)
+    model = onnx.load(path)
+    onnx.save_model(model, path, save_as_external_data=True, location="m.onnx.data", size_threshold=100)
+    return path
+
+
+def test_weights_beside_the_file_are_packed_into_it(tmp_path):
+    path = with_weights_beside(tmp_path, 1)
+    rows = np.random.default_rng(1).normal(size=(5, 3)).astype(np.float32)
+    before = OnnxFile(path).run(rows)
+    describe(path, metadata())
+    for other in (b"", b"\0" * 12, None):
+        (tmp_path / "m.onnx.data").write_bytes(other) if other is not None else (tmp_path / "m.onnx.data").unlink()
+        np.testing.assert_array_equal(OnnxFile(path).run(rows), before)
+        assert stage(path).metadata == metadata()
+
+
+def test_a_digest_that_does_not_cover_the_weights_is_refused(tmp_path):
+    path = with_weights_beside(tmp_path, 1)
+    path.write_bytes(sealed(path.read_bytes()))
+    with pytest.raises(ModelError, match="weights in a file beside it, where nothing shows a change: describe it"):
+        read_metadata(path)
+    describe(path, metadata())
+    assert read_metadata(path) == metadata()
 
 
 def test_the_digest_is_an_entry_that_others_can_read(tmp_path):

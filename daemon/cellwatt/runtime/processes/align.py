@@ -12,12 +12,12 @@ from cellwatt.frames import Frames
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.framer import Framer
-from cellwatt.runtime.processes.rights import keep_up
-from cellwatt.runtime.processes.shared import ALIGN, Apply, Assignment, Ready, figures
+from cellwatt.runtime.processes.rights import keep_up, settle_memory
+from cellwatt.runtime.processes.shared import ALIGN, ALIGNS, Apply, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
-GATHERED: Final = 0.004
-"""s for which samples gather before they are looked at: frames are given out later than that anyway."""
+UNGATHERED: Final = 0.004
+"""s between looks at samples that do not gather: frames are given out later than that anyway."""
 BEFORE: Final = 3.0
 """s before the last frame from which a process that follows another reads again, so that its frames are the same."""
 SAID: Final = 1.0  # s between figures
@@ -47,11 +47,12 @@ class _Aligning:
     def run(self) -> None:
         self._out.put(Mark(self._generation))
         self._assignment.control.send(Ready())
-        for _ in turns(self._in, self._assignment.control, SAID):
+        settle_memory()
+        pace = self._config.gather(awaited=False) or UNGATHERED
+        for _ in turns(self._in, self._assignment.control, SAID, pace, ALIGNS):
             for item in self._in.items():
                 self._take(item)
             self._look(time.monotonic())
-            time.sleep(GATHERED)
         self._give(self._framer.flush())
         self._say()
         self._out.end()

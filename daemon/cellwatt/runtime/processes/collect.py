@@ -11,7 +11,7 @@ from typing import Final
 from cellwatt.ring import ItemWriter, Mark, Status
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.collector import Collector, Entry, load_libraries
-from cellwatt.runtime.processes.rights import claim
+from cellwatt.runtime.processes.rights import claim, settle_memory
 from cellwatt.runtime.processes.shared import Apply, Assignment, Ready, Stop, figures
 from cellwatt.runtime.tasks import Tasks
 from cellwatt.ticker import Ticker
@@ -34,7 +34,8 @@ class _Collecting:
         self._assignment = assignment
         self._config = assignment.config
         self._ring = ItemWriter(assignment.shared.raw)
-        self._collector = Collector(assignment.config, assignment.shared.clock, self._give)
+        raw = assignment.shared.raw
+        self._collector = Collector(assignment.config, assignment.shared.clock, self._give, lambda: raw.awaited)
         self._rights = claim()
         self._lag = 0.0
         self._refused = 0
@@ -52,7 +53,8 @@ class _Collecting:
             loop.add_reader(control.fileno(), self._hear)
             log.info("collect: %s", self._rights)
             control.send(Ready())
-            self._settle_memory()
+            settle_memory()
+            gc.disable()
             await self._stopping.wait()
             loop.remove_reader(control.fileno())
             for helper in helpers:
@@ -60,12 +62,6 @@ class _Collecting:
             await self._collector.close(self._tasks)
         self._say()
         self._ring.end()
-
-    def _settle_memory(self) -> None:
-        """Look for garbage when it suits, and never again among what is there now."""
-        gc.collect()
-        gc.freeze()
-        gc.disable()
 
     def _hear(self) -> None:
         try:

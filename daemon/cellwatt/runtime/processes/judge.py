@@ -15,6 +15,7 @@ from cellwatt.frames import Frames
 from cellwatt.results import Result
 from cellwatt.ring import ItemReader, ItemWriter, Mark, Status
 from cellwatt.runtime.assemble import declared, make_chain
+from cellwatt.runtime.processes.rights import settle_memory
 from cellwatt.runtime.processes.shared import OTHERS, Assignment, Ready, figures
 from cellwatt.runtime.processes.waiting import turns
 
@@ -68,6 +69,7 @@ class _Judging:
     def run(self) -> None:
         control = self._assignment.control
         control.send(Ready())
+        settle_memory()
         replaced = False
         for _ in turns(self._in, control, SAID):
             if replaced := not self._turn():

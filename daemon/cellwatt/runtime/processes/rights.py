@@ -1,9 +1,10 @@
-"""Rights that processes claim of the host so that others do not hold them up."""
+"""Rights that processes claim of the host so that others do not hold them up, and memory that they give back."""
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import gc
 import os
 from typing import Final
 
@@ -12,6 +13,8 @@ REALTIME: Final = 10
 NICE: Final = -10
 KEEPING_UP: Final = -5
 """Niceness of who aligns, records and tells: beside busy programs of others, the ring must not run full."""
+_M_ARENA_MAX: Final = -8
+"""Of ``mallopt``: heaps that the threads of a process may have; each takes a megabyte or two."""
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
@@ -27,6 +30,16 @@ def keep_up(process: int = 0) -> None:
     """
     with contextlib.suppress(OSError):
         _prefer(KEEPING_UP, process)
+
+
+def settle_memory() -> None:
+    """Give back what the start has used, and never look for garbage again among what is there now."""
+    gc.collect()
+    gc.freeze()
+    libc = ctypes.CDLL(None)
+    with contextlib.suppress(AttributeError):  # another library of C than GNU's
+        libc.mallopt(_M_ARENA_MAX, 1)
+        libc.malloc_trim(0)
 
 
 def _scheduling() -> str:

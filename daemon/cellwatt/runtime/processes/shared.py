@@ -20,7 +20,7 @@ SLOTS: Final = 16
 """Chains of stages that may run at a time; during a reload the old ones and the new."""
 KEPT: Final = 10.0
 """s of data that a ring holds: how long a reader may stand still before it misses some."""
-SMALLEST, LARGEST = 4 << 20, 64 << 20  # bytes of a ring
+SMALLEST, LARGEST = 1 << 20, 64 << 20  # bytes of a ring
 RESULTS: Final = 4 << 20
 """Bytes of results that a chain may be ahead of who records and publishes them."""
 _USUAL_RATE = 100.0
@@ -31,6 +31,8 @@ TELL, OTHERS, TOLD = 0, 1, READERS - 1
 position without a reader of its own."""
 ALIGN = OTHERS
 """Reader of the raw ring who makes frames; chain number n reads the frames as ``OTHERS + n``."""
+ALIGNS, TELLS = 0.0015, 0.003
+"""s by which who makes frames, and who records and publishes, wake after who collects: in the order of the data."""
 ALARMS: Final = 2 << 20
 """Bytes of alarms and events that are kept for who tells next; of other results as much as ``RESULTS``."""
 
@@ -63,8 +65,11 @@ class Shared:
 
 
 def _ring(rate: float, readers: int) -> Ring:
-    """A ring for ``rate`` bytes a second."""
-    return Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
+    """A ring for ``rate`` bytes a second, whose readers wake by themselves until they listen."""
+    made = Ring(round(min(max(KEPT * rate, SMALLEST), LARGEST)), readers)
+    for reader in range(readers):
+        made.listen(reader, False)
+    return made
 
 
 @dataclass(frozen=True, slots=True)

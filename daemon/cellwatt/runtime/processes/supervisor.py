@@ -6,7 +6,6 @@ all that is imported already there and shared.
 
 from __future__ import annotations
 
-import gc
 import logging
 import os
 import selectors
@@ -28,6 +27,7 @@ from cellwatt.runtime.processes.align import align
 from cellwatt.runtime.processes.collect import collect
 from cellwatt.runtime.processes.judge import judge
 from cellwatt.runtime.processes.part import Part
+from cellwatt.runtime.processes.rights import settle_memory
 from cellwatt.runtime.processes.shared import (
     OTHERS,
     SLOTS,
@@ -90,8 +90,7 @@ class Supervisor:
             self._run()
 
     def _run(self) -> None:
-        gc.collect()
-        gc.freeze()
+        settle_memory()
         with self._signals() as self._selector:
             # No device is opened before it is clear that the settings fit.
             self._begin([self._tell, self._align, *self._judges.values()])

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import logging
 import select
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 from cellwatt.batch import Batch, Tick
 from cellwatt.frames import Frames
+from cellwatt.gather import next_moment
 from cellwatt.results import Event, series_of
 from cellwatt.ring import ItemReader, Mark, RingJournal, Skipped, Status
 from cellwatt.runtime.assemble import declared
 from cellwatt.runtime.chain import BEGINS_ANEW
 from cellwatt.runtime.change import Change
 from cellwatt.runtime.processes.resume import Resume
-from cellwatt.runtime.processes.rights import keep_up
-from cellwatt.runtime.processes.shared import TELL, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
+from cellwatt.runtime.processes.rights import keep_up, settle_memory
+from cellwatt.runtime.processes.shared import TELL, TELLS, TOLD, Alive, Apply, Assignment, InForce, Ready, figures
 from cellwatt.runtime.processes.waiting import ALONE
 from cellwatt.runtime.tasks import Tasks, plain_errors
 from cellwatt.runtime.teller import Teller
@@ -32,6 +32,8 @@ log = logging.getLogger(__name__)
 HEALTH_RATE: Final = 1.0  # Hz
 AT_ONCE: Final = 100
 """Items of one ring that are dealt with before the loop may turn to something else."""
+LISTENS: Final = 1.0
+"""Longest time, s, without a look at the rings."""
 MARKED: Final = 3.0
 """Longest time, s, that new settings wait until the last frames by the old ones are told: rings hold more than that."""
 SILENT: Final = 4.0
@@ -50,10 +52,7 @@ class _Way:
 
     def __init__(self, reader: ItemReader) -> None:
         self.reader = reader
-        self.items: Iterator[Any] = iter(())
         self.checkpoints: deque[tuple[int, int]] = deque()
-        self.again = False
-        """Is to be gone on with, though nothing new may come."""
         self.held = False
         """Waits until another ring has come to the same settings."""
 
@@ -72,6 +71,8 @@ class _Telling:
         self._ways = [self._raw, self._frames, *self._results]
         self._said: dict[str, tuple[float, Mapping[str, Any]]] = {}
         self._applying: asyncio.Queue[Apply] = asyncio.Queue()
+        self._next: asyncio.Handle
+        """The next look at the rings."""
         self._marked = asyncio.Event()
         self._over = asyncio.Event()
         self._lag = 0.0
@@ -86,14 +87,14 @@ class _Telling:
             await self._resume_record()
             helpers = [group.create_task(self._heart()), group.create_task(self._apply())]
             for way in self._ways:
-                loop.add_reader(way.reader.bell, self._drain, way)
-                self._drain(way)
+                loop.add_reader(way.reader.bell, self._rung, way)
+            self._next = loop.call_soon(self._turn)
             loop.add_reader(control.fileno(), self._hear)
             control.send(Ready())
-            gc.collect()
-            gc.freeze()
+            settle_memory()
             await self._over.wait()
             loop.remove_reader(control.fileno())
+            self._next.cancel()
             for way in self._ways:
                 loop.remove_reader(way.reader.bell)
             for helper in helpers:
@@ -111,33 +112,50 @@ class _Telling:
 
     # rings ----------------------------------------------------------------------------------------
 
-    def _drain(self, way: _Way) -> None:
-        way.again = False
-        for _ in range(AT_ONCE):
-            item = self._next(way)
-            if item is None:
-                break
-            self._take(way, item)
-        else:
-            way.again = True
-            asyncio.get_running_loop().call_soon(self._go_on, way)
-        self._note(way)
+    def _turn(self) -> None:
+        """Take what came in all rings; the next turn comes at the next moment or, if nothing came, at the next item."""
+        loop, gather = asyncio.get_running_loop(), self._gather
+        self._next.cancel()
+        most = max([self._drain(way) for way in self._ways])
         if all(way.reader.over and not way.held for way in self._ways):
             self._over.set()
+        elif most == AT_ONCE:
+            self._next = loop.call_soon(self._turn)
+        elif most and gather:
+            self._next = loop.call_at(next_moment(gather, TELLS), self._turn)
+            for way in self._results:
+                way.reader.listen()
+        else:
+            there = [way.reader.listen() and not way.held for way in self._ways]
+            self._next = loop.call_later(0.0 if any(there) else LISTENS, self._turn)
 
-    def _go_on(self, way: _Way) -> None:
-        if way.again:
-            self._drain(way)
+    @property
+    def _gather(self) -> float:
+        """s for which samples gather now; who collects goes by it, too."""
+        awaited = self._raw.reader.ring.awaited = self._teller.awaited
+        gather = self._config.gather(awaited=awaited)
+        if self._teller.recorder is not None:
+            self._teller.recorder.gathered = gather
+        return gather
 
-    def _next(self, way: _Way) -> Any:
-        if way.held:
-            way.reader.quiet()
-            return None
-        item = next(way.items, None)
-        if item is None:
-            way.items = way.reader.items()
-            item = next(way.items, None)
-        return item
+    def _rung(self, way: _Way) -> None:
+        way.reader.quiet()
+        if gather := self._gather:
+            self._next.cancel()
+            self._next = asyncio.get_running_loop().call_at(next_moment(gather, TELLS), self._turn)
+        elif self._drain(way) == AT_ONCE or way.reader.listen() or way.reader.over:
+            self._turn()
+
+    def _drain(self, way: _Way) -> int:
+        """Take the next items of a ring; return how many, ``AT_ONCE`` at most."""
+        taken = 0
+        for item in () if way.held else way.reader.items():
+            self._take(way, item)
+            taken += 1
+            if way.held or taken == AT_ONCE:
+                break
+        self._note(way)
+        return taken
 
     def _take(self, way: _Way, item: Any) -> None:
         match item:
@@ -224,9 +242,8 @@ class _Telling:
                         self._marked.clear()
                         await self._marked.wait()
             await self._change(message, change)
-            for way in (self._raw, self._frames):
-                way.held = False
-                self._drain(way)
+            self._raw.held = self._frames.held = False
+            self._turn()
             self._assignment.control.send(InForce(message.generation))
 
     async def _change(self, message: Apply, change: Change) -> None:

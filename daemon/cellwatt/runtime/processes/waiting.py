@@ -8,24 +8,38 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Final
 
+from cellwatt.gather import next_moment
 from cellwatt.ring import ItemReader
 
 ALONE: Final = 5.0
 """s after the end of the supervisor in which the writer of a ring must come to its end, too."""
 
 
-def turns(reader: ItemReader, control: Connection, pause: float) -> Iterator[None]:
-    """Wait for news in a ring or for ``pause`` s, again and again, until its writer has ended and all was read.
+def turns(
+    reader: ItemReader, control: Connection, pause: float, period: float = 0.0, after: float = 0.0
+) -> Iterator[None]:
+    """Turns to read a ring, until its writer has ended and all was read.
 
-    Where the supervisor is gone, the writer ends by itself; it is waited for ``ALONE`` s.
+    While something is read, they come each ``period`` s, ``after`` s past its moments; else, and where that is 0, at
+    the next item or after ``pause`` s. Where the supervisor is gone, the writer ends by itself; it is waited for
+    ``ALONE`` s.
     """
     waiting = select.poll()
     waiting.register(reader.bell, select.POLLIN)
     waiting.register(control.fileno(), select.POLLHUP)
     end = float("inf")
-    while not reader.over and time.monotonic() < end:
-        for descriptor, event in waiting.poll(1e3 * pause):
-            if descriptor == control.fileno() and event & (select.POLLHUP | select.POLLERR):
-                waiting.unregister(descriptor)
-                end = time.monotonic() + ALONE
+    while True:
+        before = reader.position
         yield
+        if reader.over or time.monotonic() >= end:
+            return
+        flowing = period and reader.position > before
+        if not flowing and not reader.listen():
+            for descriptor, event in waiting.poll(1e3 * pause):
+                if descriptor == control.fileno() and event & (select.POLLHUP | select.POLLERR):
+                    waiting.unregister(descriptor)
+                    end = time.monotonic() + ALONE
+        if not flowing:
+            reader.quiet()
+        if period:
+            time.sleep(max(next_moment(period, after) - time.monotonic(), 0.0))

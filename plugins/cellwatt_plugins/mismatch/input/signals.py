@@ -109,7 +109,7 @@ class Signals:
 
 def read_signals(path: Path, robot: RobotDescription) -> Signals:
     """Read a file. Raises ``RecordingError`` that says what is wrong with it."""
-    table = read_table(path)
+    table = read_table(path, [joint.name for joint in robot.joints])
     time = table.time
     names, joints = _joints(table, robot)
     power = table.whole("supply.power")

@@ -207,18 +207,18 @@ def _left(found: Explained, solution: Solution, refused: Sequence[tuple[str, int
     """Findings that the file cannot hold, with the torque or power that they leave."""
     problem, why = found.torque.problem, {(effect, joint): text for effect, joint, text in refused}
     out = []
-    for fitted in found.model.terms:
-        effect, joint = fitted.term.effect, fitted.term.joint
+    for term in found.model.terms:
+        effect, joint = term.term.effect, term.term.joint
         if (effect.name, joint) in why:
-            course = [_whole(fitted, s) for s in problem.states]
+            course = [_whole(term, s) for s in problem.states]
             out += _entries(effect.name, why.pop((effect.name, joint)), course, problem)
         elif effect.place == "supply":
             states = (problem if found.supply is None else found.supply.problem).states
-            course = [remainder(fitted, s, states) for s in states]
-            out.append(Left(effect.name, None, why_left(fitted), float(rms(np.concatenate(course))[0]), "W"))
+            course = [remainder(term, s, states) for s in states]
+            out.append(Left(effect.name, None, why_left(term), float(rms(np.concatenate(course))[0]), "W"))
         elif effect.name not in EXPRESSED:
-            course = [remainder(fitted, s, problem.states) for s in problem.states]
-            out += _entries(effect.name, why_left(fitted), course, problem)
+            course = [remainder(term, s, problem.states) for s in problem.states]
+            out += _entries(effect.name, why_left(term), course, problem)
     rotor = retuned(solution, None).rotor_inertia
     if any(effect == "rotor_inertia" for effect, _ in why):
         reason = next(text for (effect, _), text in why.items() if effect == "rotor_inertia")

@@ -52,5 +52,5 @@ def level(field: Float) -> list[int]:
 
 
 def turned(field: Float, axes: Shape) -> Float:
-    """Changes (2, 3) of gravity ``field`` (3,) in the base's frame, for 1 rad by which the base turns about ``axes``."""
+    """Changes (2, 3) of gravity ``field`` (3,) in the base's frame, for 1 rad about each of the base's ``axes``."""
     return np.stack([np.cross(field, np.eye(3)[int(axis)]) for axis in axes or (0.0, 1.0)])

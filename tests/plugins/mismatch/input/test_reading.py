@@ -415,9 +415,9 @@ def test_few_repeated_rows_are_left_out(tmp_path, arm):
     ("text", "message"),
     [
         (b"", "cannot be read as a table"),
-        (b"t,q_1\n0.0,1\n0.1\n", "line 3 has 1 cells, expected 2"),
+        (b"t,q_1\n0.0,1\n0.1\n", "row 3 has 1 cells, expected 2"),
         (b"0.62,0.0,-1.57\n0.63,0.0,-1.57\n", "no names in its first row"),
-        (b"t,q_1,q_1\n0.62,0.0,-1.57\n", "two columns are called 'q_1'"),
+        (b"t,q_1,q_1\n0.62,0.0,-1.57\n", "column q_1 is there 2 times, as columns B, C: keep one"),
         (b"\x00\x01\xff\xfe" * 40, "a.csv: "),
     ],
 )

@@ -3,6 +3,7 @@ import pytest
 
 from cellwatt_plugins.mismatch.fit.problem import torque_problem
 from cellwatt_plugins.mismatch.fit.search import search
+from cellwatt_plugins.mismatch.fit.sides import Torques
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import Limits, lack_of_fit, unexplained_channel
 from cellwatt_plugins.robot.effects.states import States
@@ -20,7 +21,7 @@ def left(arm, added, limits=Limits()):
     runs = [plant.record("run_01", 1, missing), plant.record("run_02", 2, missing)]
     states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
     problem = torque_problem(runs, states)
-    solution = search(lambda turning: torque_problem(runs, states, turning), plant.JOINTS, effects=())
+    solution = search(Torques(runs, states), plant.JOINTS, effects=())
     return lack_of_fit(problem.chi2(problem.fit([]).residual), solution, limits)
 
 

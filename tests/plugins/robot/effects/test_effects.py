@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cellwatt_plugins.mismatch.fit.acceptance import OFF_SCALE
+from cellwatt_plugins.robot.curves import CURVES
 from cellwatt_plugins.robot.effects import BY_NAME, EFFECTS
 from cellwatt_plugins.robot.effects.effect import Estimate, Parameter, said
 from cellwatt_plugins.robot.effects.presliding_hysteresis import dahl_state
@@ -109,7 +110,7 @@ def some(shapes):
 def test_the_names_are_those_of_the_contract():
     words = CONTRACT.split()
     assert {e.name: e.place != "joint" for e in EFFECTS} == {w.rstrip("*"): w.endswith("*") for w in words}
-    assert {name: e for name, e in BY_NAME.items() if e.name == name} == {e.name: e for e in EFFECTS}
+    assert {e.name: e for e in (*EFFECTS, *CURVES)} == BY_NAME
 
 
 def test_columns_are_numbers_of_the_right_shape(effect, setting):

@@ -12,7 +12,6 @@ from cellwatt_plugins.mismatch.fit.search.solve import solve, without
 from cellwatt_plugins.mismatch.fit.search.state import SearchState
 from cellwatt_plugins.mismatch.fit.solution import Solution
 
-
 UNSURE = 0.65
 """Share of a term's evidence from which a quite different shape of it fits about as well."""
 

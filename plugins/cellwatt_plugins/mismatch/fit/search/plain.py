@@ -25,7 +25,8 @@ def plain_friction(state: SearchState, now: Solution) -> Solution:
         rest = without(state, now, term)
         gain = rest.fit.gain(rest.problem.block(term))[0]
         last = solve(state, [*rest.terms, term])
-        small = gain < state.thresholds.least or float(now.coefficients(term)[0]) < 0 and bool(term.effect.nominal)
+        backwards = bool(term.effect.nominal) and float(now.coefficients(term)[0]) < 0
+        small = backwards or gain < state.thresholds.least
         why = "is needless" if small else unconfirmed(rest, last, state.thresholds, gain)
         if why is not None:
             state.refuse(term, gain, why)

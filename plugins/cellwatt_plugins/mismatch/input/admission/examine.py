@@ -35,7 +35,7 @@ from cellwatt_plugins.robot.motion import Moved
 Float = NDArray[np.float64]
 
 LEAST_SECONDS = 3.0
-LEAST_SAMPLES = 200
+LEAST_SAMPLES = 75
 """Some hundred samples are some ten independent ones: the least for friction, gravity and inertia of six joints."""
 SHORTEST = 1.0
 """s of a run that says something beside others."""

@@ -1,0 +1,98 @@
+"""Content of a log: quantities of joints that have names, in an order that the log's own order does not touch."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.errors import RecordingError
+
+Float = NDArray[np.float64]
+Quantity = Literal["position", "velocity", "torque", "command"]
+
+COLUMNS: Final[Mapping[Quantity, str]] = {"position": "q", "velocity": "qd", "torque": "tau", "command": "command"}
+"""What tables call the quantities, before the number or name of the joint."""
+UNITS: Final[Mapping[Quantity, str]] = {"position": "rad", "velocity": "rad/s", "torque": "Nm", "command": "rad"}
+
+
+@dataclass(frozen=True)
+class Log:
+    """N samples of n joints; joints are sorted by name, with numbers in names by their value."""
+
+    path: Path
+    joints: tuple[str, ...]
+    time: Float
+    """(N,) s from the first sample, rising."""
+    quantities: Mapping[Quantity, Float]
+    """(N, n) in rad, rad/s, Nm (a linear axis: m, m/s, N); NaN where a joint was not heard."""
+    start: int | None = None
+    """UTC ns of the first sample, where the log tells."""
+
+    def columns(self, joints: Sequence[str] = ()) -> dict[str, Float]:
+        """Columns ``q_1``, ``qd_1``, ``tau_1``, ``command_1``, … of ``joints``, which are matched by name.
+
+        Without ``joints``, names that differ in a number alone are in its order; all others stay in the columns'
+        names (``q_elbow``), since nothing says which joint is the first. Raises ``RecordingError`` where one of
+        ``joints`` is not in the log, or a name may stand for several.
+        """
+        order = [self._place(name, joints) for name in joints] if joints else list(range(len(self.joints)))
+        numbered = bool(joints) or _numbered(self.joints)
+        labels = [str(i + 1) if numbered else self.joints[at] for i, at in enumerate(order)]
+        return {
+            f"{COLUMNS[quantity]}_{label}": np.ascontiguousarray(values[:, at])
+            for quantity, values in self.quantities.items()
+            for label, at in zip(labels, order, strict=True)
+        }
+
+    def _place(self, name: str, wanted: Sequence[str]) -> int:
+        """Index of a robot's joint: its own name, else the only one that ends like it or is it but for an affix."""
+        if name in self.joints:
+            return self.joints.index(name)
+        taken = {each for each in wanted if each in self.joints}
+        found = [i for i, own in enumerate(self.joints) if own not in taken and alike(own, name)]
+        if len(found) == 1:
+            return found[0]
+        fault = "stands for several joints of the log" if found else "is not in the log"
+        raise RecordingError(
+            f"{self.path}: joint {name} of the robot {fault}, which has {', '.join(self.joints)}; the robot's joints "
+            f"are {', '.join(wanted)}: name them alike"
+        )
+
+
+def natural(name: str) -> list[tuple[int, int, str]]:
+    """Sort key by which joint_10 comes behind joint_2."""
+    parts = re.split(r"(\d+)", name)
+    return [(1, int(each), "") if each.isdigit() else (0, 0, each) for each in parts]
+
+
+def _numbered(names: Sequence[str]) -> bool:
+    """True for names that differ in one number alone, which counts on from 0 or 1."""
+    parts = [re.split(r"(\d+)", name) for name in names]
+    if len({len(each) for each in parts}) > 1:
+        return False
+    places = [i for i, each in enumerate(zip(*parts, strict=True)) if len(set(each)) > 1]
+    if not places:
+        return len(names) == 1
+    numbers = [each[places[0]] for each in parts]
+    if len(places) > 1 or not all(number.isdigit() for number in numbers):
+        return False
+    first = int(numbers[0])
+    return first in (0, 1) and [int(number) for number in numbers] == list(range(first, first + len(names)))
+
+
+def alike(one: str, other: str) -> bool:
+    """True where two names may stand for one joint: but for capitals, namespaces, and ``joint`` at an end."""
+    a, b = _plain(one), _plain(other)
+    return a == b or a.endswith(f"_{b}") or b.endswith(f"_{a}")
+
+
+def _plain(name: str) -> str:
+    """A name without capitals, namespaces and ``joint`` at its ends."""
+    plain = re.sub(r"[^a-z0-9]+", "_", name.rsplit("/", 1)[-1].casefold())
+    return re.sub(r"^joint_(?=[a-z])|(?<=[a-z0-9])_joint$", "", plain)

@@ -1,0 +1,185 @@
+"""Messages of bags: those of MCAP files by their own definitions, those of rosbag2 folders by ``rosbags``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Final
+
+from mcap.records import Channel, Schema
+from mcap.records import Header as McapHeader
+from mcap.records import Message as McapMessage
+
+from cellwatt.errors import ConfigError, RecordingError, why
+from cellwatt.files import open_file
+from cellwatt.record.foreign import described, records
+
+STATE: Final = "sensor_msgs/msg/JointState"
+CONTROLLER: Final = "control_msgs/msg/JointTrajectoryControllerState"
+_POINTS: Final = "std_msgs/Header header\nstring[] joint_names\n" + "".join(
+    f"trajectory_msgs/JointTrajectoryPoint {{{i}}}\n" for i in range(3)
+)
+_OLDER: Final = _POINTS.format("desired", "actual", "error")
+_NEWER: Final = (
+    _POINTS.format("reference", "feedback", "error")
+    + "trajectory_msgs/JointTrajectoryPoint output\nstring[] multi_dof_joint_names\n"
+    + "".join(
+        f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{name}\n"
+        for name in ("reference", "feedback", "error", "output")
+    )
+)
+
+Decode = Callable[[bytes], Any]
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message; ``time`` is that of its logging, UTC ns."""
+
+    topic: str
+    type: str
+    time: int
+    content: Any
+
+
+@dataclass
+class Bag:
+    """Messages of the two types in a bag; what else there is, is known once they have been read."""
+
+    path: Path
+    topics: dict[str, str] = field(default_factory=dict)
+    """What each topic has, for messages."""
+    unread: dict[str, int] = field(default_factory=dict)
+    """Messages that could not be decoded, by topic."""
+    cut: str = ""
+    """Why the file could not be read up to its end."""
+
+    def messages(self) -> Iterator[Message]:
+        """The messages in the order of the file. Raises ``RecordingError``, and ``ConfigError`` without ``rosbags``."""
+        try:
+            if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
+                files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3"))
+            else:
+                files = [self.path]
+            for file in files:
+                yield from self._mcap(file) if file.suffix == ".mcap" else self._rosbag(file)
+        except ImportError as error:
+            raise ConfigError(f"{self.path}: reading ROS messages needs pip install 'cellwatt[logs]'") from error
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read: {why(error)}") from error
+
+    def _mcap(self, path: Path) -> Iterator[Message]:
+        schemas: dict[int, Schema] = {}
+        profile = ""
+        known: dict[int, tuple[Channel, str, Decode | None]] = {}
+        with open_file(path) as file:
+            found = records(file)
+            while True:
+                try:
+                    record = next(found, None)
+                except ValueError as error:
+                    self.cut = str(error)
+                    return
+                if record is None:
+                    return
+                if isinstance(record, McapHeader):
+                    profile = record.profile
+                elif isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    schema = schemas.get(record.schema_id)
+                    kind = _full(schema.name) if schema else ""
+                    self.topics[record.topic] = described(profile, record, schema)
+                    known[record.id] = (record, kind, _decoder(record.message_encoding, schema, kind))
+                elif isinstance(record, McapMessage) and record.channel_id in known:
+                    channel, kind, decode = known[record.channel_id]
+                    if decode is not None:
+                        yield from self._decoded(channel.topic, kind, record.log_time, record.data, decode)
+
+    def _rosbag(self, path: Path) -> Iterator[Message]:
+        from rosbags.rosbag2 import Reader, ReaderError
+
+        try:
+            with Reader(path) as reader:
+                self.topics.update({each.topic: f"{each.topic} of {each.msgtype}" for each in reader.connections})
+                wanted = [each for each in reader.connections if each.msgtype in (STATE, CONTROLLER)]
+                decoders = {}
+                for each in wanted:
+                    text = each.msgdef.data if each.msgdef.format.name == "MSG" else ""
+                    decoders[each.topic] = _cdr(each.msgtype, text)
+                for each, time, data in reader.messages(wanted) if wanted else ():
+                    yield from self._decoded(each.topic, each.msgtype, time, data, decoders[each.topic])
+        except (ReaderError, ValueError, AttributeError) as error:
+            fault = str(error).splitlines()[0]  # of YAML with its place on lines of their own
+            raise RecordingError(f"{path}: cannot be read as a ROS 2 bag: {fault}") from error
+
+    def _decoded(self, topic: str, kind: str, time: int, data: bytes, decode: Decode) -> Iterator[Message]:
+        try:
+            content = decode(data)
+        except ImportError:
+            raise
+        except Exception:  # a definition that the data do not follow makes the decoder fail in any way
+            self.unread[topic] = self.unread.get(topic, 0) + 1
+            return
+        yield Message(topic, kind, time, content)
+
+
+def _full(name: str) -> str:
+    """``sensor_msgs/msg/JointState`` also of ``sensor_msgs/JointState`` and ``sensor_msgs::msg::JointState``."""
+    parts = name.replace("::", "/").replace("dds_/", "").split("/")
+    return f"{parts[0]}/msg/{parts[-1].removesuffix('_')}" if len(parts) > 1 else name
+
+
+def _decoder(encoding: str, schema: Schema | None, kind: str) -> Decode | None:
+    """Decoder of a channel; None where it is of no use here."""
+    if schema is None or kind not in (STATE, CONTROLLER):
+        return None
+    if encoding == "json":
+        return partial(json.loads, object_hook=lambda fields: SimpleNamespace(**fields))
+    text = schema.data.decode("utf-8", "replace")
+    if encoding == "cdr":
+        return _cdr(kind, text if schema.encoding == "ros2msg" else "")
+    return _ros1(kind, text) if encoding == "ros1" else None
+
+
+def _cdr(kind: str, text: str) -> Decode:
+    """Decoder by the definition that a file holds; without one, by those of ROS and of ros2_control, newest first."""
+    definitions = [text] if text else [""] if kind == STATE else [_NEWER, _OLDER]
+
+    def decode(data: bytes) -> Any:
+        for definition in definitions:
+            try:
+                return _store(kind, definition).deserialize_cdr(data, kind)
+            except ImportError:
+                raise
+            except Exception:
+                if definition == definitions[-1]:
+                    raise
+        raise AssertionError
+
+    return decode
+
+
+def _ros1(kind: str, text: str) -> Decode:
+    return lambda data: _store(kind, text).deserialize_ros1(data, kind)
+
+
+_STORES: Final[dict[tuple[str, str], Any]] = {}
+
+
+def _store(kind: str, definition: str) -> Any:
+    """The types of ROS, with a definition of ``kind`` and what it names where one is given."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if (kind, definition) not in _STORES:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        if definition:
+            types: Mapping[str, Any] = get_types_from_msg(definition, kind)
+            # A file's own copies of ROS's types may differ in comments and constants: only what is new is added.
+            store.register({name: each for name, each in types.items() if name == kind or name not in store.fielddefs})
+        _STORES[kind, definition] = store
+    return _STORES[kind, definition]

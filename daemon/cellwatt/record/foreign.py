@@ -1,0 +1,97 @@
+"""MCAP files that cellwatt did not write: told apart, read record by record, and named with what they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from io import BufferedReader, FileIO
+from typing import Final
+
+from mcap.records import Channel, Chunk, McapRecord, Schema
+from mcap.records import Header as McapHeader
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from cellwatt.errors import RecordingError
+from cellwatt.record.container import MAGIC, PRELUDE, Contents
+from cellwatt.record.decoder import tracks_of
+from cellwatt.record.header import Header
+from cellwatt.record.scan import read_at
+
+LARGEST: Final = 1 << 30
+"""Bytes of a record, packed or not; one of some kB may claim any number."""
+MOST: Final = 12
+"""Topics that a message lists."""
+
+
+class ForeignError(RecordingError):
+    """An MCAP file that cellwatt did not write."""
+
+
+def is_foreign(file: FileIO, contents: Contents, header: Header | None) -> bool:
+    """True for an MCAP file in which nothing is cellwatt's: neither its first bytes, nor a header, nor a channel."""
+    first = read_at(file, len(PRELUDE), 0)
+    if header is not None or first == PRELUDE or not first.startswith(MAGIC):
+        return False
+    return all(track.rows is None for track in tracks_of(contents.channels)[0].values())
+
+
+def held(file: FileIO, contents: Contents) -> str:
+    """What an MCAP file of any writer has, for a message: ``/joint_states (ros2, cdr) of sensor_msgs/msg/JointState``.
+
+    A file without a summary is read up to its end, or to where it is cut off.
+    """
+    if not contents.channels:
+        contents = _declared(file)
+    profile, schemas = _profile(file), contents.schemas
+    return listed(described(profile, each, schemas.get(each.schema_id)) for each in contents.channels.values())
+
+
+def described(profile: str, channel: Channel, schema: Schema | None) -> str:
+    """A channel for a message."""
+    form = ", ".join(filter(None, (profile or (schema.encoding if schema else ""), channel.message_encoding)))
+    return f"{channel.topic} ({form or 'no encoding'})" + (f" of {schema.name}" if schema else "")
+
+
+def listed(topics: Iterable[str]) -> str:
+    """Topics for a message, sorted, cut where they are many."""
+    told = sorted(set(topics))
+    return "; ".join(told[:MOST]) + ("; …" if len(told) > MOST else "") or "no topics"
+
+
+def records(file: FileIO) -> Iterator[McapRecord]:
+    """The records of an MCAP file in order, those in chunks one by one. Raises ``ValueError`` where it is damaged."""
+    buffered = _buffered(file)
+    stream = StreamReader(buffered, emit_chunks=True, record_size_limit=LARGEST)
+    try:
+        for record in stream.records:
+            if not isinstance(record, Chunk):
+                yield record
+            elif record.uncompressed_size > LARGEST:
+                raise ValueError(f"a chunk claims {record.uncompressed_size:,} bytes")
+            else:
+                yield from breakup_chunk(record, validate_crc=True)
+    except ValueError:
+        raise
+    except Exception as error:  # McapError, struct.error, and what lz4 and zstd raise
+        raise ValueError(str(error) or "it ends within a record") from error
+
+
+def _buffered(file: FileIO) -> BufferedReader:
+    """The file from its beginning; mcap closes what it buffers itself."""
+    file.seek(0)
+    return open(file.fileno(), "rb", closefd=False)
+
+
+def _declared(file: FileIO) -> Contents:
+    """Schemas and channels among the records, as far as they can be read."""
+    found = Contents()
+    with suppress(ValueError):
+        found.define(record for record in records(file) if isinstance(record, Schema | Channel))
+    return found
+
+
+def _profile(file: FileIO) -> str:
+    with suppress(ValueError):
+        first = next(records(file))
+        return first.profile if isinstance(first, McapHeader) else ""
+    return ""

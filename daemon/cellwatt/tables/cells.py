@@ -1,0 +1,141 @@
+"""Cells of a text column as numbers: decimal points or commas, digits in groups, times of day.
+
+pyarrow is imported on first use.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellwatt.tables import times
+
+Float = NDArray[np.float64]
+
+TEXT: Final = "holds text"
+MISSING: Final = (
+    *("", "nan", "-nan", "null", "none", "na", "n/a", "<na>", "nat", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"),
+    *("#n/a", "#n/a n/a", "#na", "#div/0!", "#value!", "#ref!", "#num!", "#name?", "#null!"),
+)
+"""What stands for no value, in small letters; the last are a spreadsheet's errors."""
+
+_END: Final = r"(?:[eE][+-]?\d+)?$"
+_POINT: Final = rf"^[+-]?(?:\d+\.?\d*|\.\d+){_END}|^(?i:[+-]?inf(?:inity)?)$"
+_COMMA: Final = rf"^[+-]?(?:\d+,?\d*|,\d+){_END}"
+_POINT_GROUPS: Final = r"^[+-]?[1-9]\d{0,2}(?:\.\d{3})+(?:,\d*)?$"
+_COMMA_GROUPS: Final = r"^[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?$"
+_BLANK_GROUPS: Final = r"^[+-]?\d{1,3}(?:[ \x{a0}\x{202f}'’]\d{3})+(?:[.,]\d*)?$"
+_TRIMMED: Final = ' \t\u00a0\ufeff"'
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Content of a column: ``values``, or where there are none the first cell that is no number, and why it is none."""
+
+    values: Float | None
+    """(N,); NaN where a cell is empty."""
+    kind: times.Kind | None = None
+    """Where the cells were dates or times of day."""
+    row: int = 0
+    """Index of that first cell."""
+    fault: str = ""
+    """``holds text``, or what else keeps the column from being read."""
+    commas: bool = False
+    """True for decimal commas."""
+
+
+def cells_of(column: Any, separator: str) -> Cells:
+    """Content of a column (N,) of strings; ``separator`` is the file's."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    try:
+        return Cells(_values(column))
+    except pa.ArrowInvalid:
+        pass
+    if separator != "," and not pc.any(pc.match_substring(column, ".")).as_py():
+        with suppress(pa.ArrowInvalid):  # at once, as long as nothing else is odd
+            return Cells(_values(pc.replace_substring(column, ",", ".")), commas=True)
+    column = pc.utf8_trim(column, characters=_TRIMMED)
+    missing = pc.is_in(pc.utf8_lower(column), pa.array(MISSING))
+    column = pc.if_else(missing, None, column)
+    if column.null_count == len(column):
+        return Cells(np.full(len(column), np.nan))
+    return _truths(column) or _numbers(column, separator) or _times(column) or _text(column)
+
+
+def grouped(column: Any) -> int | None:
+    """Index of a cell like ``1.234``, where every cell with a point is like it: thousands, if decimals have commas."""
+    import pyarrow.compute as pc
+
+    pointed = pc.match_substring(column, ".")
+    like = pc.match_substring_regex(column, _POINT_GROUPS)
+    if not pc.any(pointed).as_py() or not pc.all(pc.or_(pc.invert(pointed), like)).as_py():
+        return None
+    return int(pc.index(pointed, True).as_py())
+
+
+def _values(column: Any) -> Float:
+    import pyarrow as pa
+
+    return np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
+
+
+def _truths(column: Any) -> Cells | None:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    lower = pc.utf8_lower(column)
+    if not pc.all(pc.is_in(lower, pa.array(["true", "false", None], pa.string()))).as_py():
+        return None
+    return Cells(_values(pc.equal(lower, "true").cast(pa.uint8())))
+
+
+def _numbers(column: Any, separator: str) -> Cells | None:
+    """Numbers with decimal points or commas; None where a cell is none of either."""
+    import pyarrow.compute as pc
+
+    def like(pattern: str) -> Any:
+        return pc.fill_null(pc.match_substring_regex(column, pattern), True)
+
+    column = pc.replace_substring(column, "\u2212", "-")
+    column = pc.if_else(like(_BLANK_GROUPS), pc.replace_substring_regex(column, r"[ \x{a0}\x{202f}'’]", ""), column)
+    point, comma, points, commas = like(_POINT), like(_COMMA), like(_POINT_GROUPS), like(_COMMA_GROUPS)
+    column = pc.replace_substring_regex(column, r"^\+", "")
+    if pc.all(point).as_py():
+        return Cells(_values(column))
+    if pc.all(comma).as_py():
+        with_comma = pc.fill_null(pc.match_substring(column, ","), False)
+        if separator == "," and pc.all(pc.or_(pc.invert(with_comma), commas)).as_py():
+            fault = "may have decimal commas or digits in groups of three"
+            return Cells(None, row=int(pc.index(with_comma, True).as_py()), fault=fault)
+        return Cells(_values(pc.replace_substring(column, ",", ".")), commas=True)
+    if pc.all(pc.or_(comma, points)).as_py() and pc.any(pc.match_substring(column, ",")).as_py():
+        return Cells(_values(pc.replace_substring(pc.replace_substring(column, ".", ""), ",", ".")), commas=True)
+    if pc.all(pc.or_(point, commas)).as_py():
+        return Cells(_values(pc.replace_substring(column, ",", "")))
+    if pc.all(pc.or_(point, comma)).as_py():
+        return Cells(None, row=int(pc.index(point, False).as_py()), fault="has decimal points and decimal commas")
+    return None
+
+
+def _times(column: Any) -> Cells | None:
+    try:
+        found = times.times_of(column)
+    except ValueError as error:
+        return Cells(None, fault=str(error))
+    return None if found is None else Cells(found.seconds, found.kind)
+
+
+def _text(column: Any) -> Cells:
+    """The first cell that is neither empty nor a number."""
+    import pyarrow.compute as pc
+
+    plain = pc.match_substring_regex(column, "|".join((_POINT, _COMMA, _POINT_GROUPS, _COMMA_GROUPS, _BLANK_GROUPS)))
+    odd = pc.fill_null(pc.invert(plain), False)
+    row = pc.index(odd if pc.any(odd).as_py() else pc.is_valid(column), True).as_py()
+    return Cells(None, row=int(row), fault=TEXT)

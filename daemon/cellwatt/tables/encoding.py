@@ -1,0 +1,54 @@
+"""Bytes of a text file as text, whatever program wrote it."""
+
+from __future__ import annotations
+
+import codecs
+from typing import Final
+
+_MARKS: Final = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),  # begins like UTF-16's
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+_OTHERS: Final = (
+    (b"PK\x03\x04", "a workbook or an archive, no text: save the sheet as CSV"),
+    (b"\xd0\xcf\x11\xe0", "an Excel workbook, no text: save the sheet as CSV"),
+    (b"\x1f\x8b", "packed with gzip: unpack it"),
+    (b"\x28\xb5\x2f\xfd", "packed with zstd: unpack it"),
+    (b"\x89HDF", "an HDF5 file, no text: save the table as CSV or Parquet"),
+)
+_LOOKED_AT: Final = 512
+"""Bytes that show whether every other one is 0, as in UTF-16 without a mark."""
+
+
+def text_of(content: bytes) -> str:
+    """Text with ``\\n`` at the ends of lines: UTF-8, UTF-16, UTF-32, else Windows-1252.
+
+    Raises ``ValueError`` where the bytes are no text.
+    """
+    for start, kind in _OTHERS:
+        if content.startswith(start):
+            raise ValueError(f"it is {kind}")
+    mark, encoding = next(((mark, name) for mark, name in _MARKS if content.startswith(mark)), (b"", ""))
+    content = content[len(mark) :]
+    try:
+        text = content.decode(encoding or _guessed(content))
+    except UnicodeDecodeError as error:
+        raise ValueError("its encoding is not known: save it as UTF-8") from error
+    text = text.rstrip("\0")  # blocks of zeros that a power cut leaves
+    if "\0" in text:
+        raise ValueError("it holds bytes of 0 and is no text: expected CSV")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _guessed(content: bytes) -> str:
+    even, odd = content[:_LOOKED_AT:2], content[1:_LOOKED_AT:2]
+    if len(content) % 2 == 0 and len(content) > 2 and (not any(odd) or not any(even)):
+        return "utf-16-be" if any(odd) else "utf-16-le"
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"

@@ -1,0 +1,191 @@
+"""Rows of a text table: separator, comments, names and cells, as spreadsheets and loggers write them."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+SEPARATORS: Final = (";", "\t", "|", ",", " ")
+"""In the order in which they are preferred; a blank stands for any number of them."""
+ALONE: Final = "\x1f"
+"""Separator of a table of one column: none that a text holds."""
+_LOOKED_AT: Final = 100
+"""Rows that show the separator."""
+_COMMENT: Final = re.compile(r"\s*(#(?!N/A|NA\b|DIV/0|VALUE!|REF!|NUM!|NAME\?|NULL!)|%|//)")
+_DIRECTIVE: Final = re.compile(r'"?sep=(.)"?', re.IGNORECASE)
+_NUMBER: Final = re.compile(
+    r"[-+\u2212]?(?=[.,]?\d)[\d.,'’\xa0\u202f]*(e[+-]?\d+)?|nan|\d+[-./:][-\d./:T ,]*Z?", re.IGNORECASE
+)
+"""A number, a date or a time: no name."""
+_BLANK: Final = ' \t\xa0,;|"'
+_OPENED: Final = re.compile(r'(?:^|[,;\t|])\s*"(?:[^"]|"")*$')
+"""A line that ends within quotes."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a text, without what holds nothing."""
+
+    separator: str
+    names: tuple[str, ...]
+    """Of all columns, empty where the file names none."""
+    records: tuple[str, ...]
+    """Each data row, with as many cells as there are names."""
+    numbers: tuple[int, ...]
+    """Number of each row in the file, from 1, as a spreadsheet shows it."""
+
+
+def rows_of(text: str) -> Rows:
+    """Take a text apart. Raises ``ValueError`` that names the row where it is no table."""
+    every = [(number, record) for number, record in enumerate(_records(text), start=1) if record.strip(_BLANK)]
+    told = _DIRECTIVE.fullmatch(every[0][1].strip(" ")) if every else None
+    every = every[1:] if told else every
+    rows = [(number, record) for number, record in every if not _COMMENT.match(record)]
+    if not rows:
+        raise ValueError("it holds comments alone" if every else "it is empty")
+    numbers, records = [number for number, _ in rows], [record for _, record in rows]
+    first, separator = 0, told[1] if told else ""
+    names: list[str] = []
+    if _all_numbers(re.split(r'[;\t|, "]+', records[0])):
+        comments = [_COMMENT.sub("", record).strip(" #%/") for number, record in every if number < numbers[0]]
+        separator, names = _commented(comments, records[:_LOOKED_AT], separator)
+    else:
+        separator = separator or _separator(records[:_LOOKED_AT])
+        first = _first_of_names(records, separator)
+        names = _names(records[first], separator, _width(records[first + 1 : first + 1 + _LOOKED_AT], separator))
+        first += 1
+    if _all_numbers(names):
+        raise ValueError("no names in its first row: write t, q_1, …, tau_1, … above the columns")
+    numbers, records = numbers[first:], records[first:]
+    fitted = [_fitted(record, number, names, separator) for number, record in zip(numbers, records, strict=True)]
+    return Rows(separator, tuple(names), tuple(fitted), tuple(numbers))
+
+
+def _records(text: str) -> list[str]:
+    """Lines; those that quotes hold together are one. Raises ``ValueError`` where quotes are not closed."""
+    lines = text.split("\n")
+    if '"' not in text:
+        return lines
+    out: list[str] = []
+    within: list[str] = []
+    for line in lines:
+        if within:
+            within.append(line)
+            if line.count('"') % 2:
+                out.append(" ".join(within))
+                within = []
+        elif line.count('"') % 2 and _OPENED.search(line):
+            within = [line]
+        else:
+            out.append(line)
+    if within:
+        raise ValueError(f"the quotes that begin in row {len(out) + 1} are not closed")
+    return out
+
+
+def _cells(record: str, separator: str) -> list[str]:
+    try:
+        quoted = '"' in record
+        found = (
+            next(csv.reader([record], delimiter=separator, skipinitialspace=True), [])
+            if quoted
+            else record.split(separator)
+        )
+    except csv.Error as error:
+        raise ValueError(f"the row that begins with {record[:20]!r}: {error}") from error
+    return list(filter(None, found)) if separator == " " else found
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Cells up to the last that holds something."""
+    return max((i for i, cell in enumerate(cells, start=1) if cell.strip()), default=0)
+
+
+def _separator(records: Sequence[str]) -> str:
+    """The separator by which most rows have as many cells as the names."""
+    best, separator = 0, ALONE
+    for each in SEPARATORS:
+        first, *below = records[_first_of_names(records, each) :]
+        rows = [_cells(record, each) for record in below]
+        names = _names(first, each, max(map(_filled, rows), default=0))
+        if len(names) > 1 and (fit := sum(_fits(row, names) for row in rows) or not rows) > best:
+            best, separator = fit, each
+    if not best and records:  # none fits: the rows are told from the names by the first that these have
+        separator = next((each for each in SEPARATORS[:-1] if each in records[0]), ALONE)
+    return separator
+
+
+def _fits(cells: Sequence[str], names: Sequence[str]) -> bool:
+    """True unless cells lack a name, or names their cells."""
+    return _filled(cells) <= len(names) and not any(names[len(cells) :])
+
+
+def _first_of_names(records: Sequence[str], separator: str) -> int:
+    """Index of the row of names: the first, or the first that has several names where titles stand above it."""
+    for i, record in enumerate(records[:_LOOKED_AT]):
+        filled = [cell for cell in _cells(record, separator) if cell.strip()]
+        if len(filled) > 1:
+            return i if not any(_NUMBER.fullmatch(cell.strip(_BLANK)) for cell in filled) else 0
+    return 0
+
+
+def _names(record: str, separator: str, width: int) -> list[str]:
+    """Names in a row; a separator within brackets is part of a name where the rows below have fewer cells."""
+    cells = _cells(record, separator)
+    if _filled(cells) > width:
+        joined: list[str] = []
+        for cell in cells:
+            if joined and _open(joined[-1]):
+                joined[-1] += separator + cell
+            else:
+                joined.append(cell)
+        cells = joined if _filled(joined) == width else cells
+    return [cell.strip(' \t\xa0\ufeff"') for cell in cells]
+
+
+def _open(name: str) -> bool:
+    return name.count("(") > name.count(")") or name.count("[") > name.count("]")
+
+
+def _commented(comments: Sequence[str], records: Sequence[str], separator: str) -> tuple[str, list[str]]:
+    """Separator, and the names in the last comment that has as many as the rows have cells; none where none has."""
+    best = separator or ALONE, list[str]()
+    for comment in reversed(comments):
+        each = separator or _separator([comment, *records])
+        width = _width(records, each)
+        names = [name.strip(",;") for name in _names(comment, each, width)]
+        named = _filled(names) == width and not any(map(_NUMBER.fullmatch, filter(None, names)))
+        if named and len(names) > len(best[1]):
+            best = each, names
+    return best
+
+
+def _width(records: Sequence[str], separator: str) -> int:
+    return max((_filled(_cells(record, separator)) for record in records), default=0)
+
+
+def _all_numbers(words: Sequence[str]) -> bool:
+    """True where nothing of it can be a name."""
+    return all(_NUMBER.fullmatch(word) for word in words if word)
+
+
+def _fitted(record: str, number: int, names: Sequence[str], separator: str) -> str:
+    """The row with as many cells as there are names. Raises ``ValueError`` where others than empty ones differ."""
+    plain, expected = '"' not in record, len(names)
+    if plain and separator == " ":
+        record = separator.join(_cells(record, separator))
+    if plain and record.count(separator) + 1 == expected:
+        return record
+    cells = _cells(record, separator)
+    if not _fits(cells, names):
+        hint = ""
+        if len(cells) > expected:
+            hint = ": is one a decimal comma?" if separator == "," else ": is one part of a text? put it in quotes"
+        raise ValueError(f"row {number} has {len(cells)} cells, expected {expected} as in the row of names{hint}")
+    cells += [""] * (expected - len(cells))
+    if plain:
+        return separator.join(cells[:expected])
+    return separator.join('"' + cell.replace('"', '""') + '"' for cell in cells[:expected])

@@ -1,0 +1,132 @@
+"""Dates and times of day in cells, as spreadsheets, loggers and locales write them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import date
+from functools import cache
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Kind = Literal["date", "clock", "moment"]
+"""A day, a time of day, or both."""
+
+CLOCKS: Final = ("clock", "moment")
+"""Kinds that tell a time of day."""
+DAY: Final = 86_400.0
+EPOCH: Final = date(1970, 1, 1).toordinal()
+_TIME: Final = re.compile(
+    r"(?:(?P<date>\d{1,4}(?P<mark>[-./])\d{1,2}(?P=mark)\d{1,4})\.?)?"
+    r"(?:(?:(?<=\d)[T ,]\s*|^)(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}))?(?:[.,](?P<fraction>\d{1,12}))?"
+    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?)?"
+)
+
+
+class _NoDateError(Exception):
+    """Numbers of no day."""
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times (N,) in s since 1970 in UTC, also of cells without a zone, or since midnight; NaN where a cell is empty."""
+
+    seconds: Float
+    kind: Kind
+
+
+def times_of(column: Any) -> Times | None:
+    """The times of a column of strings; None where a cell is none.
+
+    Raises ``ValueError`` where it cannot be told day from month.
+    """
+    import pyarrow as pa
+
+    first = next(cell.as_py() for cell in column if cell.is_valid)
+    match = _TIME.fullmatch(first)
+    if not first or match is None:
+        return None
+    if match["date"] and match["hour"]:
+        try:
+            moments = column.cast(pa.timestamp("ns"))
+            ns = np.asarray(moments.cast(pa.int64()).to_numpy(zero_copy_only=False), np.float64)
+            return Times(1e-9 * ns, "moment")
+        except pa.ArrowInvalid:
+            pass
+    matches = [None if text is None else _TIME.fullmatch(text) for text in column.to_pylist()]
+    kinds = {(m["date"] is not None, m["hour"] is not None) for m in matches if m is not None}
+    if len(kinds) > 1 or sum(m is not None for m in matches) + column.null_count < len(column):
+        return None
+    ((dated, timed),) = kinds
+    try:
+        seconds = _days(matches) * DAY if dated else np.zeros(len(matches))
+    except _NoDateError:
+        return None
+    if timed:
+        seconds = seconds + np.array([np.nan if m is None else _of_day(m) for m in matches])
+    if not dated:
+        return Times(unwrapped(seconds), "clock")
+    return Times(seconds, "moment" if timed else "date")
+
+
+def unwrapped(seconds: Float) -> Float:
+    """Times of day (N,) that go on behind midnight."""
+    known = np.flatnonzero(np.isfinite(seconds))
+    past = np.cumsum(np.diff(seconds[known], prepend=seconds[known[:1]]) < -DAY / 2)
+    out = seconds.copy()
+    out[known] += DAY * past
+    return out
+
+
+def _of_day(match: re.Match[str]) -> float:
+    hour, minute, second = int(match["hour"]), int(match["minute"]), match["second"]
+    fraction = float(f"0.{match['fraction'] or 0}")
+    if second is None and match["fraction"] is not None:  # minutes and seconds, as spreadsheets show short times
+        return 60.0 * hour + minute + fraction
+    if match["half"] is not None:
+        hour = hour % 12 + (12 if match["half"][0] in "pP" else 0)
+    return 3600.0 * hour + 60.0 * minute + int(second or 0) + fraction - _offset(match["zone"])
+
+
+def _offset(zone: str | None) -> float:
+    if zone is None or not zone[1:].replace(":", "").isdigit():
+        return 0.0
+    digits = zone[1:].replace(":", "")
+    return (-1.0 if zone[0] == "-" else 1.0) * (3600.0 * int(digits[:2]) + 60.0 * int(digits[2:]))
+
+
+def _days(matches: Sequence[re.Match[str] | None]) -> Float:
+    """Days (N,) since 1970."""
+    written = {match["date"] for match in matches if match is not None}
+    day_first = _day_first(written)
+
+    @cache
+    def day(text: str) -> int:
+        a, b, c = (int(part) for part in re.split(r"[-./]", text))
+        if a > 31:
+            year, month, number = a, b, c
+        else:
+            year, month, number = (c, b, a) if day_first else (c, a, b)
+        try:
+            return date(year + 2000 if year < 100 else year, month, number).toordinal() - EPOCH
+        except ValueError as error:
+            raise _NoDateError from error
+
+    return np.array([np.nan if match is None else day(match["date"]) for match in matches], np.float64)
+
+
+def _day_first(written: Iterable[str]) -> bool:
+    """True for 31.12.2026, false for 12/31/2026. Raises ``ValueError`` where neither is sure."""
+    parts = [tuple(int(part) for part in re.split(r"[-./]", text)) for text in written]
+    short = [part for part in parts if part[0] <= 31]
+    if not short or any("." in text for text in written) or any(part[0] > 12 for part in short):
+        return True
+    if any(part[1] > 12 for part in short):
+        return False
+    if len(short) > 1:
+        raise ValueError("holds dates whose day and month cannot be told apart, write them as 2026-12-31: it has")
+    return False

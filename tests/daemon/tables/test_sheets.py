@@ -1,0 +1,120 @@
+"""Tables as spreadsheets, loggers and locales write them: read as they were meant, or refused by the cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzz.sheet import run
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from cellwatt.errors import RecordingError
+from cellwatt.imports.column_map import Column, ColumnMap, Source
+from cellwatt.imports.parts import read_parts
+from cellwatt.tables import read_table
+
+
+@settings(max_examples=250, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.binary(min_size=40, max_size=160))
+def test_what_is_written_is_read(data: bytes) -> None:
+    run(data)
+
+
+def read(folder: Path, text: str | bytes):
+    path = folder / "a.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return read_table(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "time", "q"),
+    [
+        ("t;q_1\n0;0\n0,1;0,983\n", [0, 0.1], [0, 0.983]),  # the first row at rest
+        ("remark;t;q_1\nstart, cold;0;0.5\n;1;1.5\n", [0, 1], [0.5, 1.5]),
+        ('t,q_1\n"0","0"\n"0,1","2,5"\n', [0, 0.1], [0, 2.5]),
+        ("t;q_1;;\n0;1;;\n1;2;;\n;;;\n;;;\n", [0, 1], [1, 2]),
+        ("t,q_1\n0,1,\n1,2,\n", [0, 1], [1, 2]),
+        (",t,q_1\n0,0.5,1\n1,1.5,2\n", [0.5, 1.5], [1, 2]),
+        ("t,remark,remark,q_1\n0,a,b,1\n1,,,2\n", [0, 1], [1, 2]),
+        ("# made by x\n# t, q_1\n0.0 1\n0.1 2\n", [0, 0.1], [1, 2]),
+        ("% t q_1\n# pause\n0.0 1\n0.1 2\n", [0, 0.1], [1, 2]),
+        ("sep=;\r\nt;q_1\r\n0;1\r\n1;2\r\n", [0, 1], [1, 2]),
+        ("Run of Monday\n\nt;q_1\n0;1\n1;2\n", [0, 1], [1, 2]),
+        ("t;q_1\ns;rad\n0;1\n1;2\n", [0, 1], [1, 2]),
+        ("t,q_1,tau_1 [a;b]\n0,1,3\n1,2,3\n", [0, 1], [1, 2]),
+        ("t,q_1,motor (A, peak)\n0,1,3\n1,2,3\n", [0, 1], [1, 2]),
+        ("t;q_1\n0;\u22120,5\n1;+3\n", [0, 1], [-0.5, 3]),
+        ("t;q_1\n0;1.234,5\n1;2.000\n", [0, 1], [1234.5, 2000]),
+        ('t,q_1\n0,"1,234.5"\n1,"2,000"\n', [0, 1], [1234.5, 2000]),
+        ('t;remark;q_1\n0;"two\nlines";1\n1;3" pipe;2\n', [0, 1], [1, 2]),
+        ("t;q_1\n0;1\n1;2\n\0\0\0\0", [0, 1], [1, 2]),
+        ("t;q_1\n0;1\n1;2\n".encode("utf-16"), [0, 1], [1, 2]),
+        ("t;q_1;Kraft [µN]\n0;1;3\n1;2;3\n".encode("cp1252"), [0, 1], [1, 2]),
+        ("Datum;Uhrzeit;q_1\n01.03.2026;23:59:59,5;1\n02.03.2026;00:00:00,5;2\n", [1772409599.5, 1772409600.5], [1, 2]),
+        ("Date,Time,q_1\n3/13/2026,11:59:59 PM,1\n3/14/2026,12:00:00 AM,2\n", [1773446399, 1773446400], [1, 2]),
+        (",q_1\n2026-03-01 00:00:00,1\n2026-03-01 00:00:00.020,2\n", [1772323200, 1772323200.02], [1, 2]),
+        ("time,q_1\n23:59:59.5,1\n00:00:00.5,2\n", [86399.5, 86400.5], [1, 2]),
+        ("time,q_1\n2026-03-01T01:00:00.5+01:00,1\n2026-03-01T00:00:01Z,2\n", [1772323200.5, 1772323201], [1, 2]),
+    ],
+)
+def test_ordinary_files(tmp_path: Path, text: str | bytes, time: list[float], q: list[float]) -> None:
+    table = read(tmp_path, text)
+    np.testing.assert_allclose(table.rising_time(), time, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(table.needed("position", 1)[:, 0], q)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t;q_1\n0;1.5\n1;2,5\n", "column q_1 has decimal points and decimal commas, first '2,5' in row 3, column B"),
+        (
+            't,q_1\n0,"1,234"\n',
+            "column q_1 may have decimal commas or digits in groups of three, first '1,234' in row 2",
+        ),
+        ("t;q_1;p\n0;1.234;0,5\n", "column q_1 may have decimal points or digits in groups of three, as other columns"),
+        ("t;q_1;q_1\n0;1;2\n", "column q_1 is there 2 times, as columns B, C: keep one"),
+        ('t;a;q_1\n\n0;x;1\n;;\n1;"a\nb";ERR\n', "column q_1 holds text, first 'ERR' in row 5, column C"),
+        ("time,q_1\n3/1/2026 1:00:00,1\n3/2/2026 1:00:00,2\n", "column time holds dates whose day and month cannot be"),
+    ],
+)
+def test_a_refusal_names_the_cell(tmp_path: Path, text: str, message: str) -> None:
+    table = read(tmp_path, text)
+    with pytest.raises(RecordingError) as caught:
+        table.rising_time(1)
+        table.joints("position")
+    assert str(caught.value).startswith(f"{table.path}: {message}")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t,q_1\n0,5,1,5\n1,2\n", "row 2 has 4 cells, expected 2 as in the row of names: is one a decimal comma?"),
+        ("t;q_1\n0;1\n1\n", "row 3 has 1 cells, expected 2"),
+        (b"PK\x03\x04xl/workbook.xml", "it is a workbook or an archive, no text: save the sheet as CSV"),
+        (b"t,q_1\n0,\0001\n1,2\n", "it holds bytes of 0 and is no text"),
+        (b"t,\x81q\n0,1\n", "its encoding is not known: save it as UTF-8"),
+        ('t;q_1\n0;"1\n1;2\n', "the quotes that begin in row 2 are not closed"),
+        ("# t, q_1\n#\n", "it holds comments alone"),
+    ],
+)
+def test_a_file_that_is_no_table(tmp_path: Path, text: str | bytes, message: str) -> None:
+    with pytest.raises(RecordingError) as caught:
+        read(tmp_path, text)
+    assert str(caught.value).startswith(f"{tmp_path / 'a.csv'}: cannot be read as a table: {message}")
+
+
+def test_rows_without_a_time_are_left_out_and_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    table = read(tmp_path, "t;q_1\n0;1\n;mean\n1;2\n;3\n".replace("mean", "9"))
+    assert table.rising_time().tolist() == [0, 1]
+    assert table.row(1) == 4
+    assert "2 of 4 rows have no time and are left out, first row 3" in caplog.text
+
+
+def test_import_says_why_a_column_cannot_be_read(tmp_path: Path) -> None:
+    source = Source(time="t", channels={"joint_{}.position": Column(column="q_{}", unit="rad")})
+    wanted = ColumnMap(title="x", licence="x", documented="x", joints=1, sources={"arm": source})
+    path = read(tmp_path, "t;q_1\n0;1\n1;ERR\n").path
+    with pytest.raises(RecordingError, match="column q_1 holds text, first 'ERR' in row 3, column B"):
+        list(read_parts(path, wanted))

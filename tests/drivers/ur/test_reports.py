@@ -1,0 +1,97 @@
+"""What people met with RTDE: issues and pull requests of Universal_Robots_Client_Library, by number."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from cellwatt.account import Account
+from cellwatt_drivers.ur import wire
+from cellwatt_drivers.ur.native import begin, connect
+from cellwatt_drivers.ur.recipe import Selection
+from cellwatt_drivers.ur.wire import Kind
+
+PACKAGE = struct.pack(">HBBdi", 16, ord("U"), 1, 1000.0, 7)
+
+
+class Taken:
+    """Takes packages."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, list[float]]] = []
+        self.came = asyncio.Event()
+
+    def take(self, time, values, not_before=None) -> None:
+        self.rows += zip(time.tolist(), values.tolist(), strict=True)
+        self.came.set()
+
+    def message(self, message) -> None:
+        raise AssertionError(message)
+
+
+@asynccontextmanager
+async def controller(types: bytes, *answers: bytes) -> AsyncIterator[int]:
+    """A controller that answers a start with ``answers``, each in a segment of its own; its port."""
+    left = asyncio.Event()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            while True:
+                size, kind = struct.unpack(">HB", await reader.readexactly(3))
+                await reader.readexactly(size - 3)
+                if kind == Kind.START:
+                    for answer in answers:
+                        writer.write(answer)
+                        await asyncio.sleep(0.01)
+                elif kind != Kind.PAUSE:
+                    writer.write(wire.frame(Kind(kind), REPLIES[Kind(kind)] + types * (kind == Kind.SETUP_OUTPUTS)))
+        except asyncio.IncompleteReadError:
+            writer.close()
+            await writer.wait_closed()
+            left.set()
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1]
+        await left.wait()
+
+
+REPLIES = {
+    Kind.PROTOCOL_VERSION: wire.ACCEPTED,
+    Kind.CONTROLLER_VERSION: struct.pack(">4I", 5, 25, 0, 0),
+    Kind.SETUP_OUTPUTS: b"\x01",
+}
+CONFIRMED = wire.frame(Kind.START, wire.ACCEPTED)
+
+
+@pytest.mark.parametrize("answers", [(CONFIRMED, PACKAGE), (PACKAGE, CONFIRMED, PACKAGE), (PACKAGE,)])
+async def test_403_data_before_the_start_is_confirmed_or_without(answers):
+    async with (
+        controller(b"DOUBLE,INT32", *answers) as port,
+        connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
+    ):
+        taken = Taken()
+        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken, 5.0)
+        async with asyncio.timeout(5):
+            while len(taken.rows) < answers.count(PACKAGE):
+                taken.came.clear()
+                await taken.came.wait()
+        assert taken.rows == [(1000.0, [7.0])] * answers.count(PACKAGE)
+        assert not session.closed.done()
+
+
+@pytest.mark.parametrize(("kind", "code"), [("UINT32", "I"), ("DOUBLE", "d"), ("UINT64", "Q")])
+async def test_560_a_field_has_the_type_that_the_controller_declares(kind, code):
+    body = struct.pack(f">Bd{code}", 1, 1000.0, 7)
+    async with (
+        controller(f"DOUBLE,{kind}".encode(), CONFIRMED, wire.frame(Kind.DATA_PACKAGE, body)) as port,
+        connect("127.0.0.1", port, 5.0, lambda: 0, Account()) as (session, version),
+    ):
+        taken = Taken()
+        await begin(session, version, Selection.of(["robot_mode"]), 500.0, taken, 5.0)
+        async with asyncio.timeout(5):
+            await taken.came.wait()
+    assert taken.rows == [(1000.0, [7.0])]

@@ -1,0 +1,97 @@
+"""The socket of a connection: what gathers comes as one block, at the time at which the kernel got it."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from cellwatt_drivers.ur import transport
+from cellwatt_drivers.ur.transport import GatheringTransport
+from tests.patience import eventually
+
+
+class Heard:
+    """Stands for a session: what came, how long it had waited, and how the connection ended."""
+
+    def __init__(self) -> None:
+        self.blocks: list[tuple[bytes, int]] = []
+        self.ends: list[Exception | None] = []
+        self.eof = False
+        self._room = memoryview(bytearray(1000))
+
+    def connection_made(self, made: asyncio.Transport) -> None:
+        self.made = made
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        return self._room
+
+    def buffer_updated(self, nbytes: int, waited: int = 0) -> None:
+        self.blocks.append((bytes(self._room[:nbytes]), waited))
+
+    def eof_received(self) -> None:
+        self.eof = True
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.ends.append(exc)
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        ours = socket.create_connection(server.getsockname())
+        theirs, _ = server.accept()
+        ours.setblocking(False)
+        theirs.setblocking(False)
+        with ours, theirs:
+            yield ours, theirs
+
+
+async def test_what_gathers_is_one_block_that_says_how_long_its_newest_bytes_waited(pair, monkeypatch):
+    ours, theirs = pair
+    moment = asyncio.get_running_loop().time() + 0.05
+    monkeypatch.setattr(transport, "next_moment", lambda gather: moment)
+    heard = Heard()
+    GatheringTransport(ours, heard, lambda: 0.01)
+    for part in (b"one", b"two", b"three"):
+        theirs.send(part)
+    sent = time.monotonic_ns()
+    await eventually(lambda: heard.blocks)
+    read = time.monotonic_ns()
+    ((data, waited),) = heard.blocks
+    assert data == b"onetwothree"
+    assert 0.5 * (int(moment * 1e9) - sent) < waited <= read - sent + 10_000_000
+    heard.made.close()
+
+
+async def test_without_a_gather_bytes_are_read_as_they_come_and_the_end_is_told(pair):
+    ours, theirs = pair
+    heard = Heard()
+    GatheringTransport(ours, heard, lambda: 0.0)
+    heard.made.write(b"question")
+    assert await asyncio.get_running_loop().sock_recv(theirs, 100) == b"question"
+    for n, part in enumerate((b"one", b"two"), 1):
+        theirs.send(part)
+        await eventually(lambda n=n: len(heard.blocks) == n)
+    assert [data for data, _ in heard.blocks] == [b"one", b"two"]
+    theirs.close()
+    await eventually(lambda: heard.ends)
+    assert heard.eof and heard.ends == [None] and heard.made.is_closing()
+
+
+async def test_what_waits_while_reading_is_paused_comes_afterwards(pair):
+    ours, theirs = pair
+    heard = Heard()
+    GatheringTransport(ours, heard, lambda: 0.001)
+    heard.made.pause_reading()
+    theirs.send(b"later")
+    await asyncio.sleep(0)
+    assert not heard.blocks
+    heard.made.resume_reading()
+    await eventually(lambda: heard.blocks)
+    assert heard.blocks[0][0] == b"later"
+    heard.made.close()
+    await eventually(lambda: heard.ends)

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+
+from cellwatt_plugins.mismatch.fit.leave_out import BLOCK, FOLDS, LeaveOut, compared, rms
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term, torque_problem
+from cellwatt_plugins.mismatch.input.moved import moved
+from cellwatt_plugins.robot.effects import BY_NAME
+from cellwatt_plugins.robot.effects.states import States
+from tests.plugins.mismatch import plant
+
+OFFSET = Term(BY_NAME["torque_offset"], 0, ())
+"""At the vertical axis, where no nominal parameter gives way."""
+FACTOR = np.array([2.0, 3.0, 1.5])
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory) -> Problem:
+    arm = plant.load(plant.write_robot(tmp_path_factory.mktemp("plant")))
+    shifted = plant.Missing(read=lambda torque: torque + np.array([2.0, 0, 0]))
+    runs = [plant.record("run_01", 1, shifted, 20.0), plant.record("run_02", 2, shifted, 28.0)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
+    return torque_problem(runs, states)
+
+
+@pytest.fixture(scope="module")
+def held(problem) -> LeaveOut:
+    return LeaveOut(problem, FACTOR)
+
+
+def test_each_fold_is_as_much_of_the_time(problem, held):
+    assert len(held.fold) == len(problem.design.target)
+    shares = np.bincount(held.fold, minlength=FOLDS) / len(held.fold)
+    assert shares.min() > 0.05
+    assert shares.max() < 0.2
+
+
+def test_blocks_are_seconds_long_so_that_neighbours_tell_nothing(problem, held):
+    lengths = []
+    for part in problem.split(held.fold):
+        edges = np.flatnonzero(np.diff(part)) + 1
+        lengths += list(np.diff([0, *edges, len(part)]) * problem.rows[0].step)
+    assert min(lengths) > 0.5 * BLOCK
+
+
+def ridge(problem: Problem, left: np.ndarray) -> np.ndarray:
+    """Residual (N, C) of the regression on the rows that are not ``left``, all channels' columns side by side."""
+    blocks = [*problem.design.blocks, problem.block(OFFSET)]
+    rows, channels = problem.design.target.shape
+    size = sum(b.size for b in blocks)
+    columns, precision = np.zeros((rows, channels, size)), np.zeros((size, size))
+    at = 0
+    for block in blocks:
+        place = slice(at, at + block.size)
+        for channel in range(channels):
+            own = block.of(channel)
+            if own is not None:
+                columns[:, channel, place] = own
+        precision[place, place] = np.linalg.inv(block.prior.covariance)
+        at += block.size
+    weight = np.where(left[:, None], 0.0, 1 / np.concatenate(problem.variance) / FACTOR)
+    information = precision + np.einsum("ncm,nc,nck->mk", columns, weight, columns, optimize=True)
+    pull = np.einsum("ncm,nc,nc->m", columns, weight, problem.design.target, optimize=True)
+    return np.asarray(problem.design.target - columns @ np.linalg.solve(information, pull))
+
+
+@pytest.mark.parametrize("fold", [0, FOLDS - 1])
+def test_residual_and_error_of_a_fold_are_of_the_regression_without_it(problem, held, fold):
+    left = held.fold == fold
+    own = ridge(problem, left)[left]
+    np.testing.assert_allclose(held.residual([OFFSET])[left], own, atol=1e-5)
+    squares = np.sum(own**2 / np.concatenate(problem.variance)[left], axis=0)
+    np.testing.assert_allclose(held.errors([OFFSET])[fold], squares, rtol=1e-4)
+
+
+def test_a_real_term_lowers_the_error_to_the_noise(held):
+    before, after = rms(held.residual([])), rms(held.residual([OFFSET]))
+    assert before[0] > 1.2
+    assert after[0] < 1.3 * plant.TORQUE_NOISE[0]
+    assert np.all(after[1:] <= 1.05 * before[1:])
+    found = compared(held.errors([]), held.errors([OFFSET]), [0])
+    assert found.share > 0.9
+    assert found.sure > 3
+    assert found.rise < 0.01
+
+
+def test_a_term_of_pure_chance_does_not(held):
+    """A push that never was gains nothing on rows that it was not fitted to."""
+    chance = Term(BY_NAME["external_contact"], 2, (0.0, 6.0, 0.1))
+    assert compared(held.errors([]), held.errors([chance]), [2]).share < 1e-3
+
+
+def test_errors_are_compared_fold_by_fold_in_units_of_each_channels_own():
+    before = np.array([[8.0, 200.0], [12.0, 100.0], [10.0, 300.0]])
+    after = np.array([[6.0, 202.0], [9.0, 103.0], [6.0, 307.0]])
+    found = compared(before, after, [0])
+    # (2 + 3 + 4) of 30 leave; 0.3 ± 0.1 / √3 of the folds; channel 2 rises by 12 of 600.
+    assert found.share == pytest.approx(0.3)
+    assert found.sure >= 0.3 / (0.1 / np.sqrt(3)) - 1e-9
+    assert found.rise == pytest.approx(0.02)
+    assert found.again
+    both = compared(before, after)
+    assert both.share == pytest.approx(0.3 - 0.02)
+
+
+def test_what_one_fold_alone_gains_is_told_from_what_comes_again():
+    before = np.full((5, 1), 10.0)
+    once = np.array([[2.0], [10.0], [10.5], [10.0], [10.5]])
+    found = compared(before, once)
+    assert found.share == pytest.approx(0.14)
+    assert not found.again
+    assert found.sure < 1.5
+    assert compared(before, np.array([[2.0], [2.0], [10.5], [10.0], [10.5]])).again
+
+
+def test_a_channel_of_which_nothing_was_measured_neither_falls_nor_rises():
+    before = np.array([[10.0, 1e-9], [10.0, 2e-9]])
+    found = compared(before, np.array([[5.0, 1e-6], [5.0, 1e-6]]))
+    assert found.share == pytest.approx(0.5)
+    assert found.rise < 1e-3
