@@ -18,7 +18,6 @@ from cellwatt_plugins.mismatch.verdict.estimates import estimates
 from cellwatt_plugins.mismatch.verdict.findings import Alternative, Finding, FoundCurve, Improvement, Span, Where
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit
 from cellwatt_plugins.robot.curves import Curve
-from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.effect import INHERITED, Estimate, Parameter
 from cellwatt_plugins.robot.stretches import stretches
 
