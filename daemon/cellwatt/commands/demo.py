@@ -115,7 +115,8 @@ def _lines(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> 
 
     def show(line: Mapping[str, Any]) -> None:
         news = bulletin.of_line(line) if line["kind"] in TOLD else ()
-        for text in (*news, *bulletin.stands(time.monotonic())):
+        stands = bulletin.stands(time.monotonic()) if bulletin.cell.status.get("sources") else ()
+        for text in (*news, *stands):
             say(text)
 
     def say(text: str) -> None:

@@ -60,7 +60,7 @@ class Bulletin:
             if not self._silent:
                 self._silent = True
                 yield _line(f"no message for {gone:.0f} s; last at {_at(cell.heard_at)}")
-        elif cell.status.get("sources") and now >= self._stands_at:
+        elif cell.status and now >= self._stands_at:
             self._stands_at = now + EVERY
             yield _line(_standing(cell))
 
