@@ -245,7 +245,7 @@ class Table:
     @cached_property
     def _follows_motion(self) -> bool:
         """True of a log of a motion; rows of held poses, further apart or without a time, may lie anywhere."""
-        if self.clock is None or self.clock in self.text or len(self) < 2:
+        if self.clock is None or self.clock in self.unfit or len(self) < 2:
             return False
         return bool(np.nanmedian(np.diff(self.time)) <= FOLLOWED)
 

@@ -73,6 +73,16 @@ def test_findings_model_and_report_are_written(explained):
     assert [(f["effect"], f["joint"]) for f in found["findings"]] == [("torque_offset", 3)]
     assert found["findings"][0]["parameters"]["offset"]["value"] == pytest.approx(1.5, abs=0.2)
     assert [f["channel"] for f in found["fit"]] == ["tau_1", "tau_2", "tau_3", "power"]
+    start, offset, retuned = found["cascade"]
+    gain = found["findings"][0]["improvement"]
+    assert [start["kind"], offset["effect"], retuned["kind"]] == ["simulation", "torque_offset", "retuning"]
+    assert (gain["before"], gain["after"]) == (
+        pytest.approx(start["channels"]["tau_3"], rel=1e-3),
+        offset["channels"]["tau_3"],
+    )
+    assert {name: pytest.approx(error) for name, error in retuned["channels"].items()} == {
+        f["channel"]: f["model"] for f in found["fit"]
+    }
     assert (explained / "model.yaml").exists()
     page = (explained / "report.html").read_text()
     assert "<html" in page
@@ -116,6 +126,9 @@ def test_in_words_each_finding_is_a_sentence(cell, call, tmp_path):
     assert said.startswith("Explained")
     assert "joint 3" in said.lower()
     assert "held-out error" in said
+    assert (
+        said.index("your simulation") < said.index("+ torque offset of joint 3") < said.index("+ your numbers retuned")
+    )
     assert str(tmp_path) in said
 
 

@@ -29,7 +29,7 @@ def numbers(findings: Findings) -> Section:
     """Each number that is found or retuned: in the simulation, and on the arm."""
     rows = [row for f in findings.findings if f.effect != words.UNKNOWN for row in _found(f)]
     for moved in findings.retuned:
-        name = f"{moved.parameter.replace('_', ' ')}{_place(moved.parameter, moved.joint)}"
+        name = f"{words.effect_name(moved.parameter)}{_place(moved.parameter, moved.joint)}"
         was = f"{number(moved.was)} {unit(moved.unit)}"
         rows.append([capital(name), was, f"{measured(moved.now, moved.std)} {unit(moved.unit)}", _allowed(moved)])
     table = Table("Numbers", ("number", "in your simulation", "on your arm, ± one standard deviation", ""), rows)
@@ -55,8 +55,8 @@ def _place(parameter: str, joint: int | None) -> str:
 
 
 def _allowed(moved: Retuned) -> str:
-    beyond = abs(moved.now - moved.was) > moved.tolerance
-    return f"retuned, {'beyond' if beyond else 'within'} one tolerance, {number(moved.tolerance)} {unit(moved.unit)}"
+    allowed = "beyond" if moved.beyond else "within"
+    return f"retuned, {allowed} what you allow (± {number(moved.tolerance)} {unit(moved.unit)}, one standard deviation)"
 
 
 def label(step: Step, first: bool) -> str:

@@ -138,6 +138,8 @@ class Retuned:
     unit: str
     tolerance: float
     """One standard deviation, in ``unit``, of what the description allows."""
+    beyond: bool
+    """True if the number is off by more than twice that."""
     statement: str
 
 

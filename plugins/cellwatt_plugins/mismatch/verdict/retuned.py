@@ -13,6 +13,7 @@ from cellwatt_plugins.mismatch.verdict.cascade import Falling
 from cellwatt_plugins.mismatch.verdict.channels import channel_unit
 from cellwatt_plugins.mismatch.verdict.findings import Retuned
 from cellwatt_plugins.robot.body import PER_LINK
+from cellwatt_plugins.robot.effects.effect import INHERITED
 from cellwatt_plugins.robot.priors import link_prior
 
 Float = NDArray[np.float64]
@@ -21,10 +22,12 @@ MOST = 0.5
 """Share of a channel's mean square error beyond the noise that retuning takes off for it to be the answer there."""
 OWN = 0.25
 """Share of what retuning takes off a channel that would come back without a number, for the number to be named."""
-SEEN = 1.3
+SEEN = 2.0
 """Error in units of the noise from which a channel differs from the simulation."""
 BEYOND = 2.0
 """Tolerances, and standard errors, from which a number is off beyond its tolerance."""
+CERTAIN = 2.0
+"""Standard errors by which a number is off for certain."""
 FRICTION = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 UNITS = {"coulomb_friction": "N*m", "viscous_friction": "N*m*s/rad", "rotor_inertia": "kg*m^2"}
 
@@ -37,9 +40,14 @@ class _Moved:
     joint: int | None
     was: float
     off: float
-    std: float
+    fitted_std: float
     unit: str
     tolerance: float
+
+    @property
+    def std(self) -> float:
+        """Standard deviation, with what a number inherits from the description that it is computed with."""
+        return float(np.hypot(self.fitted_std, INHERITED * (self.was + self.off)))
 
     @property
     def beyond(self) -> bool:
@@ -53,9 +61,9 @@ def retuned_of(solution: Solution, fall: Falling) -> list[Retuned]:
     answers = _answers(fall)
     for i, moved in enumerate(_moved(best)):
         explained = [c for c, gone in answers.items() if _share(best, i, c) > OWN * gone]
-        certain = [m for m in moved if abs(m.off) > m.std]
-        told = [m for m in certain if m.beyond or explained]
-        out += [_told(m, fall, explained) for m in told]
+        most = max(moved, key=lambda m: abs(m.off) / max(m.tolerance, m.std, 1e-12))
+        named = [m for m in moved if m.beyond or (explained and (m is most or abs(m.off) > CERTAIN * m.std))]
+        out += [_told(m, fall, explained) for m in named]
     return out
 
 
@@ -132,27 +140,30 @@ def _link(joint: int, own: Float, off: Float, spread: Float, tolerance: float) -
 def _told(moved: _Moved, fall: Falling, explained: Sequence[int]) -> Retuned:
     unit = moved.unit.replace("N*m", "Nm").replace("*", " ").replace("^2", "²")
     allowed = "beyond" if moved.beyond else "within"
+    more, less = ("heavier", "lighter") if moved.parameter == "mass" else ("more", "less")
+    way = more if moved.off > 0 else less
     statement = (
-        f"{_what(moved)} is {moved.was + moved.off:.3g} ± {moved.std:.1g} {unit}, where your simulation has "
-        f"{moved.was:.3g}: {allowed} the tolerance of ± {moved.tolerance:.2g} {unit}"
+        f"{_what(moved)} is {abs(moved.off):.2g} ± {moved.std:.1g} {unit} {way} than in your simulation "
+        f"({moved.was + moved.off:.3g} instead of {moved.was:.3g} {unit}): {allowed} what you allow "
+        f"(± {moved.tolerance:.2g} {unit}, one standard deviation)"
     )
     falls = [
         f"{'the supply' if fall.problem.side == 'supply' else f'joint {c + 1}'} ({fall.untuned[c]:.3g} → "
         f"{fall.model[c]:.3g} {channel_unit(fall.problem, c).replace('*', '')})"
         for c in explained
     ]
-    statement += f", and retuning explains most of {' and '.join(falls)}." if falls else "."
+    statement += f", and with it retuning explains most of {' and '.join(falls)}." if falls else "."
     joint = None if moved.joint is None else moved.joint + 1
     was, off, std, tolerance = (float(x) for x in (moved.was, moved.off, moved.std, moved.tolerance))
-    return Retuned(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, statement)
+    return Retuned(moved.parameter, joint, was, was + off, std, moved.unit, tolerance, moved.beyond, statement)
 
 
 def _what(moved: _Moved) -> str:
-    name = moved.parameter.replace("_", " ")
+    name = moved.parameter.replace("_", " ").replace("coulomb", "Coulomb")
     if moved.joint is None:
         return "Standby power"
     if moved.parameter == "mass":
-        return f"The mass of link {moved.joint + 1}"
+        return f"Link {moved.joint + 1}"
     if moved.parameter.startswith("com_"):
         return f"The centre of mass of link {moved.joint + 1} along {moved.parameter[-1]}"
     return f"The {name} of {'link' if moved.parameter.startswith('i') else 'joint'} {moved.joint + 1}"

@@ -74,6 +74,16 @@ def test_friction_that_retuning_absorbs_is_told_with_its_numbers(arm: Arm) -> No
     assert "explains most of joint 3" in friction.statement
 
 
+def test_mass_that_retuning_absorbs_is_told_with_the_joints_that_it_explains(arm: Arm) -> None:
+    found = solution(arm, Missing(arm=replace(NOMINAL, masses=(7.5, 4.7))))
+    (mass,) = [r for r in retuned_of(found, falling(found)) if r.parameter == "mass"]
+    assert (mass.joint, mass.was, mass.unit) == (3, 4.2, "kg")
+    assert mass.now == pytest.approx(4.7, abs=2 * mass.std)
+    assert mass.statement.startswith("Link 3 is ")
+    assert "heavier than in your simulation" in mass.statement
+    assert "joint 2 (" in mass.statement
+
+
 def test_nothing_is_told_where_the_numbers_are_right(arm: Arm) -> None:
     found = solution(arm, Missing(arm=NOMINAL))
     assert retuned_of(found, falling(found)) == []

@@ -39,6 +39,19 @@ def test_the_joint_and_the_size_are_told(arm):
     assert found.floor < 0.5 * found.rms
 
 
+def test_joints_that_the_search_had_no_time_for_are_not_called_unexplained(arm):
+    missing = plant.Missing(added=lambda t, q, qd, run: plant.column(4 * np.sin(3 * t), 3))
+    runs = [plant.record("run_01", 1, missing, power=False)]
+    states = [States(r.name, i, r.time, moved(r), arm) for i, r in enumerate(runs)]
+    solution = search(Torques(runs, states), plant.JOINTS, until=-np.inf)
+    assert solution.unlooked == (0, 1, 2)
+    (late,) = [u for u in lack_of_fit(np.ones(3), solution) if u.channel == 2]
+    told = unexplained_channel(late, "tau_3", "N*m", looked_at=False)
+    assert not told.looked_at
+    assert "not looked at in full: the time was up" in told.statement
+    assert "no known effect" not in told.statement
+
+
 def test_the_time_is_told(arm):
     def at_times(time, q, qd, run):
         on = (run == "run_02") & (time > 9) & (time < 15)
