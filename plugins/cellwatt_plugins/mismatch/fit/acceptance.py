@@ -76,7 +76,8 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
     elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
         return "adds too little evidence, and does not lower the error on data left out by much"
-    if found.rise > thresholds.rise:
+    # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
+    if term.joint is None and found.rise > thresholds.rise:
         return "raises the error of another channel on data left out"
     old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms))[channels] for s in (before, after))
     if not np.any(new < old):

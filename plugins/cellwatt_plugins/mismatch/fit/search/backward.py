@@ -33,7 +33,7 @@ def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
         gain = rest.fit.gain(now.problem.block(term))[0]
         if gain < required_gain(term, state.robot, state.thresholds):
             last = solve(state, [*others, term])
-            if gain < state.thresholds.least or unconfirmed(rest, last, state.thresholds, gain) is not None:
+            if unconfirmed(rest, last, state.thresholds, gain) is not None:
                 state.refuse(term, gain, "needless beside the others")
                 now = rest
     return now
