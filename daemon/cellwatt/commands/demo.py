@@ -114,9 +114,10 @@ def _lines(cell: str, folder: Path, seconds: float, outlets: Outlets | None) -> 
     bulletin = Bulletin()
 
     def show(line: Mapping[str, Any]) -> None:
-        news = bulletin.of_line(line) if line["kind"] in TOLD else ()
-        stands = bulletin.stands(time.monotonic()) if bulletin.cell.status.get("sources") else ()
-        for text in (*news, *stands):
+        news = [*bulletin.of_line(line)] if line["kind"] in TOLD else []
+        if bulletin.cell.status.get("sources"):
+            news += bulletin.stands(time.monotonic())
+        for text in news:
             say(text)
 
     def say(text: str) -> None:
