@@ -38,7 +38,7 @@ def seeds() -> Iterable[bytes]:
                 said = {"header": {"stamp": {"sec": i, "nanosec": 5}}, "name": ["a", "b"], "position": [0.1 * i, 1.0]}
                 data = json.dumps(said).encode() if encoding == "json" else b"\0\1\0\0\2\0\0\0"
                 writer.add_message(channel, log_time=i, publish_time=i, data=data)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
         yield file.getvalue()
 
 
