@@ -40,6 +40,7 @@ TABLE: Mapping[str, Entry] = {
     "model": Entry("what a model file says about itself, JSON"),
     "csv": Entry("CSV tables that people bring"),
     "sheet": Entry("CSV tables drawn from what spreadsheets, loggers and locales write"),
+    "foreign": Entry("MCAP files of other writers, as logs of joints"),
     "question": Entry("a consumer's Zenoh question: selector and answer"),
     "message": Entry("a cell's Zenoh message: key, mark, JSON"),
     "arrow": Entry("a cell's Zenoh message: mark, Arrow stream"),
