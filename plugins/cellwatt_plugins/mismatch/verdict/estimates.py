@@ -77,7 +77,9 @@ def estimates(solution: Solution) -> dict[tuple[str, int | None], Estimate]:
         slopes.append(None if slope is None else len(blocks))
         if slope is not None:
             blocks.append(Block(slope, block.channel, Prior.spread(1e3 * _typical(term))))
-    fit = Regression(solution.problem.design, blocks, solution.factor)
+    # Numbers that stay the user's are no more certain for that.
+    design = (solution.free or solution.problem).design
+    fit = Regression(design, blocks, solution.factor)
     covariance = fit.covariance
     out = {}
     for i, (term, at) in enumerate(zip(solution.terms, slopes, strict=True)):

@@ -238,7 +238,8 @@ def test_of_what_turns_over_at_random_the_mean_is_told(arm):
 
     found = searched(arm, plant.Missing(added=loose), ("torque_offset",))
     assert places(found) == {("torque_offset", 3)}
-    assert found.coefficients(found.terms[0])[0] == pytest.approx(4.0, abs=0.5)
+    # 34 turns a run of ±4 Nm tell the mean to about half a Nm.
+    assert found.coefficients(found.terms[0])[0] == pytest.approx(4.0, abs=1.0)
     assert found.problem.chi2(found.residual)[2] > 10
 
 
