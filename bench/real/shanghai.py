@@ -1,7 +1,7 @@
 """A six-axis arm of Shanghai Electric (github.com/Naruton94/robot_identification; no licence stated: figures only).
 
-Torque from motor currents at 167 Hz, three motions of 22 s. The source's links are a rough prior, those of a smaller
-arm; no friction is known. The wrist's torques fall with speed, which no friction does: they are left out.
+Torque from motor currents at 167 Hz, three motions of 22 s. The source's links are a rough prior, far too light; no
+friction is known. The wrist's torques fall with speed, which no friction does: they are left out.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from mcap.records import Message as McapMessage
 
 from cellwatt.errors import ConfigError, RecordingError, why
 from cellwatt.files import open_file
+from cellwatt.logs.log import natural
 from cellwatt.record.foreign import described, records
 
 STATE: Final = "sensor_msgs/msg/JointState"
@@ -61,16 +62,20 @@ class Bag:
     def messages(self) -> Iterator[Message]:
         """The messages in the order of the file. Raises ``RecordingError``, and ``ConfigError`` without ``rosbags``."""
         try:
-            if self.path.is_dir() and not (self.path / "metadata.yaml").exists():
-                files = sorted(p for p in self.path.iterdir() if p.suffix in (".mcap", ".db3"))
-            else:
-                files = [self.path]
-            for file in files:
+            for file in self._files():
                 yield from self._mcap(file) if file.suffix == ".mcap" else self._rosbag(file)
         except ImportError as error:
             raise ConfigError(f"{self.path}: reading ROS messages needs pip install 'cellwatt[logs]'") from error
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {why(error)}") from error
+
+    def _files(self) -> list[Path]:
+        """The files to read, in order; a folder whose files are not MCAP is read as a whole where it has metadata."""
+        if not self.path.is_dir():
+            return [self.path]
+        files = sorted(self.path.iterdir(), key=lambda path: natural(path.name))
+        whole = [self.path] if (self.path / "metadata.yaml").exists() else []
+        return [p for p in files if p.suffix == ".mcap"] or whole or [p for p in files if p.suffix == ".db3"]
 
     def _mcap(self, path: Path) -> Iterator[Message]:
         schemas: dict[int, Schema] = {}
@@ -101,7 +106,7 @@ class Bag:
                         yield from self._decoded(channel.topic, kind, record.log_time, record.data, decode)
 
     def _rosbag(self, path: Path) -> Iterator[Message]:
-        from rosbags.rosbag2 import Reader, ReaderError
+        from rosbags.rosbag2 import Reader
 
         try:
             with Reader(path) as reader:
@@ -113,9 +118,11 @@ class Bag:
                     decoders[each.topic] = _cdr(each.msgtype, text)
                 for each, time, data in reader.messages(wanted) if wanted else ():
                     yield from self._decoded(each.topic, each.msgtype, time, data, decoders[each.topic])
-        except (ReaderError, ValueError, AttributeError) as error:
-            fault = str(error).splitlines()[0]  # of YAML with its place on lines of their own
-            raise RecordingError(f"{path}: cannot be read as a ROS 2 bag: {fault}") from error
+        except (ImportError, OSError):
+            raise
+        except Exception as error:  # a damaged file makes SQLite and rosbags fail in any way
+            text = " ".join(str(error).split()) or type(error).__name__
+            raise RecordingError(f"{path}: cannot be read as a ROS 2 bag: {text}") from error
 
     def _decoded(self, topic: str, kind: str, time: int, data: bytes, decode: Decode) -> Iterator[Message]:
         try:

@@ -1,11 +1,10 @@
 """The dialect of tables: which quantity of which joint a column's name stands for, and in which unit.
 
-Four families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
-(``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``) and the channels of a cell
-(``arm.joint_1.position``, ``supply.power``). Capitals and
-the blank or ``_`` before a number do not matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may
-follow: ``q_1 [deg]``, ``q_3 [mm]`` of a linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI
-unit of the quantity.
+Five families of names are known: this project's tables (``q_1``, ``tau_1``, ``power``), Universal Robots' RTDE records
+(``actual_q_0``, ``target_qd_0``), MuJoCo's arrays (``qpos0``, ``ctrl0``), Isaac Lab's (``joint_pos_0``) and the
+channels of a cell (``arm.joint_1.position``, ``supply.power``). Capitals and the blank or ``_`` before a number do not
+matter. Joints are numbered from 1, or from 0 where there is a 0. A unit may follow: ``q_1 [deg]``, ``q_3 [mm]`` of a
+linear axis, ``tau_1 (Nm)``, ``power_kW``; without one, values are in the SI unit of the quantity.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ from typing import Final
 from cellwatt.units import TABLE, Unit, kind_of
 
 JOINT: Final[Mapping[str, tuple[str, ...]]] = {
-    "position": ("q", "actual_q", "position", "qpos"),
-    "velocity": ("qd", "actual_qd", "velocity", "qvel"),
+    "position": ("q", "actual_q", "position", "qpos", "joint_pos"),
+    "velocity": ("qd", "actual_qd", "velocity", "qvel", "joint_vel"),
     "acceleration": ("qdd", "acceleration"),
-    "torque": ("tau", "torque", "actual_current_as_torque"),
+    "torque": ("tau", "torque", "actual_current_as_torque", "qfrc_actuator", "actuator_force", "applied_torque"),
     "torque_ratio": ("torque_percent", "torque_ratio"),
     "torque_spread": ("torque_spread",),
     "current": ("current", "actual_current"),
@@ -29,7 +28,7 @@ JOINT: Final[Mapping[str, tuple[str, ...]]] = {
     "target_position": ("target_q", "target_position"),
     "target_velocity": ("target_qd", "target_velocity"),
     "target_acceleration": ("target_qdd", "target_acceleration"),
-    "command": ("command",),
+    "command": ("command", "joint_pos_target"),
     "control": ("ctrl",),
     "came_from": ("q_from", "came_from"),
 }

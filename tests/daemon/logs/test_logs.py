@@ -166,3 +166,16 @@ def test_a_bag_whose_metadata_are_torn_is_refused_in_one_line(tmp_path):
         read_table(tmp_path)
     assert str(caught.value).startswith(f"{tmp_path}: cannot be read as a ROS 2 bag: ")
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("form", ["sqlite3", "mcap folder"])
+def test_a_damaged_bag_is_refused_or_read_to_its_damage(tmp_path, form):
+    path = written(tmp_path / "bag", form)
+    file = next(each for each in path.iterdir() if each.suffix in (".db3", ".mcap"))
+    content = file.read_bytes()
+    for at in range(16, len(content), len(content) // 8):
+        file.write_bytes(content[:at] + b"\xff\xff\xff\x7f" + content[at + 4 :])
+        try:
+            assert 0 < len(read_log(path).time) <= len(TIME)
+        except RecordingError as error:
+            assert str(error).startswith(str(path))

@@ -27,6 +27,8 @@ AGAINST = 0.3
 """Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
 SMALLEST = 0.2
 """Of the supply's noise that a term must change its power by."""
+MOST = 0.8
+"""Share that what is no usual thing must take off where it adds less evidence than others."""
 OFF_SCALE = 0.35
 """Largest distance from 1 of the coefficient of an effect that is simulated to scale."""
 
@@ -72,9 +74,10 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
         if found.share < share or not steady:
             return f"takes {100 * max(found.share, 0.0):.1f} % off the mean square error on data left out"
-    elif not term.effect.usual or found.share < thresholds.much or found.sure < thresholds.sure:
+    elif found.share < (thresholds.much if term.effect.usual else MOST) or found.sure < thresholds.sure:
         return "adds too little evidence, and does not lower the error on data left out by much"
-    if found.rise > thresholds.rise:
+    # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
+    if term.joint is None and found.rise > thresholds.rise:
         return "raises the error of another channel on data left out"
     old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms))[channels] for s in (before, after))
     if not np.any(new < old):

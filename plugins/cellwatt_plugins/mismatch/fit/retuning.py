@@ -18,7 +18,7 @@ FIXED = 1e-4
 """Factor on the tolerance of a number that stays the user's."""
 WORTH = 0.005
 """Share of the mean square error on data left out, summed over the channels, that freeing a group must take off."""
-LOOSER = (3.0, 10.0, 30.0)
+LOOSER = (3.0, 10.0)
 """Factors on the links' tolerances that are tried where much is left."""
 BETTER, SURE = 0.1, 2.0
 """Share and standard errors by which the error must fall for the links to be as far off as that."""

@@ -88,7 +88,7 @@ def read_poses(paths: Sequence[Path], robot: RobotDescription) -> Poses:
 
 
 def _read(path: Path, robot: RobotDescription) -> Poses:
-    table = read_table(path)
+    table = read_table(path, [joint.name for joint in robot.joints])
     q = table.needed("position", len(robot.joints))
     torque, unit = _torque(table, robot)
     before = table.joints("came_from")

@@ -89,8 +89,10 @@ def _turns(run: States, joint: int) -> NDArray[np.bool_]:
 
 
 def peaks(residual: Float, step: float, width: float) -> list[int]:
-    """Samples where a bump of this width fits best, greatest first and apart from each other."""
+    """Samples where a bump of this width fits best, greatest first and apart; none where it is longer than the run."""
     half = max(1, round(3 * width / step))
+    if 2 * half + 1 > len(residual):
+        return []
     bump = np.exp(-0.5 * np.square(np.arange(-half, half + 1) * step / width))
     match = np.abs(np.convolve(residual, bump, mode="same")) / np.sqrt(np.sum(bump**2))
     out = []

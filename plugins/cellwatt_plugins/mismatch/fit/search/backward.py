@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cellwatt_plugins.mismatch.fit.acceptance import physical, required_gain, seen_by_several, unconfirmed
+from cellwatt_plugins.mismatch.fit.acceptance import (
+    physical,
+    relieves_tension,
+    required_gain,
+    seen_by_several,
+    unconfirmed,
+)
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
 from cellwatt_plugins.mismatch.fit.problem import Term
 from cellwatt_plugins.mismatch.fit.search.candidates import has_friction
@@ -27,7 +33,7 @@ def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
         gain = rest.fit.gain(now.problem.block(term))[0]
         if gain < required_gain(term, state.robot, state.thresholds):
             last = solve(state, [*others, term])
-            if gain < state.thresholds.least or unconfirmed(rest, last, state.thresholds, gain) is not None:
+            if unconfirmed(rest, last, state.thresholds, gain) is not None:
                 state.refuse(term, gain, "needless beside the others")
                 now = rest
     return now
@@ -56,6 +62,9 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
                 continue
             plain = solve(state, [*rest.terms, Term(effects[name], term.joint, ())])
             if not physical(plain.terms[-1], plain.coefficients(plain.terms[-1]), state.robot):
+                continue
+            # Nominal numbers that go beyond their tolerances take up what the plainer name does not say.
+            if relieves_tension(rest, now, state.thresholds) and not relieves_tension(rest, plain, state.thresholds):
                 continue
             old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (plain, now))
             found = compared(old, new, [term.joint or 0])
@@ -91,7 +100,8 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         last = solve(state, [*rest.terms, term])
         gain = rest.fit.gain(rest.problem.block(term))[0]
         why = unconfirmed(rest, last, state.thresholds, gain)
-        if why is None and term.effect.acceptance.several_channels and not seen_by_several(rest, last.block(term)[0]):
+        several = not term.effect.acceptance.several_channels or relieves_tension(rest, last, state.thresholds)
+        if why is None and not several and not seen_by_several(rest, last.block(term)[0]):
             why = "only one channel asks for it"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")

@@ -15,6 +15,8 @@ from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 
 BEST = 2
 """Candidates at one place (a joint, the whole arm) that are looked at closely in a step."""
+USUAL = 5
+"""The same where one is what most arms have."""
 RIVALS = 3
 """Other names that are fitted in a term's place."""
 AHEAD = 3.0
@@ -83,7 +85,7 @@ def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solut
                 continue
             new = refine(state, solve(state, [*others.terms, rival.term]), rival.term)
             gain = others.fit.gain(new.problem.block(new.terms[-1]))[0]
-            if gain + ahead > own + AHEAD:
+            if gain + ahead > own + AHEAD and rejection(others, new, state.thresholds, gain) is None:
                 state.refuse(term, own, f"{new.terms[-1].effect.name} explains it better")
                 now, own = new, gain
     return now

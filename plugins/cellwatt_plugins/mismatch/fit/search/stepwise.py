@@ -25,7 +25,7 @@ from cellwatt_plugins.mismatch.fit.search.backward import (
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates
 from cellwatt_plugins.mismatch.fit.search.curves import drop_ill_formed, with_curves
 from cellwatt_plugins.mismatch.fit.search.forward import RIVALS, enter, swap
-from cellwatt_plugins.mismatch.fit.search.plain import plain_friction
+from cellwatt_plugins.mismatch.fit.search.plain import plain_terms
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import reweigh, solve, without
 from cellwatt_plugins.mismatch.fit.search.state import Make, SearchState, start
@@ -71,7 +71,7 @@ def search(
 def _found(state: SearchState) -> Solution:
     """The terms found from none."""
     state.changed(None)
-    now = plain_friction(state, solve(state, []))
+    now = plain_terms(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
         now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
     now = drop_needless(state, swap(state, now))
