@@ -192,6 +192,8 @@ def _headline(findings: Findings) -> str:
     if findings.verdict != "explained" and any(not left.looked_at for left in findings.unexplained):
         named = "Partly explained" if findings.verdict == "partly_explained" else "Unexplained"
         return f"{named}: the time was up before all joints were looked at."
+    if findings.verdict == "no_mismatch" and findings.retuned:
+        return "No physics is missing: numbers of the simulation are off, and these explain the difference."
     return {
         "no_mismatch": "No mismatch: recordings and simulation agree within noise and tolerances.",
         "explained": "Explained: this is what the simulation leaves out.",

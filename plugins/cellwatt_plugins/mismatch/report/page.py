@@ -50,6 +50,7 @@ def report(
         sections=[
             falls.section(findings),
             Section("What was found", cards.found(findings)),
+            Section("What the rest goes with", [Notes([curve.statement for curve in findings.curves])]),
             falls.numbers(findings),
             Section("Channels", cards.fit_table(findings.fit), "Held-out rms error; dots on a scale of noise floors."),
             *figures.sections(findings, [t for t in traces if len(t.time)], floors),

@@ -115,4 +115,6 @@ def verdict(findings: Findings) -> str:
         return f"The difference is explained: {_causes(missing)}{off}."
     if mistuned:
         return f"Nothing is missing from the simulation; only its value is off for {_causes(mistuned)}."
+    if findings.retuned:
+        return "No physics is missing from the simulation; numbers of it are off, and these explain the difference."
     return "Simulation and recordings agree: what differs is noise and tuning within tolerance."

@@ -27,12 +27,10 @@ NEARLY = 0.85
 """A rival that reaches this share of a name's evidence is listed beside it."""
 CLOSE = 12.0
 """nats: or one that is this close."""
-LITTLE = 0.05
-"""Share in its step below which no finding is near certain."""
 AT_ONCE = 1.0
 """s: what shows from the beginning on has no first time that would tell anything."""
 SIZEABLE = 0.1
-"""Share of the error beyond the noise that a finding of full confidence takes off, in its step or beside all else."""
+"""Share of the error beyond the noise that a finding takes off at least, in its step, to be near certain."""
 
 
 def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[Finding]:
@@ -250,7 +248,7 @@ def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
 def _worth(step: float, share: float) -> float:
     """Confidence at most in a finding that takes ``step`` off in its step, and ``share`` there or beside all else."""
     most = 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)
-    return min(most, 0.98) if step < LITTLE else most
+    return min(most, 0.98) if step < SIZEABLE else most
 
 
 def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:

@@ -8,7 +8,7 @@ import pytest
 
 from cellwatt_plugins.mismatch.report import words
 from cellwatt_plugins.mismatch.verdict.findings import Findings, UnexplainedChannel
-from tests.plugins.mismatch.reported import INERTIA, STANDBY, STRIBECK
+from tests.plugins.mismatch.reported import HEAVIER, INERTIA, STANDBY, STRIBECK
 
 
 @pytest.mark.parametrize(
@@ -43,6 +43,10 @@ UNKNOWN = replace(STRIBECK, effect="unknown", joint=3)
         (
             Findings("no_mismatch", ()),
             "Simulation and recordings agree: what differs is noise and tuning within tolerance.",
+        ),
+        (
+            Findings("no_mismatch", (), retuned=(HEAVIER,)),
+            "No physics is missing from the simulation; numbers of it are off, and these explain the difference.",
         ),
         (
             Findings("no_mismatch", (INERTIA,)),
