@@ -27,6 +27,8 @@ AGAINST = 0.3
 """Share of their evidence that other channels may give for the contrary of what concerns the whole recording."""
 SMALLEST = 0.2
 """Of the supply's noise that a term must change its power by."""
+RELIEVED = 0.25
+"""Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
 OFF_SCALE = 0.35
@@ -149,11 +151,11 @@ def tension(solution: Solution) -> Float:
 
 
 def relieves_tension(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """True if nominal parameters that were stretched beyond their tolerances come back within them, all of them."""
+    """True if nominal parameters that were stretched beyond their tolerances come back, all of them."""
     old, new = tension(before), tension(after)
     if not len(old) or float(np.sum(old) - np.sum(new)) < 2 * thresholds.gain:
         return False
-    return bool(np.max(new) < thresholds.relaxed * PER_LINK)
+    return bool(np.max(new) < max(thresholds.relaxed * PER_LINK, RELIEVED * float(np.max(old))))
 
 
 def seen_by_several(now: Solution, block: Block) -> bool:

@@ -25,7 +25,7 @@ class Payload(Effect):
     name = "payload"
     acts_on = "links"
     whole_arm = True
-    acceptance = Acceptance(above=0.0, several_channels=True)
+    acceptance = Acceptance(above=0.0)
     relations = Relations(plainer=10.0)
     uncertainty = Uncertainty(torque_gain=("mass",))
     confusions = (

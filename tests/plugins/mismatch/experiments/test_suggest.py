@@ -197,7 +197,7 @@ class TestExpectedEvidence:
         more = expected_states("wide", Trajectory((wide,)).sampled(0.02), explained.model, [states])
         evidence = ExpectedEvidence(explained.torque, more)
         assert evidence.lead(term, rival) > 20
-        assert evidence.lead(rival, term) > 20
+        assert evidence.lead(rival, term) > 16  # the evidence that a name is asked for
 
 
 class TestSuggestion:
@@ -208,7 +208,7 @@ class TestSuggestion:
 
     def test_question_is_which(self, suggested):
         (chosen,) = suggested.chosen
-        assert [type(a.objective) for a in chosen.gains] == [Discrimination]
+        assert {type(a.objective) for a in chosen.gains} == {Discrimination}
         assert not suggested.open
 
     @pytest.mark.parametrize(
