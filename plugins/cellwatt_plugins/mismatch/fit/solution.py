@@ -31,7 +31,7 @@ class Thresholds:
     much: float = 0.15
     """Share that a term must take off, ``sure``, that adds less evidence than ``gain``."""
     better: float = 0.4
-    """Share that a fancier name must take off beyond a plainer one in its place."""
+    """Share of what a fancier name takes off that it must take off beyond a plainer one in its place."""
     least: float = 4.0
     """Log evidence (nats) that it must add in any case."""
     rise: float = 0.02

@@ -66,9 +66,11 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             # Nominal numbers that go beyond their tolerances take up what the plainer name does not say.
             if relieves_tension(rest, now, state.thresholds) and not relieves_tension(rest, plain, state.thresholds):
                 continue
-            old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (plain, now))
-            found = compared(old, new, [term.joint or 0])
-            if found.share < state.thresholds.better or found.sure < state.thresholds.steady:
+            bare, old, new = (LeaveOut(s.problem, now.factor).errors(s.terms) for s in (rest, plain, now))
+            joint = [term.joint or 0]
+            beyond, alone = compared(old, new, joint), float(np.sum((bare - new)[:, joint]))
+            share = float(np.sum((old - new)[:, joint])) / alone if alone > 0 else 0.0
+            if share < state.thresholds.better or beyond.sure < state.thresholds.steady:
                 gain = rest.fit.gain(rest.problem.block(term))[0]
                 state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
                 now = rest if unconfirmed(rest, plain, state.thresholds, gain) else plain
