@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,6 +10,10 @@ from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.effects.declaration import Acceptance, Confusion
 from cellwatt_plugins.robot.effects.effect import Effect, Estimate, Float, Parameter, Shape
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.regression import Prior
+
+ALIKE = 0.1
+"""Share of the strongest winding's loss that each has at least, for what its resistance may be."""
 
 
 class CopperLoss(Effect):
@@ -30,6 +34,11 @@ class CopperLoss(Effect):
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         constants = run.arm.column("torque_constant")
         return np.square(run.torque / np.where(constants > 0, constants, 1.0))
+
+    def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
+        """Each winding may heat by about ``size`` W; one that hardly carries current has no other resistance for it."""
+        strength = np.sqrt(np.mean(np.square(columns), axis=0)) / size[0]
+        return Prior.spread(1 / np.maximum(strength, max(ALIKE * float(strength.max()), 1e-9)))
 
     def parameters(self, estimate: Estimate, robot: RobotDescription, joint: int | None) -> Mapping[str, Parameter]:
         return {f"resistance_{i + 1}": estimate.coefficient(i, "ohm") for i in range(len(estimate.coefficients))}

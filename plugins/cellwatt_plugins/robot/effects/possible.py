@@ -44,6 +44,9 @@ BOUNDS: Mapping[str, Bound] = {
     "load_dependent_friction": Bound(
         lambda c: float(c[0]), 0.0, 0.6, "a gear that loses more than this under load would not turn back"
     ),
+    "regeneration_dissipated": Bound(
+        lambda c: float(c[0]), 0.0, 1.2, "no more can be lost than the braking drives give back"
+    ),
     "converter_efficiency": Bound(
         lambda c: float(c[0]), 0.0, 1.5, "a converter that passes on less than 40 % would burn"
     ),
