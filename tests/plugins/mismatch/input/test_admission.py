@@ -293,10 +293,10 @@ def test_one_joint_of_another_program(run, arm):
 
 
 def test_too_short(described, arm):
-    assert "250 usable samples in 2.50 s are too few: at least 3 s and 200 samples" in refusal(
+    assert "250 usable samples in 2.50 s are too few: at least 3 s and 75 samples" in refusal(
         [recorded(described, excitation(1, seconds=2.5))], arm
     )
-    assert "150 usable samples in 6.00 s" in refusal([recorded(described, excitation(1, seconds=6, rate=25))], arm)
+    assert "60 usable samples in 6.00 s" in refusal([recorded(described, excitation(1, seconds=6, rate=10))], arm)
     gappy = recorded(described, excitation(1, seconds=5))
     assert "200 usable samples in 2.00 s" in refusal([replace(gappy, gaps=gappy.time >= 2.0)], arm)
 
