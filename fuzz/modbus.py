@@ -35,7 +35,7 @@ def run(data: bytes) -> None:
                 part.decode([0] * part.count)
             with suppress(ProtocolError):
                 block.decode(words)
-    counter = RisingCounter(65536.0)
+    counter = RisingCounter(65536.0, 1.0)
     before = -1.0
     for word in words:
         value, fall = counter.take(float("nan") if word == 0xFFFF else float(word))

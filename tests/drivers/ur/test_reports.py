@@ -25,7 +25,7 @@ class Taken:
         self.rows: list[tuple[float, list[float]]] = []
         self.came = asyncio.Event()
 
-    def take(self, time, values, not_before=None) -> None:
+    def take(self, time, values, not_before=None, arrival=None) -> None:
         self.rows += zip(time.tolist(), values.tolist(), strict=True)
         self.came.set()
 

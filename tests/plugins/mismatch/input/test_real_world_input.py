@@ -96,13 +96,13 @@ def test_milliseconds_and_row_numbers_are_still_refused(factor, message, tmp_pat
 def test_few_samples_do_where_they_are_far_apart(tmp_path, described, arm):
     enough = logged(tmp_path, slowly(described, 4.0, seconds=32.0))
     assert admitted(enough, arm=arm)
-    short = logged(tmp_path, slowly(described, 4.0, seconds=20.0), "short.parquet")
+    short = logged(tmp_path, slowly(described, 3.0, seconds=20.0), "short.parquet")
     with pytest.raises(RecordingError, match=r"samples in .* s are too few: .* or 60 samples in 30 s"):
         admitted(short, arm=arm)
 
 
 def test_short_runs_count_together(tmp_path, described, arm):
-    paths = [logged(tmp_path, slowly(described, 10.0, 10.0, seed), f"run_{seed}.parquet") for seed in (1, 2, 3)]
+    paths = [logged(tmp_path, slowly(described, 7.0, 10.0, seed), f"run_{seed}.parquet") for seed in (1, 2, 3)]
     assert admitted(*paths, arm=arm)
     with pytest.raises(RecordingError, match=r"run_1: .* are too few"):
         admitted(paths[0], arm=arm)
