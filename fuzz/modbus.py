@@ -37,9 +37,10 @@ def run(data: bytes) -> None:
                 block.decode(words)
     counter = RisingCounter(65536.0, 1.0)
     before = -1.0
-    for word in words:
-        value, fall = counter.take(float("nan") if word == 0xFFFF else float(word))
-        assert not value < before, fall
+    for second, word in enumerate(words):
+        found = counter.take(float("nan") if word == 0xFFFF else float(word), float(second))
+        value = found.value
+        assert not value < before, found
         before = value if value == value else before
 
 
