@@ -15,8 +15,6 @@ from cellwatt_plugins.mismatch.fit.solution import Candidate, Solution
 
 BEST = 2
 """Candidates at one place (a joint, the whole arm) that are looked at closely in a step."""
-USUAL = 5
-"""The same where one is what most arms have."""
 RIVALS = 3
 """Other names that are fitted in a term's place."""
 AHEAD = 3.0
