@@ -36,7 +36,10 @@ def measured(recordings: Sequence[Path], workers: Sequence[int], repeats: int) -
 def table(runs: Mapping[str, Sequence[Measured]]) -> str:
     """Medians as Markdown, with the range of the time."""
     serial = median(run.seconds for run in runs["serial"])
-    lines = ["| way | s (lowest … highest) | s of computing | times as fast as serial | found |", "|---|---|---|---|---|"]
+    lines = [
+        "| way | s (lowest … highest) | s of computing | times as fast as serial | found |",
+        "|---|---|---|---|---|",
+    ]
     for name, each in runs.items():
         seconds = sorted(run.seconds for run in each)
         computing, found = median(run.computing for run in each), ", ".join(each[-1].found)
@@ -57,7 +60,8 @@ def main() -> None:
     workers = [int(word) for word in given.workers.split(",")]
     recordings = make(given.work / f"{given.recordings}x{given.seconds:g}s", given.recordings, given.seconds)
     runs = measured(recordings, workers, given.repeats)
-    print(json.dumps({name: [asdict(run) for run in each] for name, each in runs.items()}) if given.json else table(runs))
+    as_json = {name: [asdict(run) for run in each] for name, each in runs.items()}
+    print(json.dumps(as_json) if given.json else table(runs))
     if len({run.digest for each in runs.values() for run in each}) > 1:
         sys.exit("findings.json or model.yaml differ between the ways")
 
