@@ -16,7 +16,7 @@ from cellwatt.foxglove.pace import Pace
 from cellwatt.foxglove.topics import Moment
 from cellwatt.foxglove.translate import Skeletons, Translator
 from cellwatt.frames import Frames, Layout
-from cellwatt.publish.exposure import stays_here
+from cellwatt.host import stays_here
 from cellwatt.record import Health as Recorded
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber

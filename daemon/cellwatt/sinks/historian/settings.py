@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.publish.exposure import stays_here
+from cellwatt.host import stays_here
 from cellwatt.quantity import Seconds
 from cellwatt.sink import SinkSettings
 from cellwatt.sinks.selection import Selection

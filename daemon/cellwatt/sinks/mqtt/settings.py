@@ -12,8 +12,7 @@ from pydantic import model_validator as model_check
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.host import check_host
-from cellwatt.publish.exposure import stays_here
+from cellwatt.host import check_host, stays_here
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.sink import SinkSettings
 from cellwatt.sinks.selection import Selection

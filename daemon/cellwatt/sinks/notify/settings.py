@@ -12,8 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, 
 from pydantic import model_validator as model_check
 
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.host import Host
-from cellwatt.publish.exposure import stays_here
+from cellwatt.host import Host, stays_here
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
 from cellwatt.sink import SinkSettings

@@ -9,8 +9,8 @@ from typing import Any, Self
 from pydantic import Field, FilePath, SecretStr
 from pydantic import model_validator as model_check
 
+from cellwatt.door.settings import Listening
 from cellwatt.quantity import Hertz
-from cellwatt.sinks.listening import Listening
 from cellwatt.sinks.selection import Selection
 
 

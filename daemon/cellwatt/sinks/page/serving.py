@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.door.settings import tls_context
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Layout
 from cellwatt.publish.messages import parse_json
 from cellwatt.sinks.apart import wire
 from cellwatt.sinks.apart.daemon import Daemon, main
 from cellwatt.sinks.apart.wire import Kind
-from cellwatt.sinks.listening import tls_context
 from cellwatt.sinks.page.access import Gate, proof_of
 from cellwatt.sinks.page.app import Page, names_in
 from cellwatt.sinks.page.archive import Archive, Desk
@@ -69,7 +69,11 @@ class Serving:
             gc.collect()
             gc.freeze()
             helpers.append(
-                asyncio.create_task(self._daemon.beat(lambda: {**self._browsers.counts, **archive.counts()}))
+                asyncio.create_task(
+                    self._daemon.beat(
+                        lambda: {**self._browsers.counts, **gate.counts, **page.counts, **archive.counts()}
+                    )
+                )
             )
             helpers.append(asyncio.create_task(follow(self._feed, settings.arms, self._desk)))
             await self._daemon.hear(self._take)

@@ -26,6 +26,7 @@ class PageSink(ApartSink[PageSettings]):
     title = "The cell in a browser: live, its past, its alarms to acknowledge"
     module = "cellwatt.sinks.page.serving"
     what = "the process that serves the page"
+    memory = 2 << 30
     forgets = Prediction
 
     def hello(self) -> Mapping[str, Any]:

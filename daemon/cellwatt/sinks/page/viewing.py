@@ -8,8 +8,8 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
+from cellwatt.door.settings import tls_context
 from cellwatt.runtime.tasks import plain_errors
-from cellwatt.sinks.listening import tls_context
 from cellwatt.sinks.page.access import Gate, proof_of
 from cellwatt.sinks.page.app import Page, names_in
 from cellwatt.sinks.page.archive import Archive, Desk

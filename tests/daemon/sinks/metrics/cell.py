@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from typing import Any
 
 import numpy as np
 
 from cellwatt import FrameChannel, Frames, Layout
+from cellwatt.door.settings import tls_context
 from cellwatt.results import Energy
 from cellwatt.sinks.metrics import MetricsSettings
+from cellwatt.sinks.metrics.serving import Endpoint
 from cellwatt.sinks.metrics.sink import MetricsSink
 from tests.daemon.publish.fake_cell import EPOCH, FakeView
-from tests.patience import eventually
 
 LAYOUT = Layout(
     (
@@ -97,14 +97,13 @@ def sink_of(**settings: Any) -> MetricsSink:
 
 @asynccontextmanager
 async def serving(sink: MetricsSink) -> AsyncIterator[str]:
-    """The address of the metrics while their sink runs."""
-    running = asyncio.create_task(sink.run())
+    """The address of the metrics, served in this process."""
+
+    async def ask(question: Mapping[str, Any]) -> Any:
+        return sink.answer(question)
+
+    door = Endpoint(sink.settings, ask).door
     try:
-        await eventually(lambda: sink.url or running.done(), "the metrics")
-        if running.done():
-            running.result()
-        yield str(sink.url)
+        yield await door.start(tls_context(sink.settings))
     finally:
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
+        await door.stop()

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from cellwatt import SinkError
 from cellwatt.sinks.metrics import MetricsSettings, serving
+from cellwatt.sinks.metrics import sink as sink_module
 from cellwatt.sinks.metrics.catalogue import CATALOGUE
 from tests.daemon.publish.test_link import certificates
 from tests.daemon.sinks.metrics import cell
@@ -74,8 +75,8 @@ async def test_older_readers_get_plain_text() -> None:
 
 async def test_many_readers_cost_one_text(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    real = serving.exposed
-    monkeypatch.setattr(serving, "exposed", lambda *a: made.append(a) or real(*a))
+    real = sink_module.exposed
+    monkeypatch.setattr(sink_module, "exposed", lambda *a: made.append(a) or real(*a))
     monkeypatch.setattr(serving, "FRESH", 3600.0)
     sink = sink_of()
     told(sink)
@@ -122,6 +123,7 @@ async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPat
         ({"token": "t0p"}, {"Authorization": "Bearer t0p"}, 200),
         ({"token": "t0p"}, {"Authorization": "bearer wrong"}, 401),
         ({"token": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 401),
+        ({"token": "t0p"}, {"Authorization": "Bearer \u00e4\u20ac"}, 401),
         ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 200),
         ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp3"}, 401),
         ({"user": "u", "password": "t0p"}, {"Authorization": "Basic §§"}, 401),

@@ -1,4 +1,4 @@
-"""Settings that sinks share which others reach: an address, a certificate, and who may come in."""
+"""Settings of a door: an address, a certificate, and who may come in."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.errors import SinkError
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.host import check_host
-from cellwatt.publish.exposure import stays_here
+from cellwatt.host import check_host, stays_here
 from cellwatt.sink import SinkSettings
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
