@@ -17,6 +17,8 @@ BODY: Final = 10.0
 """s for the body of a request, once its head is there."""
 _STOP: Final = 1.0
 """s that answers under way get when the door closes."""
+_LINGERS: Final = 0.5
+"""s for the rest of a body that nobody wants, so that the client reads why."""
 _LONGEST: Final = 4096
 """Bytes of a line of a request's head, of which it may have 64."""
 _MOST: Final = 64
@@ -33,6 +35,7 @@ class HttpDoor:
             logger=logging.getLogger(__name__),
             keepalive_timeout=limits.idle,
             shutdown_timeout=_STOP,
+            lingering_time=_LINGERS,
             max_line_size=2 * _LONGEST,
             max_field_size=_LONGEST,
             max_headers=_MOST,

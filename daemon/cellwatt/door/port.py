@@ -74,8 +74,9 @@ class Port:
         factory: Callable[[], asyncio.BaseProtocol],
         limits: Limits,
         serving: Callable[[Any], bool] = lambda _: False,
+        counts: Counter[str] | None = None,
     ) -> None:
-        self.counts: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter() if counts is None else counts
         self._factory, self._limits, self._serving = factory, limits, serving
         self._listeners: list[socket.socket] = []
         self._connections: dict[int, _Connection] = {}
