@@ -171,7 +171,7 @@ class EdgeNode:
         return [self._message("DDATA", source, metrics, at)] if metrics else []
 
     def _channel(self, name: str) -> tuple[str, Tag]:
-        return self._tags.channel(name, self._labels.units.get(name, "1"))
+        return self._tags.channel(name, self._labels.units.get(name))
 
     def _set(self, tag: Tag, row: Row, name: str) -> bool:
         """Take a channel's value of a row; true if it is another than before."""
