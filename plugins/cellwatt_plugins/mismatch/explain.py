@@ -15,7 +15,7 @@ from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
-from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
+from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
@@ -134,7 +134,11 @@ def _torque_for_power(runs: Sequence[Run], torque: Solution) -> tuple[list[State
     poor = chi2 > POORLY
     unexplained = problem.floor * np.where(poor, 1.0, np.sqrt(np.maximum(chi2 - 1.0, 0.0)))
     variance = problem.every_sample(np.concatenate(problem.variance))
-    doubt = [np.sqrt(unexplained**2 + np.maximum(v - problem.floor**2, 0.0)) for v in variance]
+    doubt = []
+    for v, states in zip(variance, problem.states, strict=True):
+        # A torque that nobody read is as uncertain as it is large, and no more.
+        beyond = np.where(v < UNTOLD * problem.floor**2, v - problem.floor**2, states.torque**2)
+        doubt.append(np.sqrt(unexplained**2 + np.maximum(beyond, 0.0)))
     out = []
     for run, states, after in zip(runs, problem.states, _measurement_errors(torque), strict=True):
         best = states.torque.copy()

@@ -112,6 +112,18 @@ def test_a_joint_at_rest_names_nothing(arm):
     assert "tau_3" not in [fit.channel for fit in found.findings.fit]
 
 
+def test_a_joint_at_rest_takes_no_sample_from_the_supply(tmp_path):
+    """Its torque is not known, and its speed flickers; it draws next to nothing."""
+    unpowered = plant.load(plant.write_robot(tmp_path, standby_power=0.0))
+    along = [held(plant.moves(seed, 8.0), 2, 0.7) for seed in (1, 2)]
+    runs = [plant.record(f"run_0{i}", i, Missing(), 8.0, plan=False, along=a) for i, a in enumerate(along, 1)]
+    found = explained(unpowered, runs)
+    assert found.supply is not None
+    assert np.mean(found.supply.problem.design.root) > 0.5 / plant.POWER_NOISE
+    (standby,) = [f for f in found.findings.findings if f.effect == "standby_power"]
+    assert standby.parameters["power"].value == pytest.approx(plant.REAL.standby, abs=1.0)
+
+
 def test_an_offset_is_found_beside_strong_physics_that_no_law_explains(arm):
     def strange(time, q, qd, run):
         return column(5 * np.sin(2 * np.pi * (0.5 * time + 0.06 * time**2)), 1)
