@@ -81,7 +81,7 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
     # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
     if term.joint is None and found.rise > thresholds.rise:
         return "raises the error of another channel on data left out"
-    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms))[channels] for s in (before, after))
+    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
     if not np.any(new < old):
         return "lowers no error on data left out, sample by sample"
     return None

@@ -27,7 +27,7 @@ LITTLE = 0.003
 NOTHING = 1e-3
 """Squared error of a fold, in units of the noise, of a channel that nothing was measured of."""
 KEPT = 400
-"""Blocks whose products are kept."""
+"""Blocks whose products are kept, and fits."""
 
 
 @dataclass(frozen=True)
@@ -86,22 +86,32 @@ class LeaveOut:
         """Coefficients (K, P) of the fit without each fold: the design's, then those of the terms."""
         return self._fitted([self.problem.block(term) for term in terms])[0]
 
-    def residual(self, terms: Sequence[Term]) -> Float:
-        """Residual (N, C) of each row in the fit that did not see it."""
+    def residual(self, terms: Sequence[Term], channels: Sequence[int] | None = None) -> Float:
+        """Residual (N, C) of each row in the fit that did not see it, of some channels alone where they are given."""
         design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
         found = self._fitted(blocks)[0]
-        out = np.empty_like(design.target)
+        asked = range(design.target.shape[1]) if channels is None else channels
+        out = np.empty((len(design.target), len(asked)))
         slices = places(blocks, design.size)
-        for c, fixed in enumerate(design.channels):
+        for i, c in enumerate(asked):
+            fixed = design.channels[c]
             parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
             for rows, own in zip(self.products.rows, found, strict=True):
                 fitted = fixed.columns[rows] @ own[fixed.places] / design.root[rows, c]
                 fitted += sum(columns[rows] @ own[place] for columns, place in parts if columns is not None)
-                out[rows, c] = design.target[rows, c] - fitted
+                out[rows, i] = design.target[rows, c] - fitted
         return out
 
     def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
-        """Coefficients (K, P) of the fit without each fold, and its squared error (K, C) there."""
+        """Coefficients (K, P) of the fit without each fold, and its squared error (K, C) there; the last are kept."""
+        key, kept = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
+        if key not in kept:
+            if len(kept) > KEPT:
+                kept.clear()
+            kept[key] = self._fit(blocks)
+        return kept[key]
+
+    def _fit(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
         design, products = self.problem.design, self.products
         slices = places(blocks, design.size)
         size = slices[-1].stop if slices else design.size
@@ -151,6 +161,7 @@ class _Products:
         self._fixed = [
             _Own(np.empty(0), *self._with_itself(channel.columns, c)) for c, channel in enumerate(design.channels)
         ]
+        self.fitted: dict[tuple[object, ...], tuple[Float, Float]] = {}
         self._own: dict[tuple[Block, int], _Own] = {}
         self._pairs: dict[tuple[Block, Block, int], Float] = {}
 
