@@ -18,12 +18,14 @@ from cellwatt_plugins.robot.regression import Prior
 
 Float = NDArray[np.float64]
 
-FOLDS = 10
-"""Folds at most."""
+FOLDS, FEWEST = 10, 5
+"""Folds at most, and at least of motions that repeat."""
 BLOCK, SHORTEST = 4.0, 1.0
 """s of a block, about; of a short recording at least."""
 LITTLE = 0.003
 """Share of a channel's mean square error below which a fold's error counts as none."""
+ALIKE, STILL = 0.1, 1e-3
+"""Share of a motion's spread, and rad, by which a repeat of it may differ."""
 NOTHING = 1e-3
 """Squared error of a fold, in units of the noise, of a channel that nothing was measured of."""
 KEPT = 400
@@ -223,16 +225,48 @@ class _Products:
 
 
 def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
-    """Number of the fold of each fitted row (N,), and how many there are; blocks of all runs are dealt out in turn."""
+    """Number of the fold of each fitted row (N,), and how many there are; blocks of all motions are dealt out in turn.
+
+    Runs that repeat a motion share its folds: what was fitted to one of them is no unseen motion in the other. Where a
+    motion is too short for that, each run counts for itself.
+    """
+    shared = _blocks(problem, _motions([s.q for s in problem.states]))
+    block = (
+        shared
+        if max(int(part.max()) for part in shared) >= FEWEST - 1
+        else _blocks(problem, range(len(problem.states)))
+    )
+    count = min(FOLDS, 1 + max(int(part.max()) for part in block))
+    return np.concatenate(block) % count, count
+
+
+def _blocks(problem: Problem, motions: Sequence[int]) -> list[NDArray[np.intp]]:
+    """Number of the block of each fitted row of each run; ``motions`` are the runs whose blocks each run shares."""
     seconds = [float(s.time[-1] - s.time[0]) for s in problem.states]
-    block = float(np.clip(sum(seconds) / FOLDS, SHORTEST, BLOCK))
-    out, first = [], 0
-    for length, part in zip(seconds, problem.target, strict=True):
-        count = max(1, round(length / block))
-        out.append(first + np.arange(len(part)) * count // max(len(part), 1))
-        first += count
-    count = min(FOLDS, first)
-    return np.concatenate(out) % count, count
+    block = float(np.clip(sum(seconds[i] for i in set(motions)) / FOLDS, SHORTEST, BLOCK))
+    counts = [max(1, round(seconds[i] / block)) if i == motion else 0 for i, motion in enumerate(motions)]
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
+    return [
+        first[i] + np.arange(len(part)) * counts[i] // max(len(part), 1)
+        for i, part in zip(motions, problem.target, strict=True)
+    ]
+
+
+def _motions(courses: Sequence[Float]) -> list[int]:
+    """Number of the first run that makes the same motion as each run, whose positions are ``courses`` (N, n) rad."""
+    out = list[int]()
+    for course in courses:
+        same = (i for i, other in enumerate(courses[: len(out)]) if _alike(course, other))
+        out.append(next(same, len(out)))
+    return out
+
+
+def _alike(one: Float, other: Float) -> bool:
+    """True if two motions are within ``ALIKE`` of their way at all times."""
+    if abs(len(one) - len(other)) > ALIKE * len(one):
+        return False
+    common = min(len(one), len(other))
+    return bool(np.all(np.std(one[:common] - other[:common], axis=0) < ALIKE * np.std(one, axis=0) + STILL))
 
 
 def rms(residual: Float) -> Float:

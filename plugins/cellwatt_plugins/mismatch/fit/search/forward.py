@@ -7,6 +7,7 @@ from collections import Counter
 from cellwatt.progress import steps
 from cellwatt_plugins.mismatch.fit.acceptance import collinear, rejection
 from cellwatt_plugins.mismatch.fit.problem import Term, said
+from cellwatt_plugins.mismatch.fit.search.backward import shares_channel
 from cellwatt_plugins.mismatch.fit.search.candidates import candidates, rivals
 from cellwatt_plugins.mismatch.fit.search.refine import refine
 from cellwatt_plugins.mismatch.fit.search.solve import solve, without
@@ -71,7 +72,7 @@ def _instead(state: SearchState, now: Solution, old: Term, new: Term) -> Solutio
 def swap(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
     """Each term under the name that explains it best, the others held; only what shares a channel with ``beside``."""
     for term in steps(list(now.terms), "other names for", said):
-        if beside is not None and None not in (beside.joint, term.joint) and beside.joint != term.joint:
+        if not shares_channel(term, beside):
             continue
         if state.spent():
             break

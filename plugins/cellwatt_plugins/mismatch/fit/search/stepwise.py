@@ -75,12 +75,13 @@ def _found(state: SearchState) -> Solution:
     state.changed(None)
     now = plain_terms(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
-        now = drop_needless(state, swap(state, reweigh(state, entered), beside=entered.terms[-1]))
+        now = swap(state, reweigh(state, entered), beside=entered.terms[-1])
+        now = drop_needless(state, now, beside=now.terms[-1])
     now = drop_needless(state, swap(state, now))
     for term in steps(now.terms[:-1], "refining", said):
         if not state.spent():
             now = refine(state, now, term)
-    now = drop_needless(state, now, keep=0)
+    now = drop_needless(state, now)
     for drop in steps(CHECKS, "test of what was found"):
         now = drop(state, now)
     return now
