@@ -53,11 +53,11 @@ def search(
     ``make`` gives the problem for friction (C,) Nm beyond the nominal that turns over with the velocity's sign.
     """
     state = start(make, channels, thresholds, effects, until, powered)
-    now = _found(state)
+    now = _found(state, ())
     loose = looseness(state.problem, now.terms, now.factor) if effects else 1.0
     if loose > 1 and not state.spent():
         state.loosen(loose)
-        now = _found(state)
+        now = _found(state, now.terms)
     free, others = state.problem, _rivals(state, now)
     state.use(confirmed(state.problem, now.terms, now.factor).of(state.problem))
     now = drop_unconfirmed(state, solve(state, now.terms))
@@ -70,10 +70,10 @@ def search(
     return now
 
 
-def _found(state: SearchState) -> Solution:
-    """The terms found from none."""
+def _found(state: SearchState, terms: Sequence[Term]) -> Solution:
+    """The terms found from some on."""
     state.changed(None)
-    now = plain_terms(state, solve(state, []))
+    now = drop_needless(state, reweigh(state, solve(state, terms))) if terms else plain_terms(state, solve(state, []))
     while len(now.terms) < state.thresholds.most and not state.spent() and (entered := enter(state, now)) is not None:
         now = swap(state, reweigh(state, entered), beside=entered.terms[-1])
         now = drop_needless(state, now, beside=now.terms[-1])
