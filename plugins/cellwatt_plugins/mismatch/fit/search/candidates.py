@@ -18,6 +18,9 @@ from cellwatt_plugins.robot.effects.effect import Effect, Shape
 
 Float = NDArray[np.float64]
 
+MOSTLY = 0.5
+"""Share of a joint's residual beyond the noise that is fast, from which effects that ring or clack are tried."""
+
 
 def candidates(state: SearchState, now: Solution) -> list[Candidate]:
     """Return what each effect would add, greatest evidence first."""
@@ -45,12 +48,13 @@ def _ordered(
     state: SearchState, now: Solution, fast: Solution, asked: Callable[[Effect, int | None], bool]
 ) -> list[Candidate]:
     """Candidates at the places asked for; what was found beside the same terms is as it was."""
-    chi2 = fast.problem.fast_chi2(fast.residual)
+    quick, every = fast.problem.fast_chi2(fast.residual) - 1, fast.problem.chi2(fast.residual) - 1
+    rings = (quick > state.thresholds.costly - 1) & (quick > MOSTLY * every)
     places = [
         (effect, joint)
         for effect in state.effects
         for joint in _places(state, effect)
-        if asked(effect, joint) and _open(state, now, effect, joint, chi2)
+        if asked(effect, joint) and _open(state, now, effect, joint, rings)
     ]
     out = []
     for effect, joint in steps(places, "trying", lambda place: place[0].name.replace("_", " ")):
@@ -87,11 +91,11 @@ def _places(state: SearchState, effect: Effect) -> list[int | None]:
     return [joint for joint in places if effect.possible(state.robot, joint)]
 
 
-def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, fast_chi2: Float) -> bool:
-    """True if an effect is worth a try beside the terms that are there."""
+def _open(state: SearchState, now: Solution, effect: Effect, joint: int | None, rings: NDArray[np.bool_]) -> bool:
+    """True if an effect is worth a try beside the terms that are there; what ``rings`` at joints that do."""
     if any(t.joint == joint and _stands_for(t.effect, effect) for t in now.terms):
         return False
-    if effect.form.sample_by_sample and joint is not None and fast_chi2[joint] <= state.thresholds.costly:
+    if effect.form.sample_by_sample and joint is not None and not rings[joint]:
         return False
     return effect.acts_on != "friction" or has_friction(state, joint, now.terms)
 
