@@ -30,7 +30,7 @@ from cellwatt_plugins.mismatch.verdict.estimates import model_of
 from cellwatt_plugins.mismatch.verdict.events import merged
 from cellwatt_plugins.mismatch.verdict.findings import ChannelFit, Finding, Findings, FoundCurve, Retuned, Verdict
 from cellwatt_plugins.mismatch.verdict.lack_of_fit import LackOfFit, Limits, lack_of_fit, unexplained_channel
-from cellwatt_plugins.mismatch.verdict.mounting import as_mounted
+from cellwatt_plugins.mismatch.verdict.mounting import as_mounted, errors
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
 from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
 from cellwatt_plugins.robot import RobotDescription
@@ -107,7 +107,7 @@ def explain(
     until = now() + seconds
     states = states or [base.states(run, i) for i, run in enumerate(runs)]
     with stage("looking how the arm is mounted"):
-        upright = _errors(runs, states)
+        upright = errors(runs, states)
         base, states, mounted = as_mounted(runs, states, base)
     body = base.arm.body
     torques = Torques(runs, states)
@@ -215,13 +215,6 @@ def _findings(
 def _looked_at(solution: Solution, left: LackOfFit) -> bool:
     """True if the candidates of a channel were tried before the time was up."""
     return solution.problem.side == "supply" or left.channel not in solution.unlooked
-
-
-def _errors(runs: Sequence[Run], states: Sequence[States]) -> Float:
-    """Rms (n,) Nm of what was measured less what the simulation says; 0 where no torque was read."""
-    off = np.concatenate([run.torque - s.nominal for run, s in zip(runs, states, strict=True)])
-    read = np.isfinite(off)
-    return np.asarray(np.sqrt(np.sum(np.where(read, off, 0.0) ** 2, axis=0) / np.maximum(np.sum(read, axis=0), 1)))
 
 
 def _with_noise(mounted: Finding, problem: Problem) -> Finding:
