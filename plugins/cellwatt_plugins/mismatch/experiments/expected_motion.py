@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import Model, mechanical_torque
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import SIGN_WIDTH, exact, expected_sign
+from cellwatt_plugins.robot.motion import SIGN_WIDTH, exact, friction_sign
 
 Float = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ def expected_states(name: str, motion: Motion, model: Model, recorded: Sequence[
     """A motion as it is expected to be recorded: velocities known as well as in the recordings, torque by the model."""
     first = recorded[0]
     spread = np.broadcast_to(velocity_spread(recorded), motion.velocity.shape)
-    sign, sign_spread = expected_sign(motion.velocity, spread)
+    sign, sign_spread = friction_sign(motion.velocity, spread)
     known = exact(motion.position, motion.velocity, motion.acceleration)
     moved = replace(known, sign=sign, sign_spread=sign_spread, resolution=first.moved.resolution)
     states = States(name, -1, motion.time, moved, first.arm, _temperature(motion.time, recorded))
@@ -31,14 +31,12 @@ def expected_states(name: str, motion: Motion, model: Model, recorded: Sequence[
 
 
 def velocity_spread(recorded: Sequence[States]) -> Float:
-    """Standard deviation (n,) rad/s of the velocities near stops, from what is left open of their sign there."""
-    spreads = np.geomspace(1e-6, 1.0, 80)
-    curve = expected_sign(np.zeros_like(spreads), spreads)[1]
+    """Standard deviation (n,) rad/s of the velocities near stops."""
     out = np.zeros(len(recorded[0].robot.joints))
     for joint in range(len(out)):
-        near = [s.moved.sign_spread[np.abs(s.qd[:, joint]) < SIGN_WIDTH / 2, joint] for s in recorded]
+        near = [s.moved.velocity_spread[np.abs(s.qd[:, joint]) < SIGN_WIDTH / 2, joint] for s in recorded]
         if sum(map(len, near)):
-            out[joint] = np.interp(float(np.median(np.concatenate(near))), curve, spreads, left=0.0)
+            out[joint] = np.median(np.concatenate(near))
     return out
 
 

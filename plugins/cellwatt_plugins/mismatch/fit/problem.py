@@ -238,7 +238,6 @@ def torque_problem(
         noise**2
         + np.square(coulomb * s.moved.sign_spread) * max(1.0, STOP / run.step)
         + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
-        + np.square(coulomb * s.held_still) * max(1.0, STOP / run.step)
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter1d
 
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
@@ -16,8 +15,6 @@ from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
 
-REST = 0.3
-"""s for which a joint must not move to be at rest."""
 MOVING = 0.002
 """rad/s from which a joint counts as moving."""
 
@@ -90,7 +87,7 @@ class States:
     @property
     def unplanned(self) -> bool:
         """True if the motion had to be differentiated from encoders."""
-        return bool(self.moved.acceleration_spread.any())
+        return not self.moved.planned
 
     @property
     def load(self) -> Float:
@@ -126,13 +123,6 @@ class States:
         return self.nominal if self.fitted is None else self.fitted
 
     @cached_property
-    def held_still(self) -> Float:
-        """(N, n) 1 where a joint rests and its plan is not known, else 0: stiction may hold any torque there."""
-        unplanned = self.moved.acceleration_spread > 0
-        resting = minimum_filter1d(np.abs(self.qd) < MOVING, max(1, round(REST / self.step)), axis=0)
-        return np.asarray(resting & unplanned, np.float64)
-
-    @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """(N,) true while any joint moves."""
         return np.asarray(np.any(np.abs(self.qd) > MOVING, axis=1))
@@ -140,7 +130,7 @@ class States:
     def with_torque(self, torque: Float, carried: Float | None = None) -> States:
         """The same run with another fitted torque (and load, where given); what is cached stays."""
         new = replace(self, fitted=torque, carried=self.carried if carried is None else carried)
-        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving", "held_still"):
+        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving"):
             if name in self.__dict__:
                 new.__dict__[name] = self.__dict__[name]
         return new
