@@ -41,6 +41,8 @@ OWN_BANDWIDTH = 10.0
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
 _WHOLE = float(np.cumsum(_NODE_WEIGHTS)[-1])
+HARDLY = 0.005
+"""Noise as a share of what is there that needs no smoothing."""
 SURE_SIGN = 22.0
 """From here on tanh is 1 to the last bit."""
 
@@ -77,6 +79,18 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Turning:
+    """The sign by which friction goes, (N, n) each."""
+
+    sign: Float
+    """As expected."""
+    spread: Float
+    """Its standard deviation, from what the encoders leave open."""
+    held: Float
+    """From 0 to 1, how far it is turning over: an arm may stick then, and friction is whatever holds it."""
+
+
+@dataclass(frozen=True)
 class Moved:
     """Motion of the joints, (N, n) each."""
 
@@ -86,7 +100,7 @@ class Moved:
     sign: Float
     """Expected tanh(velocity / 0.004)."""
     sign_spread: Float
-    """Standard deviation of friction's sign: what the encoders leave open, and stiction that holds while it turns."""
+    """Standard deviation of that sign, from what the encoders leave open."""
     resolution: Float
     """Noise (n,) of the encoders, rad; 0 where the motion is known."""
     velocity_spread: Float
@@ -95,6 +109,15 @@ class Moved:
     """Standard deviation of the acceleration, rad/s²."""
     planned: bool = True
     """False where the motion had to be differentiated from encoders alone."""
+
+    def turning(self, lead: float = 0.0) -> Turning:
+        """How friction goes with the motion, where it turns over ``lead`` s before the velocity does."""
+        velocity, spread, sign, doubt = self.velocity, self.velocity_spread, self.sign, self.sign_spread
+        if lead:
+            velocity = velocity + lead * self.acceleration
+            spread = np.hypot(spread, lead * self.acceleration_spread)
+            sign, doubt = expected_sign(velocity, spread)
+        return Turning(sign, doubt, np.exp(-0.5 * np.square(velocity) / (SIGN_WIDTH**2 + np.square(spread))))
 
 
 def about_plan(position: Float, plan: Plan, step: float) -> Moved:
@@ -156,16 +179,6 @@ def expected_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
     return mean, np.sqrt(np.maximum(square - mean**2, 0.0))
 
 
-def friction_sign(velocity: Float, spread: Float) -> tuple[Float, Float]:
-    """Return the sign by which friction goes for a ``velocity`` known to ``spread`` rad/s, and how far it may be off.
-
-    While friction turns over, an arm may stick: friction is then whatever holds it.
-    """
-    sign, doubt = expected_sign(velocity, spread)
-    held = np.exp(-0.5 * np.square(velocity) / (SIGN_WIDTH**2 + np.square(spread)))
-    return sign, np.minimum(np.hypot(doubt, held), 1.0)
-
-
 def _by_nodes(velocity: Float, spread: Float) -> tuple[Float, Float]:
     """Mean of the sign and of its square."""
     mean, square = np.zeros_like(velocity), np.zeros_like(velocity)
@@ -190,6 +203,16 @@ def rates(position: Float, step: float, bandwidth: float = OWN_BANDWIDTH) -> tup
     """
     kept = smooth(position, step, bandwidth)
     return kept, *differentiate(kept, step)
+
+
+def slope(values: Float, step: float) -> Float:
+    """Return the derivative (N, n) of ``values`` (N, n) every ``step`` s: all of it where they have hardly any noise.
+
+    Others keep what is below ``OWN_BANDWIDTH``.
+    """
+    plain = np.gradient(values, step, axis=0)
+    clean = encoder_noise(values) / (np.sqrt(2) * step) < HARDLY * np.std(plain, axis=0)
+    return np.where(clean, plain, rates(values, step)[1])
 
 
 def smooth(values: Float, step: float, bandwidth: float) -> Float:
@@ -219,7 +242,7 @@ def _sign(velocity: Float, acceleration: Float, spread: Float, step: float) -> t
     Torque is taken at the instant of the position; that it may be another one within the sample only adds doubt.
     """
     wide = np.sqrt(np.square(spread) + _within_sample(acceleration, step))
-    return expected_sign(velocity, spread)[0], friction_sign(velocity, wide)[1], wide
+    return expected_sign(velocity, spread)[0], expected_sign(velocity, wide)[1], wide
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cellwatt_plugins.mismatch.input.run import Motion
 from cellwatt_plugins.mismatch.model import Model, mechanical_torque
 from cellwatt_plugins.robot.effects.states import States
-from cellwatt_plugins.robot.motion import SIGN_WIDTH, exact, friction_sign
+from cellwatt_plugins.robot.motion import SIGN_WIDTH, exact, expected_sign
 
 Float = NDArray[np.float64]
 
@@ -23,9 +23,11 @@ def expected_states(name: str, motion: Motion, model: Model, recorded: Sequence[
     """A motion as it is expected to be recorded: velocities known as well as in the recordings, torque by the model."""
     first = recorded[0]
     spread = np.broadcast_to(velocity_spread(recorded), motion.velocity.shape)
-    sign, sign_spread = friction_sign(motion.velocity, spread)
+    sign, sign_spread = expected_sign(motion.velocity, spread)
     known = exact(motion.position, motion.velocity, motion.acceleration)
-    moved = replace(known, sign=sign, sign_spread=sign_spread, resolution=first.moved.resolution)
+    moved = replace(
+        known, sign=sign, sign_spread=sign_spread, velocity_spread=spread, resolution=first.moved.resolution
+    )
     states = States(name, -1, motion.time, moved, first.arm, _temperature(motion.time, recorded))
     return states.with_torque(mechanical_torque(model, states))
 

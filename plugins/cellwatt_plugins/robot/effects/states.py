@@ -7,14 +7,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d
 
 from cellwatt_plugins.robot.arm import Arm
 from cellwatt_plugins.robot.description import RobotDescription
 from cellwatt_plugins.robot.drive import nominal_power
-from cellwatt_plugins.robot.motion import Moved
+from cellwatt_plugins.robot.motion import Moved, Turning
 
 Float = NDArray[np.float64]
 
+REST = 0.3
+"""s for which a joint must not move to be at rest."""
 MOVING = 0.002
 """rad/s from which a joint counts as moving."""
 
@@ -69,10 +72,15 @@ class States:
         """Acceleration (N, n) rad/s²."""
         return self.moved.acceleration
 
+    @cached_property
+    def turning(self) -> Turning:
+        """How friction goes with the motion."""
+        return self.moved.turning(self.robot.friction_lead)
+
     @property
     def sign(self) -> Float:
-        """Expected sign of the velocity (N, n), smooth within 4 mrad/s."""
-        return self.moved.sign
+        """Expected sign of friction (N, n), smooth within 4 mrad/s."""
+        return self.turning.sign
 
     @cached_property
     def regressor(self) -> Float:
@@ -123,6 +131,12 @@ class States:
         return self.nominal if self.fitted is None else self.fitted
 
     @cached_property
+    def resting(self) -> NDArray[np.bool_]:
+        """(N, n) true within a rest of a joint."""
+        still = np.abs(self.qd) < MOVING
+        return np.asarray(minimum_filter1d(still, max(1, round(REST / self.step)), axis=0))
+
+    @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """(N,) true while any joint moves."""
         return np.asarray(np.any(np.abs(self.qd) > MOVING, axis=1))
@@ -130,7 +144,7 @@ class States:
     def with_torque(self, torque: Float, carried: Float | None = None) -> States:
         """The same run with another fitted torque (and load, where given); what is cached stays."""
         new = replace(self, fitted=torque, carried=self.carried if carried is None else carried)
-        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving"):
+        for name in ("regressor", "rigid", "own_inertia", "friction", "nominal", "moving", "turning", "resting"):
             if name in self.__dict__:
                 new.__dict__[name] = self.__dict__[name]
         return new
