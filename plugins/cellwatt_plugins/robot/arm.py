@@ -123,6 +123,10 @@ class Arm:
         """The same arm where gravity is ``field`` (3,) m/s² in the base's frame."""
         return replace(self, body=self.body.with_gravity(field))
 
+    def with_friction_lead(self, lead: float) -> Arm:
+        """The same arm where Coulomb friction turns over ``lead`` s before the velocity does."""
+        return replace(self, description=self.description.model_copy(update={"friction_lead": lead}))
+
     def torque(self, q: Float, qd: Float, qdd: Float) -> Float:
         """Motor torques (N, n) Nm that a motion needs: links, rotors, Coulomb and viscous friction.
 

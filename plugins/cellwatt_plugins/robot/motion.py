@@ -37,6 +37,10 @@ FASTEST_BAND = 0.35
 """Bandwidth times step of the fastest octave that the sampling has."""
 OWN_BANDWIDTH = 10.0
 """Hz kept where derivatives are taken from encoders alone, and no doubt of them is asked for."""
+SOFT = 0.15
+"""Share of such a lead within which friction that turns over early does so."""
+JERK = 0.5
+"""Power of accelerations from one octave to the next: where friction jumps, so does the acceleration."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
 _NODES = np.linspace(-4.0, 4.0, 33)
 _NODE_WEIGHTS = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
@@ -115,7 +119,8 @@ class Moved:
         velocity, spread, sign, doubt = self.velocity, self.velocity_spread, self.sign, self.sign_spread
         if lead:
             velocity = velocity + lead * self.acceleration
-            spread = np.hypot(spread, lead * self.acceleration_spread)
+            ahead = np.square(self.acceleration_spread) + np.square(SOFT * self.acceleration)
+            spread = np.sqrt(np.square(spread) + lead**2 * ahead)
             sign, doubt = expected_sign(velocity, spread)
         return Turning(sign, doubt, np.exp(-0.5 * np.square(velocity) / (SIGN_WIDTH**2 + np.square(spread))))
 
@@ -263,10 +268,9 @@ def _in_octaves(
 
     Wiener's filter with the local power of each octave: at rest a joint hardly moves, in a quick move it does. What the
     last octave leaves out is none of the motion and counts as doubt. ``base``: what the first octave keeps of the
-    values, where that is taken as it is.
+    values, where that is taken as it is. What is seen of an octave, less of it may hide in the noise of the next.
     """
-    parts = [np.zeros_like(values) for _ in range(3)]
-    squares = [np.zeros_like(values) for _ in range(3)]
+    parts, squares, expected = ([np.zeros_like(values) for _ in range(3)] for _ in range(3))
     lower = np.zeros_like(values) if base is None else base
     for i, bandwidth in enumerate(octaves):
         if i == 0 and base is not None:
@@ -279,8 +283,10 @@ def _in_octaves(
             own, power = np.square(gain * noise), _average(part**2, width)
             last = i == len(octaves) - 1
             share = np.zeros_like(part) if last else np.clip(1 - judge.sure * own / np.maximum(power, 1e-300), 0.0, 1.0)
+            hidden = np.minimum(expected[order], (judge.clear - 1) * own)
             parts[order] += share * part
-            squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, 0.0)
+            squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, hidden)
+            expected[order] = JERK * 4.0 ** (order - 2) * np.where(share > 0, power - own, expected[order])
         lower = upper
     return _Kept(parts[0], parts[1], parts[2], np.sqrt(squares[1]), np.sqrt(squares[2]))
 
