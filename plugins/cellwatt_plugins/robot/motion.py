@@ -39,6 +39,8 @@ OWN_BANDWIDTH = 10.0
 """Hz kept where derivatives are taken from encoders alone, and no doubt of them is asked for."""
 SOFT = 0.15
 """Share of such a lead within which friction that turns over early does so."""
+HURRIED = 8.0
+"""Hz above which nothing is told from noise at the ends of a recording, where half of the neighbours lack."""
 JERK = 0.5
 """Power of accelerations from one octave to the next: where friction jumps, so does the acceleration."""
 # Even nodes: next to a sign that turns over at once, Gauss-Hermite nodes are steps as wide as the spread.
@@ -279,10 +281,13 @@ def _in_octaves(
         band = (upper - lower, *differentiate(upper - lower, step))
         gains = _band_gains(step, octaves[i - 1] if i else None, bandwidth)
         width = _samples(max(judge.shortest, judge.periods / bandwidth), step)
+        edge = _samples(1 / bandwidth, step) if bandwidth > HURRIED else 0
+        inner = slice(edge, len(values) - edge)
         for order, (part, gain) in enumerate(zip(band, gains, strict=True)):
             own, power = np.square(gain * noise), _average(part**2, width)
-            last = i == len(octaves) - 1
-            share = np.zeros_like(part) if last else np.clip(1 - judge.sure * own / np.maximum(power, 1e-300), 0.0, 1.0)
+            share = np.zeros_like(part)
+            if i < len(octaves) - 1:
+                share[inner] = np.clip(1 - judge.sure * own / np.maximum(power[inner], 1e-300), 0.0, 1.0)
             hidden = np.minimum(expected[order], (judge.clear - 1) * own)
             parts[order] += share * part
             squares[order] += share * own + np.square(1 - share) * np.maximum(power - judge.clear * own, hidden)
