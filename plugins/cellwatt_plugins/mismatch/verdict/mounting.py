@@ -27,7 +27,7 @@ def as_mounted(
     if found is None:
         return base, states, None
     base = replace(base, field=found.field)
-    arm = base.arm.with_gravity(found.field)
+    arm = base.recorded
     new = [States(s.name, s.index, s.time, s.moved, arm, s.temperature, s.beyond, s.beyond_power) for s in states]
     return base, new, _finding(found, base, errors(runs, states), errors(runs, new))
 
