@@ -29,15 +29,21 @@ TRACEBACK: Final = "CELLWATT_TRACEBACK"
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class _Commands(click.Group):
+class Commands(click.Group):
+    """Commands that are the entry points of the group ``points``."""
+
+    points = "cellwatt.commands"
+
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(available("cellwatt.commands"))
+        """Names of the commands, sorted."""
+        return list(available(self.points))
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in available("cellwatt.commands"):
+        """The command of that name, or one that says why it cannot be loaded; None where there is none."""
+        if name not in available(self.points):
             return None
         try:
-            command: click.Command = load("cellwatt.commands", name)
+            command: click.Command = load(self.points, name)
         except ConfigError as error:
             return _unloadable(name, error)
         return command
@@ -59,7 +65,7 @@ def _unloadable(name: str, error: ConfigError) -> click.Command:
     return click.Command(name, settings, fail, [anything], short_help=str(error), add_help_option=False)
 
 
-@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="cellwatt")
 def cli() -> None:
     """Edge daemon for robot cells: measure, align, record, and say what is wrong."""

@@ -183,6 +183,11 @@ class Problem:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise."""
         return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
 
+    def rms(self, residual: Float) -> Float:
+        """Rms (C,) of a residual (N, C); near stops, where friction may pull either way, samples count less."""
+        weight = np.square(self.design.root)
+        return np.asarray(np.sqrt(np.sum(weight * np.square(residual), axis=0) / np.sum(weight, axis=0)))
+
     def fast_chi2(self, residual: Float) -> Float:
         """The same of what is faster than ``SLOW``: a spring rings and a gap clacks, friction does not."""
         parts = []

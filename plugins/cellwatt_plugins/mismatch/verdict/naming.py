@@ -40,7 +40,7 @@ def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[F
     """
     known = estimates(solution)
     beside = LeaveOut(solution.problem, solution.factor)
-    last = rms(beside.residual(solution.terms))
+    last = solution.problem.rms(beside.residual(solution.terms))
     return [_finding(solution, beside, added, known[added.term.place], last, gain) for added in steps.findings]
 
 
@@ -68,7 +68,7 @@ def _finding(
     step = 1.0 if seen else max(0.0, _share(solution, main, added.before, added.after))
     share = step
     if share < SIZEABLE:
-        without = rms(beside.residual([t for t in solution.terms if t is not term]))
+        without = solution.problem.rms(beside.residual([t for t in solution.terms if t is not term]))
         share = max(share, _share(solution, main, without, last))
     return Finding(
         effect=term.effect.name,
@@ -146,9 +146,9 @@ def unknown_findings(solution: Solution, left: Sequence[LackOfFit], held: LeaveO
 
 def _unknown(solution: Solution, left: LackOfFit, held: LeaveOut, joint: int | None) -> Finding:
     name, unit = channel_name(solution.problem, left.channel), channel_unit(solution.problem, left.channel)
-    error = float(rms(held.residual(solution.terms))[left.channel])
+    error = float(solution.problem.rms(held.residual(solution.terms))[left.channel])
     best = solution.best
-    after = float(rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
+    after = float(best.problem.rms(LeaveOut(best.problem, best.factor).residual(best.terms))[left.channel])
     place = "The supply" if joint is None else f"Joint {joint + 1}"
     where = ""
     if left.position is not None:
