@@ -46,7 +46,7 @@ EXCESS = 0.35
 """Mean square residual beyond noise from which a channel is unexplained."""
 WITHOUT_PLAN = 2.0
 """Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
-FAR = 3.0
+FAR = 2.0
 """Held-out error in units of the noise from which a channel is not explained in full."""
 SUPPLY_SHARE = 0.2
 """Share of the time that is kept for the supply."""

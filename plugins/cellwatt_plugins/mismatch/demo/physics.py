@@ -95,9 +95,9 @@ def _one_way(rng: np.random.Generator, arm: Arm) -> Concealed:
 
 
 def _payload(rng: np.random.Generator, arm: Arm) -> Concealed:
-    mass, reach = float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.05, 0.15))
-    text = f"The flange carries {mass:.2f} kg"
-    return Concealed("payload", "payload", None, {"mass": (mass, "kg")}, text, {"reach": reach})
+    mass, reach, aside = float(rng.uniform(1.0, 3.0)), float(rng.uniform(0.05, 0.15)), float(rng.uniform(0.04, 0.09))
+    text = f"The flange carries {mass:.2f} kg, {1000 * aside:.0f} mm beside the last joint's axis"
+    return Concealed("payload", "payload", None, {"mass": (mass, "kg")}, text, {"reach": reach, "aside": aside})
 
 
 def _spring(rng: np.random.Generator, arm: Arm) -> Concealed:

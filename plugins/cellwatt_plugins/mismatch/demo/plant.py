@@ -169,7 +169,7 @@ def _with(arm: Arm, concealed: Sequence[Concealed]) -> str:
             _set(joints[each.joint or 0], stiffness=value["stiffness"], springref=value["rest"])
         elif each.kind == "payload":
             last = list(root.iter("body"))[-1]
-            held = ET.SubElement(last, "body", pos=f"0 0 {each.hidden['reach']}")
+            held = ET.SubElement(last, "body", pos=f"{each.hidden['aside']} 0 {each.hidden['reach']}")
             size = 0.4 * value["mass"] * 0.04**2
             ET.SubElement(held, "inertial", pos="0 0 0", mass=str(value["mass"]), diaginertia=f"{size} {size} {size}")
         elif each.kind == "tilt":

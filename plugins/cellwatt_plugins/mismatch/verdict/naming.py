@@ -31,6 +31,8 @@ AT_ONCE = 1.0
 """s: what shows from the beginning on has no first time that would tell anything."""
 SIZEABLE = 0.1
 """Share of the error beyond the noise that a finding takes off at least, in its step, to be near certain."""
+SEEN = 0.05
+"""Share of the whole error that it takes off at least for that."""
 
 
 def findings_of(solution: Solution, steps: Falling, gain: float = 0.0) -> list[Finding]:
@@ -74,7 +76,7 @@ def _finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
-        confidence=min(_confidence(own, rivals), _worth(step, share)),
+        confidence=min(_confidence(own, rivals), _worth(step, share, seen or _seen(main, added))),
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
@@ -245,10 +247,15 @@ def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
     return float(np.clip(1 / np.sum(weights), 0.5, 0.99))
 
 
-def _worth(step: float, share: float) -> float:
+def _seen(main: int, added: Added) -> bool:
+    """True if a term's step shows in its main channel without a statistician."""
+    return bool(added.after[main] < (1 - SEEN) * added.before[main])
+
+
+def _worth(step: float, share: float, seen: bool) -> float:
     """Confidence at most in a finding that takes ``step`` off in its step, and ``share`` there or beside all else."""
     most = 0.5 + 0.49 * min(1.0, max(0.0, share) / SIZEABLE)
-    return min(most, 0.98) if step < SIZEABLE else most
+    return most if seen and step >= SIZEABLE else min(most, 0.98)
 
 
 def _alternatives(term: Term, own: float, rivals: Sequence[Candidate]) -> tuple[Alternative, ...]:
