@@ -50,9 +50,12 @@ class _Demos(Commands):
     """Other demos, of plugins."""
 
     points = "cellwatt.demos"
+    headings: Mapping[str, tuple[str, ...]] = {}
 
 
-@click.command(cls=_Demos, invoke_without_command=True)
+@click.command(
+    cls=_Demos, invoke_without_command=True, short_help="Try the whole chain on emulated devices: no hardware."
+)
 @click.option("--cell", type=click.Choice(list(RUNS)), default="small", show_default=True, help="Which devices.")
 @click.option("--seconds", default=30.0, show_default=True, help="How long; at least 20, with --cell all at least 1.")
 @click.option("--outlets", is_flag=True, help="Show the small cell in Prometheus, MQTT and OPC UA as well.")

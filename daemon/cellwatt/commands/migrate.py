@@ -15,7 +15,7 @@ from cellwatt.config.versions import KEY, NEWEST, migrated, stated
 from cellwatt.errors import CellwattError, ConfigError, why
 
 
-@click.command()
+@click.command(short_help="Bring a settings file to the newest version.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--write", is_flag=True, help="Change FILE, too; the old one is kept as FILE.old.")
 def command(file: Path, write: bool) -> None:

@@ -40,7 +40,7 @@ REDRAW = 2.0
 """s between two tables of a site."""
 
 
-@click.command()
+@click.command(short_help="Show a live cell in the terminal.")
 @cell_options
 @click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
 @click.option(

@@ -40,7 +40,7 @@ class _Explain(click.Command):
         return super().parse_args(ctx, spread)
 
 
-@click.command(cls=_Explain)
+@click.command(cls=_Explain, short_help="Name the physics that a simulation leaves out.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option(
     "--simulation", "simulations", multiple=True, type=INPUT, help="What the simulation says, one a recording."
@@ -115,7 +115,7 @@ def explain(
         click.echo(suggestion_in_words(suggestion, experiment), err=as_json)
 
 
-@click.command()
+@click.command(short_help="Predict torque and power by the model of explain.")
 @click.option("--model", required=True, type=INPUT, help="model.yaml of `cellwatt explain`, or its folder.")
 @click.option("--motion", required=True, type=INPUT, help="Motion: t, q_i, qd_i, qdd_i (and temperature_i).")
 @click.option("--simulation", type=INPUT, help="What the user's simulation says of that motion; the model adds to it.")
