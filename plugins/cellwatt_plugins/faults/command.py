@@ -30,7 +30,7 @@ JUDGE = "judge"
 METER = "Power (t, power) that a meter logged on its own clock, one a table."
 
 
-@click.command()
+@click.command(short_help="Learn how healthy cycles look.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
 @click.option(
@@ -81,7 +81,7 @@ class _Faults(click.Group):
         return super().parse_args(ctx, args)
 
 
-@click.group(cls=_Faults)
+@click.group(cls=_Faults, short_help="Judge recorded cycles against healthy ones.")
 def faults() -> None:
     """Judge cycles (`cellwatt faults RECORDING... --reference FILE`), or train networks that do (`faults train`)."""
 

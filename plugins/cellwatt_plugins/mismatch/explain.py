@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cellwatt.files import Place
 from cellwatt.progress import stage
 from cellwatt.report.numbers import listed
-from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, rms
+from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut
 from cellwatt_plugins.mismatch.fit.metering import Metering, Unknown, metering
 from cellwatt_plugins.mismatch.fit.problem import UNTOLD, Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
@@ -46,7 +46,7 @@ EXCESS = 0.35
 """Mean square residual beyond noise from which a channel is unexplained."""
 WITHOUT_PLAN = 2.0
 """Mean square residual beyond noise that is unexplained where accelerations come from encoders alone."""
-FAR = 3.0
+FAR = 2.0
 """Held-out error in units of the noise from which a channel is not explained in full."""
 SUPPLY_SHARE = 0.2
 """Share of the time that is kept for the supply."""
@@ -236,7 +236,7 @@ def _nominal_chi2(problem: Problem) -> Float:
 def _fit(solution: Solution, held: LeaveOut, simulation: Float) -> list[ChannelFit]:
     """Held-out error of each channel: as simulated (C,), retuned, with the model."""
     problem = solution.problem
-    refit, model = rms(held.residual([])), rms(held.residual(solution.terms))
+    refit, model = problem.rms(held.residual([])), problem.rms(held.residual(solution.terms))
     return [
         ChannelFit(*_named(problem, c), float(simulation[c]), float(refit[c]), float(model[c]), float(problem.floor[c]))
         for c in (problem.told if problem.side == "torque" else [0])

@@ -221,11 +221,14 @@ def load_model(path: Path) -> Model:
         )
         for each in found.effects
     ]
+    links, gravity, mount = (None if one is None else _array(one) for one in (found.links, found.gravity, found.mount))
     return Model(
         found.robot.model_copy(update={"urdf": file.parent / found.robot.urdf}),
         Retuned(inertial, coulomb, viscous, rotor, given.standby_power, resistance),
         tuple(terms),
-        *(None if each is None else _array(each) for each in (found.links, found.gravity, found.mount)),
+        links,
+        gravity,
+        mount,
         found.lead,
     )
 

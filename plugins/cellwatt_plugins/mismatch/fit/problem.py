@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.rows import Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
@@ -183,6 +183,11 @@ class Problem:
     def chi2(self, residual: Float) -> Float:
         """Mean square (C,) of a residual (N, C) in units of its variance: 1 is noise."""
         return np.asarray(np.mean(np.square(residual * self.design.root), axis=0))
+
+    def rms(self, residual: Float) -> Float:
+        """Rms (C,) of a residual (N, C); near stops, where friction may pull either way, samples count less."""
+        weight = np.square(self.design.root)
+        return np.asarray(np.sqrt(np.sum(weight * np.square(residual), axis=0) / np.sum(weight, axis=0)))
 
     def fast_chi2(self, residual: Float) -> Float:
         """The same of what is faster than ``SLOW``: a spring rings and a gap clacks, friction does not."""
