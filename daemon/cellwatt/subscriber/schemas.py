@@ -5,7 +5,7 @@ from __future__ import annotations
 import zlib
 from typing import TYPE_CHECKING, Final
 
-from cellwatt.publish.order import HELD_BYTES
+from cellwatt.outlets.zenoh.order import HELD_BYTES
 
 if TYPE_CHECKING:
     import zenoh
