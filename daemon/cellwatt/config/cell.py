@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
+from cellwatt.address import without
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
 from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
@@ -145,4 +146,5 @@ class CellConfig:
         told = {name: sink.settings.warnings() for name, sink in self.sinks.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)
-        return (*self.read_with, *(f"{name}: {text}" for name, texts in told.items() for text in texts))
+        found = (*self.read_with, *(f"{name}: {text}" for name, texts in told.items() for text in texts))
+        return tuple(without(text, self.secrets) for text in found)

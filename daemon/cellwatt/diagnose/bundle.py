@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.address import without
 from cellwatt.errors import CellwattError, why
 
-_SHORTEST: Final = 4
-"""Characters of a secret from which on it is blanked in texts; a shorter one is part of ordinary words."""
 _README: Final = """\
 This is a bundle for a bug report about cellwatt, written by `cellwatt diagnose`.
 
@@ -70,9 +69,6 @@ class Bundle:
             raise CellwattError(f"{path} cannot be written: {why(error)}") from error
 
     def _blanked(self, text: str) -> str:
-        for value in sorted(self.secrets, key=len, reverse=True):
-            if len(value) >= _SHORTEST:
-                # A value with quotes or line ends stands escaped in JSON.
-                for form in (value, json.dumps(value, ensure_ascii=False)[1:-1]):
-                    text = text.replace(form, self.secrets[value])
-        return text
+        # A value with quotes or line ends stands escaped in JSON.
+        escaped = {json.dumps(value, ensure_ascii=False)[1:-1]: shown for value, shown in self.secrets.items()}
+        return without(text, escaped | self.secrets)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
+from cellwatt.address import blank
 from cellwatt.errors import SinkError
 from cellwatt.runtime.source import asked_to_end
 from cellwatt.sink import Item, Sink
@@ -55,7 +56,7 @@ class Delivery:
             return work()
         except Exception as error:
             self._sink.account.count(what)
-            self._broke = f"{type(error).__name__}: {error}"
+            self._broke = blank(f"{type(error).__name__}: {error}")
             if self._broke != self._told:
                 self._told = self._broke
                 log.exception("sink %s broke; what it was given is lost", self.name)
@@ -71,7 +72,7 @@ class Delivery:
             if time.monotonic() - began > STEADY:
                 pause = FIRST_PAUSE / 2
             pause = min(2 * pause, LONGEST_PAUSE)
-            self._ended = str(error) if isinstance(error, SinkError) else f"{type(error).__name__}: {error}"
+            self._ended = blank(str(error) if isinstance(error, SinkError) else f"{type(error).__name__}: {error}")
             self._serves_from = float("inf")
             log.warning("sink %s: %s; trying again in %.1f s", self.name, self._ended, pause)
             await asyncio.sleep(pause)
