@@ -70,8 +70,8 @@ def listen(endpoint: str) -> None:
     """The subscriber's process: receipts until its standard input ends, then percentiles as JSON."""
     import zenoh
 
-    from cellwatt.publish.encode import decode
-    from cellwatt.publish.mark import Mark
+    from cellwatt.outlets.zenoh.encode import decode
+    from cellwatt.outlets.zenoh.mark import Mark
 
     got: list[tuple[int, bytes, bytes]] = []
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from cellwatt.batch import Batch
 from cellwatt.errors import ProtocolError
-from cellwatt.publish import encode, received
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh import encode, received
+from cellwatt.outlets.zenoh.mark import Mark
 from fuzz.items import SESSION, batch, frames, same
 from fuzz.message import MARK, sample
 from fuzz.target import Target

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from cellwatt.errors import CellwattError, ProtocolError
-from cellwatt.publish import messages, received
-from cellwatt.publish.keys import CellKeys, alarm_path, parse, raw_topic, topic_of_series
-from cellwatt.publish.mark import Mark
+from cellwatt.outlets.zenoh import messages, received
+from cellwatt.outlets.zenoh.keys import CellKeys, alarm_path, parse, raw_topic, topic_of_series
+from cellwatt.outlets.zenoh.mark import Mark
 from fuzz.items import MESSAGES, SESSION
 from fuzz.target import Target
 

@@ -24,11 +24,11 @@ import numpy as np
 from capacity.figures import Figures, Numbers, repeated
 from capacity.made import CELL, SESSION, SITE, S, layout, minutes, values
 from cellwatt import Frames
-from cellwatt.sinks.historian.exporting import Export
-from cellwatt.sinks.historian.settings import LakeSettings
-from cellwatt.sinks.historian.store import BucketStore, FolderStore, s3_options
-from cellwatt.sinks.historian.tables import frame_table, merged, parquet
-from cellwatt.sinks.selection import Picker
+from cellwatt.outlets.historian.exporting import Export
+from cellwatt.outlets.historian.settings import LakeSettings
+from cellwatt.outlets.historian.store import BucketStore, FolderStore, s3_options
+from cellwatt.outlets.historian.tables import frame_table, merged, parquet
+from cellwatt.outlets.selection import Picker
 
 ROOT = Path(__file__).resolve().parents[2]
 """Of the checkout: the store that speaks S3 is among its tests."""
@@ -60,7 +60,7 @@ def measure(seconds: float, repeats: int) -> Figures:
 
 
 async def _requests() -> Figures:
-    from tests.daemon.sinks.historian.bucket import bucket
+    from tests.daemon.outlets.historian.bucket import bucket
 
     async with bucket() as there:
         store = await asyncio.to_thread(BucketStore, "s3://lake", s3_options(there.url, None, ("key", "secret"), None))

@@ -13,10 +13,10 @@ from cellwatt.address import without
 from cellwatt.config.places import KeyPath
 from cellwatt.driver import SourceSettings
 from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
+from cellwatt.outlet import OutletSettings
 from cellwatt.quantity import Hertz, Seconds
 from cellwatt.record.settings import RecordSettings
 from cellwatt.signing import unusable
-from cellwatt.sink import SinkSettings
 from cellwatt.stage import StageSettings
 from cellwatt.units import Units
 
@@ -94,11 +94,11 @@ class StageConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class SinkConfig:
-    """One sink that is on."""
+class OutletConfig:
+    """One outlet that is on."""
 
     name: str
-    settings: SinkSettings
+    settings: OutletSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class CellConfig:
     frames: FrameSettings
     stages: dict[str, StageConfig]
     record: RecordSettings | None
-    sinks: dict[str, SinkConfig]
+    outlets: dict[str, OutletConfig]
     units: Units = field(default_factory=Units)
     environment: Mapping[KeyPath, str] = field(default_factory=dict, repr=False)
     secrets: Mapping[str, str] = field(default_factory=dict, repr=False)
@@ -143,7 +143,7 @@ class CellConfig:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about settings that are allowed, a line each."""
-        told = {name: sink.settings.warnings() for name, sink in self.sinks.items()}
+        told = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
         if self.record is not None:
             told["record"] = unusable(self.record.sign)
         found = (*self.read_with, *(f"{name}: {text}" for name, texts in told.items() for text in texts))

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from cellwatt.config.document import Document, parse, read
 from cellwatt.config.places import KeyPath, Mark
 from cellwatt.errors import ConfigError
-from cellwatt.registry import sink
+from cellwatt.registry import outlet
 
 KEY: Final = "version"
 
@@ -101,7 +101,7 @@ def _open_to_the_network(document: Document) -> Iterator[Edit]:
     values = document.value.get("zenoh")
     if not isinstance(values, dict) or "open" in values:
         return
-    settings = sink("zenoh").Settings
+    settings = outlet("zenoh").Settings
     try:
         settings.model_validate(values)
     except ValidationError:

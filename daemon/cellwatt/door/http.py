@@ -45,7 +45,7 @@ class HttpDoor:
         self.counts = self._port.counts
 
     async def start(self, context: ssl.SSLContext | None) -> str:
-        """Begin to serve; return the address. Raises ``SinkError`` if that cannot be."""
+        """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
         await self._runner.setup()
         try:
             port = await self._port.open(self._settings.host, self._settings.port, context)

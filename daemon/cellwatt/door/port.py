@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from cellwatt.errors import SinkError, why
+from cellwatt.errors import OutletError, why
 
 log = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ class Port:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def open(self, host: str, port: int, context: ssl.SSLContext | None = None) -> int:
-        """Begin to listen, at port 0 anywhere; return the port. Raises ``SinkError`` if that cannot be."""
+        """Begin to listen, at port 0 anywhere; return the port. Raises ``OutletError`` if that cannot be."""
         loop = asyncio.get_running_loop()
         try:
             found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -93,8 +93,8 @@ class Port:
         except OSError as error:
             await self.close()
             if "in use" in why(error).lower():
-                raise SinkError(f"{host}:{port} is taken by another program: choose another port in listen") from None
-            raise SinkError(f"{host}:{port} cannot be listened at: {why(error)}") from None
+                raise OutletError(f"{host}:{port} is taken by another program: choose another port in listen") from None
+            raise OutletError(f"{host}:{port} cannot be listened at: {why(error)}") from None
         for listener in self._listeners:
             self._spawn(self._accept(listener, context))
         self._spawn(self._sweep())

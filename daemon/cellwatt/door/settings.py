@@ -12,19 +12,19 @@ from pydantic import ConfigDict, ValidationError, field_validator
 from pydantic import model_validator as model_check
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from cellwatt.errors import SinkError
+from cellwatt.errors import OutletError
 from cellwatt.files import WRITTEN, open_file
 from cellwatt.host import check_host, stays_here
-from cellwatt.sink import SinkSettings
+from cellwatt.outlet import OutletSettings
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 _LAST_PORT: Final = 65535
 
 
-class Listening(SinkSettings):
-    """Settings of a sink that listens: on this PC alone, or with a certificate and a login, unless they are ``open``.
+class Listening(OutletSettings):
+    """Settings of an outlet that listens: on this PC alone, or with certificate and login, unless they are ``open``.
 
-    A sink says in ``opening`` how strangers get in by its settings, and in ``advice`` what to do about it.
+    An outlet says in ``opening`` how strangers get in by its settings, and in ``advice`` what to do about it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, hide_input_in_errors=True)
@@ -99,7 +99,7 @@ class Listening(SinkSettings):
     def _expiring(self) -> Iterator[str]:
         if self.certificate is None:
             return
-        from cellwatt.publish.link import LinkSettings, TlsSettings
+        from cellwatt.outlets.zenoh.link import LinkSettings, TlsSettings
         from cellwatt.secure import validity
 
         tls = TlsSettings(root_ca=self.certificate, certificate=self.certificate, key=self.key)
@@ -109,7 +109,7 @@ class Listening(SinkSettings):
 
 
 def tls_context(settings: Listening) -> ssl.SSLContext | None:
-    """Context that serves https, if there is a certificate; reads files. Raises ``SinkError``."""
+    """Context that serves https, if there is a certificate; reads files. Raises ``OutletError``."""
     if settings.certificate is None:
         return None
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -118,5 +118,5 @@ def tls_context(settings: Listening) -> ssl.SSLContext | None:
         context.load_cert_chain(settings.certificate, settings.key, password=lambda: b"")
     except (OSError, ValueError) as error:
         text = f"certificate: {settings.certificate} with key {settings.key} cannot be used: {error}"
-        raise SinkError(text) from None
+        raise OutletError(text) from None
     return context

@@ -15,7 +15,7 @@ from cellwatt.host import stays_here
 log = logging.getLogger(__name__)
 
 FAILED: Final = "failed logins"
-"""Count of wrong passwords and tokens in a sink's health …"""
+"""Count of wrong passwords and tokens in an outlet's health …"""
 REFUSED: Final = "logins refused"
 """… and of tries that came before their wait was over."""
 

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from cellwatt.address import blank
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.sinks.historian.store import s3_options
+from cellwatt.outlets.historian.store import s3_options
 
 _URL = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")
 _TAGS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")

@@ -50,7 +50,7 @@ KINDS: Final = {
     "accounting": "source {part}: all samples are accounted for",
     "stage_broken": "stage {part} runs again",
     "stage_slow": "stage {part} keeps up again",
-    "sink_down": "sink {part} is back",
+    "sink_down": "outlet {part} is back",
     "process_down": "process {part} is back",
     "process_slow": "process {part} keeps up again",
     "recorder": "recording works again",
@@ -103,10 +103,10 @@ def troubles(status: Mapping[str, Any], before: Mapping[str, Any], seconds: floa
         if dropped > 0:
             text = f"Stage {name} is too slow: {dropped} frames were dropped in front of it in the last {SPAN:.0f} s."
             found.append(Trouble("stage_slow", "warning", name, text, {"dropped_frames": dropped}))
-    for name, sink in status["sinks"].items():
-        if sink["state"] == "down":
-            found.append(Trouble("sink_down", "warning", name, f"Sink {name} is down: {sink['error']}", {}))
-        found += _tried(name, sink, before["sinks"].get(name, sink))
+    for name, outlet in status["sinks"].items():
+        if outlet["state"] == "down":
+            found.append(Trouble("sink_down", "warning", name, f"Outlet {name} is down: {outlet['error']}", {}))
+        found += _tried(name, outlet, before["sinks"].get(name, outlet))
     for name, process in status.get("processes", {}).items():
         if process["down"]:
             text = f"Process {name} has not been heard of for {process['silent_s']:.0f} s; the others go on."
@@ -132,9 +132,9 @@ def _recording(recorder: Mapping[str, Any], before: Mapping[str, Any]) -> Iterat
         yield Trouble("record_short", "warning", "recorder", text, dict(short))
 
 
-def _tried(name: str, sink: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
+def _tried(name: str, outlet: Mapping[str, Any], before: Mapping[str, Any]) -> Iterator[Trouble]:
     """Somebody who tries passwords or tokens at a door."""
-    counted, earlier = sink.get("counters", {}), before.get("counters", {})
+    counted, earlier = outlet.get("counters", {}), before.get("counters", {})
     tries = _more({what: counted.get(what, 0) for what in (FAILED, REFUSED)}, earlier)
     if sum(tries.values()) >= FEWEST_STRANGE:
         told = ", ".join(f"{n} {what}" for what, n in tries.items())

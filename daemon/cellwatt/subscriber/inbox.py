@@ -16,13 +16,13 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
 from cellwatt.errors import ProtocolError
-from cellwatt.publish.asking import Question
-from cellwatt.publish.follow import Following
-from cellwatt.publish.keys import ALARM, HEALTH, parse
-from cellwatt.publish.mailbox import Mailbox
-from cellwatt.publish.mark import Mark
-from cellwatt.publish.order import Part
-from cellwatt.publish.received import (
+from cellwatt.outlets.zenoh.asking import Question
+from cellwatt.outlets.zenoh.follow import Following
+from cellwatt.outlets.zenoh.keys import ALARM, HEALTH, parse
+from cellwatt.outlets.zenoh.mailbox import Mailbox
+from cellwatt.outlets.zenoh.mark import Mark
+from cellwatt.outlets.zenoh.order import Part
+from cellwatt.outlets.zenoh.received import (
     Health,
     read_answer,
     read_health,
@@ -30,7 +30,7 @@ from cellwatt.publish.received import (
     read_refusal,
     read_sessions,
 )
-from cellwatt.publish.witness import Witness
+from cellwatt.outlets.zenoh.witness import Witness
 from cellwatt.results import Alarm
 from cellwatt.subscriber.message import Message
 

@@ -34,7 +34,7 @@ ABB = "sources:\n  arm:\n    driver: abb\n    host: 192.0.2.1\n    "
 
 @pytest.fixture(autouse=True)
 def _real_parts(_fake_parts: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The drivers and sinks that there are, not the fakes of the other tests."""
+    """The drivers and outlets that there are, not the fakes of the other tests."""
     monkeypatch.undo()
     registry.available.cache_clear()
 
@@ -220,7 +220,7 @@ def cells_with(address: str) -> Iterator[dict[str, Any]]:
                     yield {**head, "sources": {"arm": {"driver": part.name, **value}}}
                 case "stage":
                     yield {**head, "stages": {"one": {"stage": part.name, **value}}}
-                case "sink":
+                case "outlet":
                     yield {**head, part.name: value}
     for name, kind in SECTIONS.items():
         for value in settings_with(kind, address):

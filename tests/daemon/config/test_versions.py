@@ -11,7 +11,7 @@ from cellwatt.config import load
 from cellwatt.config.document import read
 from cellwatt.config.versions import MIGRATIONS, NEWEST, migrated
 from cellwatt.errors import ConfigError
-from cellwatt.publish import ZenohSink
+from cellwatt.outlets.zenoh import ZenohOutlet
 
 HEAD = "site: a # the plant\ncell: b\nsources:\n  arm: {driver: arm, host: h}\n"
 OPEN = "tcp/0.0.0.0:7447"
@@ -19,7 +19,7 @@ OPEN = "tcp/0.0.0.0:7447"
 
 @pytest.fixture(autouse=True)
 def _real_zenoh(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cellwatt.config.versions.sink", lambda name: ZenohSink)
+    monkeypatch.setattr("cellwatt.config.versions.outlet", lambda name: ZenohOutlet)
 
 
 def to_newest(tmp_path: Path, text: str, version: int = 0) -> str:
