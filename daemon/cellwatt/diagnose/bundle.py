@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 import zipfile
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,6 +25,26 @@ users of this PC: open the files and read them before you give the bundle to oth
 """
 
 
+Made = Callable[[], str | Mapping[str, Any] | list[Any]]
+
+
+def _within(seconds: float, make: Made) -> str | Mapping[str, Any] | list[Any]:
+    """What ``make`` gives in time; a thread that goes on beyond it ends with the command."""
+    done: Future[str | Mapping[str, Any] | list[Any]] = Future()
+
+    def work() -> None:
+        try:
+            done.set_result(make())
+        except BaseException as error:  # it is for who waits
+            done.set_exception(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        return done.result(seconds)
+    except TimeoutError:
+        raise CellwattError(f"there was no answer within {seconds:.0f} s") from None
+
+
 @dataclass(slots=True)
 class Bundle:
     """Files for the zip by name, each with a line that says what it is; ``secrets`` are replaced in every text."""
@@ -32,10 +54,10 @@ class Bundle:
     files: dict[str, tuple[str, Path]] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
 
-    def add(self, name: str, what: str, make: Callable[[], str | Mapping[str, Any] | list[Any]]) -> None:
-        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had."""
+    def add(self, name: str, what: str, make: Made, patience: float | None = None) -> None:
+        """Add what ``make`` gives, as JSON unless it is text; note the reason if it cannot be had in ``patience`` s."""
         try:
-            made = make()
+            made = make() if patience is None else _within(patience, make)
         except (CellwattError, OSError) as error:
             self.missing[name] = f"{what}: {why(error) if isinstance(error, OSError) else error}"
         except Exception as error:  # the bundle is for things that are broken

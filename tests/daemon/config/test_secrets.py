@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +21,6 @@ from cellwatt.config.fields import fields_of, models_in
 from cellwatt.config.installed import installed
 from cellwatt.config.loading import load_document
 from cellwatt.config.secret import SecretKeys, secrets_in
-from cellwatt.diagnose import gather
 from cellwatt.errors import ConfigError
 from cellwatt.record import Header, RecordSettings
 from cellwatt.units import Units
@@ -245,16 +243,3 @@ def test_a_secret_in_any_setting_of_any_kind_is_told_nowhere(tmp_path: Path, add
         tried += 1
     assert tried > 300
     assert right > 10
-
-
-def test_a_bundle_has_no_secret_of_an_address(tmp_path: Path) -> None:
-    file = tmp_path / "cell.yaml"
-    file.write_text(f"{HEAD}sources: {{arm: {{driver: ur, host: 'u:{MARK}@h', '{ADDRESSES[0]}': 1}}}}")
-    log = tmp_path / "log"
-    log.write_text(f"WARNING {ADDRESSES[0]} cannot be reached")
-    bundle = gather(file, log, 0.0, tmp_path)
-    bundle.write(tmp_path / "bundle.zip")
-    with zipfile.ZipFile(tmp_path / "bundle.zip") as archive:
-        for name in archive.namelist():
-            assert MARK not in archive.read(name).decode(), name
-    assert MARK not in bundle.listing()
