@@ -31,7 +31,7 @@ STRANGE: Final = 0.01
 FEWEST_STRANGE: Final = 5
 """… or so many, where that is more."""
 FLOOD: Final = 50
-"""Connections within ``SPAN`` that a door turned away or cut off: more than a browser or two that lost their network."""
+"""Connections within ``SPAN`` that a door turned away or cut off: more than browsers that lost their network."""
 PERIODS: Final = 3
 """Periods of a slow stream without a sample, after which it counts as one that gives none."""
 MOST_NAMED: Final = 5

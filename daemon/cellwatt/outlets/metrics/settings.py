@@ -91,10 +91,8 @@ class MetricsSettings(Listening):
         """See ``Listening.warnings``; also a token or password that can be guessed."""
         secrets = {"token": self.token, "password": self.password}
         short = [name for name, secret in secrets.items() if secret and len(secret.get_secret_value()) < _SHORT]
-        told = (
-            f"{name}: fewer than {_SHORT} characters can be guessed; 'openssl rand -hex 16' makes one" for name in short
-        )
-        return (*super().warnings(), *told)
+        advice = f"fewer than {_SHORT} characters can be guessed; 'openssl rand -hex 16' makes enough"
+        return (*super().warnings(), *(f"{name}: {advice}" for name in short))
 
     def told(self) -> dict[str, Any]:
         """All settings with their secrets, JSON-ready, for the process that serves and nobody else."""
