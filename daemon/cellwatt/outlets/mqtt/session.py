@@ -7,14 +7,15 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import aiomqtt
 
 from cellwatt.account import Account
 from cellwatt.errors import OutletError, ProtocolError
-from cellwatt.outlets.mqtt.backfill import Archive, Backfill
-from cellwatt.outlets.mqtt.books import Books
+from cellwatt.outlets.cursor import Cursor
+from cellwatt.outlets.mqtt.backfill import Backfill
 from cellwatt.outlets.mqtt.link import Link, reason
 from cellwatt.outlets.mqtt.message import Format, Message, Order
 from cellwatt.outlets.mqtt.outbox import Outbox
@@ -37,17 +38,20 @@ class Session:
     def __init__(
         self,
         settings: MqttSettings,
-        parts: tuple[Link, Format, Outbox, Books],
-        archive: Archive | None,
+        parts: tuple[Link, Format, Outbox, Cursor],
+        record: Path | None,
+        cell: str,
         account: Account,
     ) -> None:
         self._settings = settings
-        self._link, self._format, self._outbox, self._books = parts
+        self._link, self._format, self._outbox, self._cursor = parts
         self._sending = Sending(self._link)
         self._account = account
         self._birth_due = self._format.ready
         self._answers: deque[Message] = deque(maxlen=_ANSWERS)
-        self._backfill = None if archive is None else Backfill(settings, archive, self._books, self._outbox, account)
+        self._backfill: Backfill | None = None
+        if record is not None:
+            self._backfill = Backfill(settings, (record, cell), self._cursor, self._outbox, account)
         self.status: Mapping[str, Any] | None = None
 
     @property
@@ -73,7 +77,7 @@ class Session:
             group.create_task(self._listen())
             group.create_task(self._sending.confirm())
             group.create_task(self._send())
-            group.create_task(self._books.keep())
+            group.create_task(self._cursor.keep())
             if self._backfill is not None:
                 group.create_task(self._backfill.run())
 
@@ -143,7 +147,7 @@ class Session:
             await sending.send(format_.result(told.item, told.late, now), noted)
         elif out.rows:
             entry = out.rows.popleft()
-            back = None if self._backfill else partial(out.row_again, entry)
+            back = out.left_again if self._backfill else partial(out.row_again, entry)
             noted = Parcel(partial(self._delivered, entry.row.time, entry.before), back)
             await sending.send(format_.row(entry.row, entry.late, now), noted)
         elif out.predictions:
@@ -160,8 +164,10 @@ class Session:
         self._birth_due = False
         if not self._outbox.serving:
             self._outbox.serving = True
-            if self._outbox.last is not None:
-                self._books.owe(self._outbox.last)
+            if self._backfill is not None and self._outbox.last is not None:
+                if self._cursor.reached is None:
+                    self._cursor.deliver(self._outbox.begun)
+                self._cursor.owe_since(self._outbox.last, self._outbox.take_left())
         await self._sending.send(self._format.birth(now))
         self._account.count("births")
 
@@ -176,7 +182,11 @@ class Session:
 
     def _delivered(self, time_: int, before: int) -> None:
         self._account.count("rows sent")
-        self._books.delivered(time_, before)
+        self._account.receive()
+        self._account.owed -= 1
+        if self._backfill is not None:
+            self._cursor.owe_since(before, self._outbox.take_left())
+            self._cursor.deliver(time_)
 
     # listening ------------------------------------------------------------------------------------
 
