@@ -95,19 +95,23 @@ async def line_to(peer: FarEnd) -> AsyncIterator[Line]:
 
 @dataclass(frozen=True)
 class OutletRig:
-    """An ``outlet`` with ``settings``, and ``at``, which makes of an address the settings that say where it is."""
+    """An ``outlet`` with ``settings``, and ``at``, which makes of an address the settings that say where it is.
+
+    The settings ask for 10 rows a second, often, and for short waits.
+    """
 
     outlet: type[Outlet[Any]]
     settings: Mapping[str, Any]
     peer: Callable[[], AbstractAsyncContextManager[FarEnd]]
     at: Callable[[str], Mapping[str, Any]]
+    position: str = "*.peer.json"
+    """Pattern of the file, beside the recordings, in which the outlet keeps its position."""
     patience: float = 60.0
     """s in which things must come."""
 
     def make(self, address: str, view: CellView) -> Outlet[Any]:
-        """The outlet, of whose rows there are ten a second."""
-        told = {"rate": "10 Hz", "every": "20 ms", **self.settings, **self.at(address)}
-        return self.outlet("peer", self.outlet.Settings.model_validate(told), view)
+        """The outlet, called ``peer``."""
+        return self.outlet("peer", self.outlet.Settings.model_validate({**self.settings, **self.at(address)}), view)
 
 
 @dataclass
