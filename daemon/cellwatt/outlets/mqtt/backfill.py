@@ -15,7 +15,7 @@ from cellwatt.errors import RecordingError, why
 from cellwatt.outlets.cursor import Cursor
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.settings import MqttSettings
-from cellwatt.outlets.past import Part, read
+from cellwatt.outlets.past import Archived, Part, read
 from cellwatt.outlets.selection import Row
 
 PART: Final = 500
@@ -26,9 +26,9 @@ PAUSE: Final = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """A row of the past, or the end of a gap, and what is to be done once it has arrived."""
+    """A row or result of the past, or the end of a gap, and what is to be done once it has arrived."""
 
-    row: Row | None
+    entry: Row | Archived | None
     arrived: Callable[[], None]
 
 
@@ -65,6 +65,9 @@ class Backfill:
     async def _fill(self, after: int, until: int, pace: _Pace) -> None:
         self._filled.clear()
         part = await self._read(after, until)
+        for result in part.results:  # before the rows, which note how far all is
+            await pace.wait()
+            await self._hand_over(Past(result, partial(self._account.count, "results back-filled")))
         for row in part.rows:
             await pace.wait()
             await self._hand_over(Past(row, partial(self._sent, after, row.time)))
@@ -75,8 +78,11 @@ class Backfill:
         await self._filled.wait()
 
     async def _read(self, after: int, until: int) -> Part:
+        before = after < self._outbox.begun  # results of before this start did not wait in our queue
+        until = min(until, self._outbox.begun) if before else until
+        work = partial(read, *self._record, self._settings, after, until, PART, results=before)
         try:
-            part = await asyncio.to_thread(read, *self._record, self._settings, after, until, PART)
+            part = await asyncio.to_thread(work)
         except (OSError, RecordingError) as error:
             reason = why(error) if isinstance(error, OSError) else str(error)
             self.problem = f"record.folder {self._record[0]} cannot be read for back-fill: {reason}"

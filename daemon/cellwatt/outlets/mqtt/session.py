@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +21,7 @@ from cellwatt.outlets.mqtt.message import Format, Message, Order
 from cellwatt.outlets.mqtt.outbox import Outbox
 from cellwatt.outlets.mqtt.sending import FENCE_EVERY, Parcel, Sending
 from cellwatt.outlets.mqtt.settings import MqttSettings
+from cellwatt.outlets.selection import Row
 
 LAST_WORDS: Final = 2.0
 """Longest time, s, to send what waits when the daemon stops."""
@@ -176,7 +177,13 @@ class Session:
         past = self._backfill.next() if self._backfill and self._outbox.serving else None
         if past is None:
             return False
-        messages = () if past.row is None else self._format.row(past.row, True, now)
+        match past.entry:
+            case None:
+                messages: Sequence[Message] = ()
+            case Row():
+                messages = self._format.row(past.entry, True, now)
+            case _:
+                messages = self._format.archived(past.entry, now)
         await self._sending.send(messages, Parcel(past.arrived))
         return True
 
