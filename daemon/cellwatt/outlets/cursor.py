@@ -46,7 +46,7 @@ class Position(BaseModel):
     model_config = ConfigDict(extra="ignore", populate_by_name=True)
 
     place: str = ""
-    reached: int | None = Field(None, validation_alias=AliasChoices("reached", "until"))
+    reached: int | None = Field(default=None, validation_alias=AliasChoices("reached", "until"))
     gaps: list[Annotated[list[int], Field(min_length=2, max_length=3)]] = []
     births: Annotated[int, Field(ge=0, le=255)] = 0
     lost: int = 0

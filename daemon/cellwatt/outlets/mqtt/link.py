@@ -206,7 +206,9 @@ class Link:
         if isinstance(found := library.socket(), socket.socket):
             with contextlib.suppress(OSError):
                 found.shutdown(socket.SHUT_RDWR)
-            library.loop_read()  # sees the end, and closes
+            for _ in range(_HEARD):  # what came before the end, and then the end, at which it closes
+                if library.loop_read() != mqtt.MQTT_ERR_SUCCESS:
+                    break
         if (task := client._misc_task) is not None:
             task.cancel()
             await asyncio.wait([task])
