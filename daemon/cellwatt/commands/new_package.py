@@ -51,7 +51,7 @@ _folder = click.option(
 )
 
 
-@click.command()
+@click.command(short_help="Write a package for a driver of your own.")
 @_name
 @_folder
 def driver(name: str, folder: Path) -> None:
@@ -59,7 +59,7 @@ def driver(name: str, folder: Path) -> None:
     _write(DRIVER, name, folder)
 
 
-@click.command()
+@click.command(short_help="Write a package for an outlet of your own.")
 @_name
 @_folder
 def outlet(name: str, folder: Path) -> None:

@@ -69,6 +69,7 @@ class Teller:
                 self._words.again(item)
         self._watch = Watch(standing.alarm for standing in self.alarms.raised)
         self._status: dict[str, Any] = {}
+        self._displaced = 0
         self._warnings = config.warnings
 
     # life -----------------------------------------------------------------------------------------
@@ -243,6 +244,9 @@ class Teller:
             outlet.health(status)
         if self.recorder is not None:
             self.recorder.health(now, status)
+            if (gone := status["recorder"]["displaced"]["files"]) != self._displaced:
+                self._displaced = gone
+                self._words.write_again()
         self.on_health(status)
 
     def _measure(self, now: int, parts: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,7 +31,7 @@ class Daemon:
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader, self._writer = reader, writer
         self._numbers = itertools.count()
-        self._asked: dict[int, asyncio.Future[str | None]] = {}
+        self._asked: dict[int, asyncio.Future[Mapping[str, Any]]] = {}
         self._broken = 0
 
     def say(self, kind: Kind, body: Any) -> None:
@@ -55,22 +55,23 @@ class Daemon:
     def _answered(self, told: Mapping[str, Any]) -> None:
         waiting = self._asked.get(told["number"])
         if waiting is not None and not waiting.done():
-            waiting.set_result(told["error"])
+            waiting.set_result(told)
 
-    async def order(self, order: Mapping[str, Any]) -> None:
-        """Have the daemon do something. Raises ``CellwattError`` with its reason."""
+    async def order(self, order: Mapping[str, Any]) -> Any:
+        """Have the daemon do or answer something. Raises ``CellwattError`` with its reason."""
         number = next(self._numbers)
         answered = self._asked[number] = asyncio.get_running_loop().create_future()
         try:
             self.say(Kind.ORDER, {"number": number, **order})
             async with asyncio.timeout(ANSWER):
-                error = await answered
+                told = await answered
         except TimeoutError:
             raise OutletError("the cell's daemon does not answer: try again") from None
         finally:
             del self._asked[number]
-        if error is not None:
-            raise CellwattError(error)
+        if told["error"] is not None:
+            raise CellwattError(told["error"])
+        return told["answer"]
 
     async def beat(self, counts: Callable[[], Mapping[str, int]]) -> None:
         """Say each second that all is well, with ``counts`` so far."""

@@ -37,13 +37,110 @@ SILENT: Final = 5.0
 """s without a sign of life after which it counts as stuck; one comes each second."""
 
 
-class ApartOutlet(Outlet[S]):
-    """Tells a process what the cell says, from bounded queues, and does what people order through it."""
+class Apart(Outlet[S]):
+    """Runs a process that serves strangers, so that nothing they do reaches the daemon, and answers its questions."""
 
     module: ClassVar[str]
     """Module that is the process."""
     what: ClassVar[str]
     """Its name in words, the subject of a sentence."""
+    memory: ClassVar[int]
+    """Bytes that the process may take; one that asks for more is made anew."""
+
+    def __init__(self, name: str, settings: S, view: CellView) -> None:
+        super().__init__(name, settings, view)
+        self._heard: float | None = None
+        self._counted: dict[str, int] = {}
+
+    @abstractmethod
+    def hello(self) -> Mapping[str, Any]:
+        """What the process is told first, JSON-ready."""
+
+    @abstractmethod
+    def answer(self, question: Mapping[str, Any]) -> Any:
+        """Do or answer, JSON-ready, what the process asks. Raises ``CellwattError`` with the reason why not."""
+
+    async def tell(self, writer: asyncio.StreamWriter) -> None:
+        """Tell the process what the cell says, until cancelled."""
+        await asyncio.get_running_loop().create_future()
+
+    def starting(self) -> bool:
+        """See ``Outlet.starting``."""
+        return self._heard is None
+
+    def trouble(self) -> str | None:
+        """Reason why nothing moves, in words; ``None`` if all is well."""
+        silent = 0.0 if self._heard is None else time.monotonic() - self._heard
+        return f"{self.what} says nothing for {silent:.0f} s" if silent > SILENT else None
+
+    async def run(self) -> None:
+        """Serve until cancelled. Raises ``OutletError`` with the reason if the process that serves ends."""
+        process, reader, writer = await begin(self.module, self.what, self.memory)
+        async with ending(process, writer):
+            try:
+                with contextlib.suppress(ConnectionError):  # it has ended
+                    await self._serve(reader, writer)
+            finally:
+                self.url = self._heard = None
+        raise OutletError(f"{self.what} ended ({end_of(process)})")
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Tell the process all, and do what it orders, until it ends."""
+        writer.write(wire.json_message(Kind.HELLO, self.hello()))
+        await self._until_ready(reader)
+        self._counted = {}
+        await until_one_ends(self.tell(writer), self._listen(reader, writer))
+
+    async def _until_ready(self, reader: asyncio.StreamReader) -> None:
+        try:
+            async with asyncio.timeout(START):
+                got = await wire.receive(reader)
+        except TimeoutError:
+            raise OutletError(f"{self.what} is not ready after {START:.0f} s") from None
+        if got is None:
+            raise OutletError(f"{self.what} ended while it began; its log says why")
+        kind, body = got
+        told = parse_json(body)
+        if kind is Kind.FAILED:
+            raise OutletError(told["error"])
+        self.url, self._heard = told["url"], time.monotonic()
+        log.info("%s is at %s", self.name, self.url)
+
+    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer what the process asks, until it ends."""
+        try:
+            while (got := await wire.receive(reader)) is not None:
+                kind, body = got
+                self._heard = time.monotonic()
+                told = parse_json(body)
+                if kind is Kind.ORDER:
+                    writer.write(wire.json_message(Kind.ANSWER, {"number": told["number"], **self._answered(told)}))
+                    await writer.drain()
+                elif kind is Kind.ALIVE:
+                    self._count(told["counts"])
+                elif kind is Kind.FAILED:
+                    raise OutletError(told["error"])
+        except (ProtocolError, KeyError, ValueError, TypeError, AttributeError) as error:
+            raise OutletError(f"{self.what} speaks nonsense: {error}") from error
+
+    def _answered(self, told: Mapping[str, Any]) -> dict[str, Any]:
+        try:
+            return {"error": None, "answer": self.answer(told)}
+        except CellwattError as error:
+            return {"error": str(error)}
+        except Exception:  # never the end of what serves
+            log.exception("%s: a question of its process", self.name)
+            return {"error": "the daemon broke at it; its log says how"}
+
+    def _count(self, counts: Mapping[str, int]) -> None:
+        for what, number in counts.items():
+            self.account.count(what, number - self._counted.get(what, 0))
+        self._counted = dict(counts)
+
+
+class ApartOutlet(Apart[S]):
+    """Tells a process what the cell says, from bounded queues, and does what people order through it."""
+
     forgets: ClassVar[type[Result]]
     """Results of an earlier process that are not told again."""
 
@@ -53,12 +150,6 @@ class ApartOutlet(Outlet[S]):
         self._results: deque[Result | Event] = deque()
         self._status: Mapping[str, Any] | None = None
         self._fresh = asyncio.Event()
-        self._heard: float | None = None
-        self._counted: dict[str, int] = {}
-
-    @abstractmethod
-    def hello(self) -> Mapping[str, Any]:
-        """What the process is told first, JSON-ready."""
 
     @abstractmethod
     def columns(self, layout: Layout) -> bytes:
@@ -94,36 +185,6 @@ class ApartOutlet(Outlet[S]):
         self._status = status
         self._fresh.set()
 
-    def starting(self) -> bool:
-        """See ``Outlet.starting``."""
-        return self._heard is None
-
-    def trouble(self) -> str | None:
-        """Reason why nothing moves, in words; ``None`` if all is well."""
-        silent = 0.0 if self._heard is None else time.monotonic() - self._heard
-        return f"{self.what} says nothing for {silent:.0f} s" if silent > SILENT else None
-
-    async def run(self) -> None:
-        """Serve until cancelled. Raises ``OutletError`` with the reason if the process that serves ends."""
-        process, reader, writer = await begin(self.module, self.what)
-        async with ending(process, writer):
-            try:
-                with contextlib.suppress(ConnectionError):  # it has ended
-                    await self._serve(reader, writer)
-            finally:
-                self.url = self._heard = None
-        raise OutletError(f"{self.what} ended ({end_of(process)})")
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Tell the process all, and do what it orders, until it ends."""
-        writer.write(wire.json_message(Kind.HELLO, self.hello()))
-        await self._until_ready(reader)
-        self._counted = {}
-        for item in await asyncio.to_thread(self._past):
-            writer.write(wire.item(item))
-            await writer.drain()
-        await until_one_ends(self._tell(writer), self._listen(reader, writer))
-
     def _past(self) -> list[Result | Event]:
         """What an earlier process was told and is to be known for longer, but for what still waits; blocks."""
         if self.view.journal is None:
@@ -132,25 +193,11 @@ class ApartOutlet(Outlet[S]):
         past = (item for _, item in self.view.journal.past() if self.takes(item) and not isinstance(item, self.forgets))
         return [item for item in past if repr(item) not in waiting]
 
-    async def _until_ready(self, reader: asyncio.StreamReader) -> None:
-        try:
-            async with asyncio.timeout(START):
-                got = await wire.receive(reader)
-        except TimeoutError:
-            raise OutletError(f"{self.what} is not ready after {START:.0f} s") from None
-        if got is None:
-            raise OutletError(f"{self.what} ended while it began; its log says why")
-        kind, body = got
-        told = parse_json(body)
-        if kind is Kind.FAILED:
-            raise OutletError(told["error"])
-        self.url, self._heard = told["url"], time.monotonic()
-        log.info("%s is at %s", self.name, self.url)
-
-    # both ways ------------------------------------------------------------------------------------
-
-    async def _tell(self, writer: asyncio.StreamWriter) -> None:
+    async def tell(self, writer: asyncio.StreamWriter) -> None:
         """Pass on what waits, and what comes."""
+        for item in await asyncio.to_thread(self._past):
+            writer.write(wire.item(item))
+            await writer.drain()
         layout: Layout | None = None
         while True:
             await self._fresh.wait()
@@ -180,42 +227,13 @@ class ApartOutlet(Outlet[S]):
         else:
             self.account.receive(count)
 
-    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Do what people order, until the process ends."""
-        try:
-            while (got := await wire.receive(reader)) is not None:
-                kind, body = got
-                self._heard = time.monotonic()
-                told = parse_json(body)
-                if kind is Kind.ORDER:
-                    answer = {"number": told["number"], "error": self._do(told)}
-                    writer.write(wire.json_message(Kind.ANSWER, answer))
-                elif kind is Kind.ALIVE:
-                    self._count(told["counts"])
-                elif kind is Kind.FAILED:
-                    raise OutletError(told["error"])
-        except (ProtocolError, KeyError, ValueError, TypeError, AttributeError) as error:
-            raise OutletError(f"{self.what} speaks nonsense: {error}") from error
-
-    def _do(self, order: Mapping[str, Any]) -> str | None:
-        """Do what a person orders; return why not."""
-        alarm, name, note = order["alarm"], order["name"], order["note"]
-        try:
-            if order["what"] == "acknowledge":
-                self.view.acknowledge(alarm, name, note)
-            elif order["what"] == "shelve":
-                self.view.shelve(alarm, order["until"], name, note)
-            else:
-                self.view.unshelve(alarm, name)
-        except CellwattError as error:
-            return str(error)
-        except Exception:  # never the end of what serves
-            log.exception("%s of alarm %s by %s", order["what"], alarm, name)
-            return "the daemon broke at it; its log says how"
-        self.account.count(f"{order['what']} by a person")
-        return None
-
-    def _count(self, counts: Mapping[str, int]) -> None:
-        for what, number in counts.items():
-            self.account.count(what, number - self._counted.get(what, 0))
-        self._counted = dict(counts)
+    def answer(self, question: Mapping[str, Any]) -> None:
+        """Do what a person orders."""
+        alarm, name, note = question["alarm"], question["name"], question["note"]
+        if question["what"] == "acknowledge":
+            self.view.acknowledge(alarm, name, note)
+        elif question["what"] == "shelve":
+            self.view.shelve(alarm, question["until"], name, note)
+        else:
+            self.view.unshelve(alarm, name)
+        self.account.count(f"{question['what']} by a person")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import resource
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Final
 
@@ -21,9 +22,9 @@ LIMIT: Final = 2**20
 
 
 async def begin(
-    module: str, what: str
+    module: str, what: str, memory: int
 ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, asyncio.StreamWriter]:
-    """Start ``python -m module FD``, and open what it is told through.
+    """Start ``python -m module FD`` with so many bytes of memory at most, and open what it is told through.
 
     Raises ``OutletError`` if that cannot be; ``what`` names it there.
     """
@@ -35,13 +36,13 @@ async def begin(
             ours.close()
             raise
         try:
-            return await _start(module, what, theirs), reader, writer
+            return await _start(module, what, memory, theirs), reader, writer
         except BaseException:
             writer.close()
             raise
 
 
-async def _start(module: str, what: str, end: socket.socket) -> asyncio.subprocess.Process:
+async def _start(module: str, what: str, memory: int, end: socket.socket) -> asyncio.subprocess.Process:
     try:
         return await asyncio.create_subprocess_exec(
             sys.executable,
@@ -51,10 +52,20 @@ async def _start(module: str, what: str, end: socket.socket) -> asyncio.subproce
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
             pass_fds=(end.fileno(),),
-            preexec_fn=ends_with_parent(signal.SIGTERM),
+            preexec_fn=_bounded(memory),
         )
     except OSError as error:
         raise OutletError(f"{what} cannot be started: {error.strerror}") from error
+
+
+def _bounded(memory: int) -> Callable[[], None]:
+    tie = ends_with_parent(signal.SIGTERM)
+
+    def begin() -> None:
+        tie()
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+
+    return begin
 
 
 @asynccontextmanager

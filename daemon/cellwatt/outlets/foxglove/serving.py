@@ -12,11 +12,11 @@ from typing import Any, Final
 from cellwatt.batch import Batch
 from cellwatt.errors import ConfigError
 from cellwatt.frames import Frames, Layout
+from cellwatt.host import stays_here
 from cellwatt.outlets.foxglove.outlet import FoxgloveOutlet, library
 from cellwatt.outlets.foxglove.pace import Pace
 from cellwatt.outlets.foxglove.topics import Moment
 from cellwatt.outlets.foxglove.translate import Skeletons, Translator
-from cellwatt.outlets.zenoh.exposure import stays_here
 from cellwatt.record import Health as Recorded
 from cellwatt.record.encoder import FRAME_TOPIC
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber

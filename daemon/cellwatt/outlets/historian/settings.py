@@ -12,9 +12,9 @@ from pydantic import ConfigDict, Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
 from cellwatt.files import WRITTEN, open_file
+from cellwatt.host import stays_here
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.selection import Selection
-from cellwatt.outlets.zenoh.exposure import stays_here
 from cellwatt.quantity import Seconds
 
 _NAME: Final = r"^[^\x00-\x1f\x7f\"\\]{1,200}$"

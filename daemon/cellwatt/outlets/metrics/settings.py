@@ -5,18 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from pydantic import Field, PositiveInt, SecretStr, field_validator
 from pydantic import model_validator as model_check
 
-from cellwatt.outlets.listening import Listening
+from cellwatt.door.settings import Listening
 from cellwatt.outlets.metrics.catalogue import LABELS
 
 LOCAL: Final = "127.0.0.1:9480"
-_LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 _LABEL: Final = re.compile(r"(?!__)[A-Za-z_][A-Za-z0-9_]{0,63}")
-_LAST_PORT: Final = 65535
 _LONGEST: Final = 200
 """Characters of a constant label."""
 _MOST_LABELS: Final = 16
@@ -86,3 +84,9 @@ class MetricsSettings(Listening):
     def advice(self) -> str:
         """See ``Listening.advice``."""
         return "use 127.0.0.1, or give certificate, key and token, or set open: true"
+
+    def told(self) -> dict[str, Any]:
+        """All settings with their secrets, JSON-ready, for the process that serves and nobody else."""
+        secrets = {"token": self.token, "password": self.password}
+        shown = {name: secret.get_secret_value() for name, secret in secrets.items() if secret is not None}
+        return {**self.model_dump(mode="json", exclude=set(secrets)), **shown}

@@ -12,10 +12,9 @@ from pydantic import model_validator as model_check
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.host import check_host
+from cellwatt.host import check_host, stays_here
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.selection import Selection
-from cellwatt.outlets.zenoh.exposure import stays_here
 from cellwatt.quantity import Hertz, Seconds
 
 LOCAL: Final = "mqtt://127.0.0.1:1883"

@@ -12,10 +12,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveInt, 
 from pydantic import model_validator as model_check
 
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.host import Host
+from cellwatt.host import Host, stays_here
 from cellwatt.outlet import OutletSettings
 from cellwatt.outlets.notify.quiet import QuietSettings, check_zone
-from cellwatt.outlets.zenoh.exposure import stays_here
 from cellwatt.quantity import Seconds
 from cellwatt.results import Severity
 

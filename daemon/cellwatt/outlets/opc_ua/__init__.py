@@ -5,6 +5,7 @@ outlet        tells the process that serves what the cell says
 serving     that process: what it is told, in order
 served      the server and its nodes
 robotics    the standard's types, and the arms of the cell as instances of them
-arrays      those that claim to be longer than their message
+bounds      what clients may ask, announced and enforced
+arrays      those that are longer than any request may be
 conditions  alarms as conditions, to be acknowledged
 """

@@ -29,6 +29,7 @@ class OpcUaOutlet(ApartOutlet[OpcUaOutletSettings]):
     title = "The cell as an OPC UA server, with the types of OPC UA for Robotics"
     module = "cellwatt.outlets.opc_ua.serving"
     what = "the OPC UA server"
+    memory = 512 << 20
     forgets = Energy
 
     def __init__(self, name: str, settings: OpcUaOutletSettings, view: CellView) -> None:

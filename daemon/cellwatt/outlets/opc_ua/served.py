@@ -11,17 +11,16 @@ from hmac import compare_digest
 from pathlib import Path
 from typing import Any, Final
 
-from asyncua import Node, Server, ua
+from asyncua import Node, ua
 from asyncua.common.utils import ServiceError
 from asyncua.crypto.permission_rules import User, UserRole
 from asyncua.crypto.uacrypto import der_from_x509, load_certificate
-from asyncua.server.internal_server import InternalServer
-from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 from cryptography import x509
 
 from cellwatt.channel import Quality
-from cellwatt.outlets.opc_ua.conditions import USER, Conditions, Order
+from cellwatt.outlets.opc_ua.bounds import BoundedServer
+from cellwatt.outlets.opc_ua.conditions import Conditions, Order
 from cellwatt.outlets.opc_ua.robotics import DI, ROBOTICS, Arms, Spaces, add_types, unit_of
 from cellwatt.version import __version__
 
@@ -42,7 +41,7 @@ class CellServer:
     def __init__(self, settings: Mapping[str, Any], order: Order) -> None:
         self._settings = settings
         self._order = order
-        self._server = Server(_Internal(user_manager=_Users(settings["users"])))
+        self._server = BoundedServer(_Users(settings["users"]))
         self._channels: dict[str, list[Node]] = {}
         self._tasks: dict[str, Node] = {}
 
@@ -75,6 +74,11 @@ class CellServer:
         self._conditions.listen()
         await server.start()
         return url
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Connections and logins that were refused."""
+        return self._server.counts
 
     async def close(self) -> None:
         """Hang up on all clients."""
@@ -174,43 +178,16 @@ class _Users(UserManager):  # type: ignore[misc]
         self._users = users
 
     def get_user(
-        self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
+        self, iserver: Any, username: str | None = None, password: str | bytes | None = None, certificate: Any = None
     ) -> User | None:
         """Return the user, or ``None`` for one who may not come in."""
         if not self._users:
             return User(role=UserRole.User)
         known = self._users.get(username or "")
-        given = password.decode() if isinstance(password, bytes) else password or ""
-        if known is None or not compare_digest(known.encode(), given.encode()):
+        given = password if isinstance(password, bytes) else (password or "").encode()
+        if known is None or not compare_digest(known.encode(), given):
             return None
         return User(role=UserRole.User, name=username)
-
-
-class _Session(InternalSession):  # type: ignore[misc]
-    """Knows for whom a method is called; no client writes a value or changes nodes."""
-
-    async def call(self, params: Any) -> Any:
-        """See ``InternalSession.call``."""
-        token = USER.set(self.user.name if self.user is not None else None)
-        try:
-            return await super().call(params)
-        finally:
-            USER.reset(token)
-
-    async def write(self, params: Any) -> Any:
-        """Refuse, from outside."""
-        if not self.external:
-            return await super().write(params)
-        return [ua.StatusCode(ua.StatusCodes.BadNotWritable) for _ in params.NodesToWrite]
-
-
-class _Internal(InternalServer):  # type: ignore[misc]
-    """Makes sessions that know their users."""
-
-    def create_session(self, name: str, user: Any = None, external: bool = False) -> _Session:
-        """See ``InternalServer.create_session``."""
-        user = User(role=UserRole.Anonymous) if user is None else user
-        return _Session(self, self.aspace, self.subscription_service, name, user=user, external=external)
 
 
 def quiet() -> None:

@@ -31,7 +31,7 @@ class Serving:
             told = getattr(error, "strerror", None) or str(error)
             raise OutletError(f"the OPC UA server cannot listen or be made: {told}") from error
         self._daemon.say(Kind.READY, {"url": url})
-        beating = asyncio.create_task(self._daemon.beat(dict))
+        beating = asyncio.create_task(self._daemon.beat(lambda: self._server.counts))
         try:
             await self._daemon.hear(self._take)
         finally:

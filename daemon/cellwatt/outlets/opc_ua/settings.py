@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import Field, FilePath, SecretStr
 from pydantic import model_validator as model_check
 
-from cellwatt.outlets.listening import Listening
+from cellwatt.door.settings import Listening
 from cellwatt.outlets.selection import Selection
 from cellwatt.quantity import Hertz
 

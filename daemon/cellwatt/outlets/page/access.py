@@ -8,8 +8,9 @@ import hmac
 import ipaddress
 import logging
 import math
+import re
 import socket
-import time
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -19,11 +20,11 @@ from urllib.parse import urlsplit
 from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
+from cellwatt.door.tries import Guard
 from cellwatt.errors import CellwattError, OutletError
 from cellwatt.outlets.page.passwords import Hash, parse
 from cellwatt.outlets.page.sessions import Sessions, new_token
 from cellwatt.outlets.page.settings import PageSettings
-from cellwatt.outlets.page.tries import Tries
 from cellwatt.outlets.zenoh.messages import encode_json
 
 log = logging.getLogger(__name__)
@@ -46,6 +47,7 @@ HEADERS: Final = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
     "Cache-Control": "no-store",
 }
+_HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:@/\\?#\s]+)(?::\d{1,5})?")
 _LOCAL: Final = frozenset(("localhost", "127.0.0.1", "::1"))
 _UNLOCKED: Final = ("/api/site", "/api/login")
 _YEAR: Final = 365 * 86400
@@ -82,10 +84,11 @@ class Gate:
 
     def __init__(self, settings: PageSettings, sessions: Sessions, names: Iterable[str] = ()) -> None:
         self._settings = settings
+        self.counts: Counter[str] = Counter()
+        self._guard = Guard("page", self.counts)
         self.sessions = sessions
         self._hosts = _hosts(settings, names)
         self._hashes = {name: parse(user.password.get_secret_value()) for name, user in settings.users.items()}
-        self._tries = Tries()
         self._two = asyncio.Semaphore(2)
         self._waiting = 0
         self._saving = asyncio.Lock()
@@ -165,17 +168,16 @@ class Gate:
         """Check a name and password; the answer sets the cookie of a new login."""
         if not self._settings.users:
             return refusal(HTTPStatus.CONFLICT, "nobody has to log in here: the page has no users")
-        now, who = time.monotonic(), (f"address {request.remote}", f"name {name}")
-        wait = self._tries.wait(who, now)
-        if wait or self._waiting >= WAITING:
+        address = request.remote or ""
+        wait = 1.0 if self._waiting >= WAITING else self._guard.begin(address, name)
+        if wait:
             seconds = max(1, math.ceil(wait))
             text = f"too many tries: wait {seconds} s"
             return refusal(HTTPStatus.TOO_MANY_REQUESTS, text, **{"Retry-After": str(seconds)})
-        self._tries.begin(who, now)
         if not await self._fits(name, password):
-            log.warning("a login as %.100r from %s failed", name, request.remote)
+            self._guard.fail(address, name)
             return refusal(HTTPStatus.UNAUTHORIZED, "this name and password do not fit")
-        self._tries.succeed(who)
+        self._guard.succeed(address, name)
         self.sessions.end(request[VISITOR].token)
         made = answer({})
         self.set_cookie(made, self.sessions.begin(name))
@@ -233,10 +235,9 @@ def _hosts(settings: PageSettings, names: Iterable[str]) -> frozenset[str]:
 
 
 def _host_of(host: str) -> str:
-    """A Host header without its port and brackets."""
-    if host.startswith("["):
-        return host[1:].partition("]")[0].lower()
-    return host.partition(":")[0].rstrip(".").lower()
+    """A Host header without its port and brackets; empty where it is anything else."""
+    found = _HOST.fullmatch(host)
+    return found[1].strip("[]").rstrip(".").lower() if found else ""
 
 
 def _netloc(origin: str) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +11,8 @@ from typing import Any, Final
 from aiohttp import web
 from aiohttp.typedefs import Handler
 
-from cellwatt.errors import OutletError, why
+from cellwatt.door.http import HttpDoor
+from cellwatt.door.port import Limits
 from cellwatt.outlets.page.access import LARGEST_BODY, Gate, answer, refusal
 from cellwatt.outlets.page.api import CellApi, body_of, text_of, visitor_of
 from cellwatt.outlets.page.assets import INDEX, Assets
@@ -24,10 +25,7 @@ from cellwatt.version import __version__
 PAGES: Final = ("/", "/plant", "/login", "/cell/{site}/{cell}", "/cell/{site}/{cell}/{part}")
 _PACKED: Final = 1024
 """Bytes of JSON from which on it is packed."""
-_STOP: Final = 1.0
-"""s that answers under way get when the page ends."""
-_IDLE: Final = 75.0
-"""s that a connection without requests is kept."""
+LIMITS: Final = Limits(connections=384, peer=256)
 
 
 class Page:
@@ -36,7 +34,7 @@ class Page:
     def __init__(self, settings: PageSettings, gate: Gate, rooms: Rooms, assets: Assets, browsers: Browsers) -> None:
         self._settings, self._gate, self._rooms, self._assets = settings, gate, rooms, assets
         self._browsers = browsers
-        self._runner: web.AppRunner | None = None
+        self._door = HttpDoor(self.application(), settings, LIMITS)
 
     def application(self) -> web.Application:
         """The aiohttp application."""
@@ -111,29 +109,17 @@ class Page:
 
     async def start(self, context: ssl.SSLContext | None) -> str:
         """Begin to serve; return the address. Raises ``OutletError`` if that cannot be."""
-        runner = self._runner = web.AppRunner(
-            self.application(), access_log=None, keepalive_timeout=_IDLE, shutdown_timeout=_STOP
-        )
-        await runner.setup()
-        listen = self._settings.listen
-        site = web.TCPSite(runner, self._settings.host, self._settings.port, ssl_context=context)
-        try:
-            await site.start()
-        except OSError as error:
-            await self.stop()
-            if "in use" in why(error).lower():
-                raise OutletError(f"{listen} is taken by another program") from None
-            raise OutletError(f"{listen} cannot be listened at: {why(error)}") from None
-        port = runner.addresses[0][1]
-        host = listen.rpartition(":")[0]
-        return f"{'http' if context is None else 'https'}://{host}:{port}/"
+        return f"{await self._door.start(context)}/"
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Connections and logins that were refused."""
+        return {**self._door.counts, **self._gate.counts}
 
     async def stop(self) -> None:
         """End all streams and serve no more."""
         self._browsers.end()
-        if self._runner is not None:
-            await self._runner.cleanup()
-            self._runner = None
+        await self._door.stop()
 
 
 def names_in(certificate: Path | None) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ class PageOutlet(ApartOutlet[PageSettings]):
     title = "The cell in a browser: live, its past, its alarms to acknowledge"
     module = "cellwatt.outlets.page.serving"
     what = "the process that serves the page"
+    memory = 2 << 30
     forgets = Prediction
 
     def hello(self) -> Mapping[str, Any]:

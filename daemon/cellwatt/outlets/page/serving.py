@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from cellwatt.door.settings import tls_context
 from cellwatt.errors import ProtocolError
 from cellwatt.frames import Layout
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.daemon import Daemon, main
 from cellwatt.outlets.apart.wire import Kind
-from cellwatt.outlets.listening import tls_context
 from cellwatt.outlets.page.access import Gate, proof_of
 from cellwatt.outlets.page.app import Page, names_in
 from cellwatt.outlets.page.archive import Archive, Desk
@@ -69,7 +69,11 @@ class Serving:
             gc.collect()
             gc.freeze()
             helpers.append(
-                asyncio.create_task(self._daemon.beat(lambda: {**self._browsers.counts, **archive.counts()}))
+                asyncio.create_task(
+                    self._daemon.beat(
+                        lambda: {**self._browsers.counts, **gate.counts, **page.counts, **archive.counts()}
+                    )
+                )
             )
             helpers.append(asyncio.create_task(follow(self._feed, settings.arms, self._desk)))
             await self._daemon.hear(self._take)

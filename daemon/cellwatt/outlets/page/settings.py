@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, SecretStr, field_validator
 
+from cellwatt.door.settings import Listening
 from cellwatt.host import check_host
-from cellwatt.outlets.listening import Listening
 from cellwatt.outlets.page.passwords import parse
 from cellwatt.quantity import Bytes
 
 LOCAL: Final = "127.0.0.1:8480"
-_LISTEN = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
-_LAST_PORT: Final = 65535
 _LONGEST_NAME: Final = 100
 
 

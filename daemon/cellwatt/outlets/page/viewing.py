@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
-from cellwatt.outlets.listening import tls_context
+from cellwatt.door.settings import tls_context
 from cellwatt.outlets.page.access import Gate, proof_of
 from cellwatt.outlets.page.app import Page, names_in
 from cellwatt.outlets.page.archive import Archive, Desk

@@ -10,9 +10,9 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from ipaddress import ip_address
 from typing import Any, Final
 
+from cellwatt.host import stays_here
 from cellwatt.outlets.zenoh.link import LinkSettings, session_config
 
 _NETWORK = re.compile(r"(tcp|udp|tls|quic|ws)/(\[.*\]|[^/]+):\d+(?:[?#].*)?")
@@ -49,16 +49,6 @@ def _protocol(endpoint: str) -> str | None:
     if found is None:
         return None  # a socket, pipe or serial line of this PC
     return None if stays_here(found[2].strip("[]")) else found[1]
-
-
-def stays_here(host: str) -> bool:
-    """True if only programs of this PC reach what listens at a host."""
-    if host.lower() == "localhost":
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def _denies(settings: LinkSettings) -> bool:

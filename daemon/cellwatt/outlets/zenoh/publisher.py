@@ -7,13 +7,14 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.batch import Batch
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.answers import STUCK, Answers
-from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_apart
 from cellwatt.outlets.zenoh.keys import HEALTH, CellKeys
 from cellwatt.outlets.zenoh.link import LARGEST_MESSAGE, LinkSettings, open_session, why_unconnected
 from cellwatt.outlets.zenoh.mark import Mark
@@ -32,6 +33,8 @@ DRAIN: Final = 1.0
 HELD_UP: Final = 0.02
 """s for one put from which on a receiver is too slow to be served on the event loop, for the next ``HINDERED`` s."""
 HINDERED: Final = 1.0
+SCHEMA_EVERY: Final = 1.0
+"""s between two messages of a topic that carry its schema, for consumers that came since."""
 SETTLES: Final = 2.0
 """s after its first message in which a key counts as subscribed to: Zenoh learns only then who subscribes."""
 _UNCONNECTED: Final = 5.0
@@ -69,6 +72,8 @@ class Publisher(threading.Thread):
         self._publishers: dict[str, Any] = {}
         self._samples: dict[str, tuple[Any, float]] = {}
         """Publishers of samples and frames, each with the time, monotonic s, at which it was declared."""
+        self._told: dict[str, tuple[int, float]] = {}
+        """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
         self._beat_due: float | None = None
         """Time, monotonic s, since which a health message is due; ``None`` if none is."""
         self._stop_at: float | None = None
@@ -87,6 +92,10 @@ class Publisher(threading.Thread):
         if self._beat_due is None:
             self._beat_due = time.monotonic()
         self._outbox.wake()
+
+    def tell_schemas(self) -> None:
+        """Let the next message of each topic have its schema."""
+        self._told.clear()
 
     @property
     def direct(self) -> bool:
@@ -172,8 +181,8 @@ class Publisher(threading.Thread):
             self._outbox.sent(outgoing)
             return
         try:
-            payload = encode(outgoing)
-            attachment = self._seal.message(outgoing.topic, outgoing.mark.encode(payload), payload)
+            mark, payload = self._encode(outgoing)
+            attachment = self._seal.message(outgoing.topic, mark.encode(payload), payload)
         except Exception:
             # One item that breaks its own contract costs that item, not the outlet.
             log.exception("zenoh: an item of %s cannot be encoded", outgoing.topic)
@@ -186,6 +195,18 @@ class Publisher(threading.Thread):
             self._outbox.lost(outgoing, "session")
             raise
         self._outbox.sent(outgoing)
+
+    def _encode(self, outgoing: Outgoing) -> tuple[Mark, bytes]:
+        """Mark and payload of an item; samples and frames with their schema where that is due."""
+        item, mark, topic = outgoing.item, outgoing.mark, outgoing.topic
+        if not isinstance(item, Batch | Frames):
+            return mark, encode_item(item, mark)
+        check, schema, rows = encode_apart(item)
+        (told, at), now = self._told.get(topic, (0, 0.0)), time.monotonic()
+        if told == check and now < at + SCHEMA_EVERY:
+            return replace(mark, schema=check), rows
+        self._told[topic] = check, now
+        return mark, schema + rows
 
     def _put_health(self, session: zenoh.Session) -> None:
         import zenoh
@@ -256,13 +277,3 @@ class _LinkWatch:
 def _largest(link: LinkSettings) -> int:
     """Size limit in bytes of received messages: small, as a cell gets only questions unless it relays for others."""
     return LARGEST_MESSAGE if link.mode == "router" else 4 * LARGEST
-
-
-def encode(outgoing: Outgoing) -> bytes:
-    """Encode the payload of an item."""
-    item = outgoing.item
-    if isinstance(item, Batch):
-        return encode_batch(item)
-    if isinstance(item, Frames):
-        return encode_frames(item)
-    return encode_item(item, outgoing.mark)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from typing import Any
 
 import numpy as np
 
 from cellwatt import FrameChannel, Frames, Layout
+from cellwatt.door.settings import tls_context
 from cellwatt.outlets.metrics import MetricsSettings
 from cellwatt.outlets.metrics.outlet import MetricsOutlet
+from cellwatt.outlets.metrics.serving import Endpoint
 from cellwatt.results import Energy
 from tests.daemon.outlets.zenoh.fake_cell import EPOCH, FakeView
-from tests.patience import eventually
 
 LAYOUT = Layout(
     (
@@ -97,14 +97,13 @@ def outlet_of(**settings: Any) -> MetricsOutlet:
 
 @asynccontextmanager
 async def serving(outlet: MetricsOutlet) -> AsyncIterator[str]:
-    """The address of the metrics while their outlet runs."""
-    running = asyncio.create_task(outlet.run())
+    """The address of the metrics, served in this process."""
+
+    async def ask(question: Mapping[str, Any]) -> Any:
+        return outlet.answer(question)
+
+    door = Endpoint(outlet.settings, ask).door
     try:
-        await eventually(lambda: outlet.url or running.done(), "the metrics")
-        if running.done():
-            running.result()
-        yield str(outlet.url)
+        yield await door.start(tls_context(outlet.settings))
     finally:
-        running.cancel()
-        with suppress(asyncio.CancelledError):
-            await running
+        await door.stop()

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from cellwatt import OutletError
 from cellwatt.outlets.metrics import MetricsSettings, serving
+from cellwatt.outlets.metrics import outlet as outlet_module
 from cellwatt.outlets.metrics.catalogue import CATALOGUE
 from tests.daemon.outlets.metrics import cell
 from tests.daemon.outlets.metrics.cell import alarm, energy, frames, health, outlet_of, source
@@ -74,8 +75,8 @@ async def test_older_readers_get_plain_text() -> None:
 
 async def test_many_readers_cost_one_text(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    real = serving.exposed
-    monkeypatch.setattr(serving, "exposed", lambda *a: made.append(a) or real(*a))
+    real = outlet_module.exposed
+    monkeypatch.setattr(outlet_module, "exposed", lambda *a: made.append(a) or real(*a))
     monkeypatch.setattr(serving, "FRESH", 3600.0)
     outlet = outlet_of()
     told(outlet)
@@ -122,6 +123,7 @@ async def test_a_cell_nobody_looks_at_is_not_ready(monkeypatch: pytest.MonkeyPat
         ({"token": "t0p"}, {"Authorization": "Bearer t0p"}, 200),
         ({"token": "t0p"}, {"Authorization": "bearer wrong"}, 401),
         ({"token": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 401),
+        ({"token": "t0p"}, {"Authorization": "Bearer \u00e4\u20ac"}, 401),
         ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp0MHA="}, 200),
         ({"user": "u", "password": "t0p"}, {"Authorization": "Basic dTp3"}, 401),
         ({"user": "u", "password": "t0p"}, {"Authorization": "Basic §§"}, 401),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from cellwatt.channel import Quality
 from cellwatt.errors import CellwattError, OutletError
 from cellwatt.frames import FrameChannel, Frames, Layout
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
+from cellwatt.outlets.opc_ua.bounds import OPERATIONS, SUBSCRIPTIONS_OF_SESSION
 from cellwatt.outlets.opc_ua.outlet import OpcUaOutlet
 from cellwatt.outlets.opc_ua.settings import OpcUaOutletSettings
 from cellwatt.results import Energy, Event
@@ -40,6 +41,7 @@ LAYOUT = Layout(
     ),
     50.0,
 )
+CAPABILITIES = "Server_ServerCapabilities_"
 OWN = f"urn:cellwatt:{SITE}:{CELL}"
 VALUES = [0.5, -0.25, 2.5, 41.0, 600.0]
 
@@ -118,6 +120,8 @@ async def test_a_cell_without_users():
         await clients_see_the_cells_values(outlet)
         await an_arm_has_the_nodes_of_the_standard(outlet)
         await nobody_acknowledges_without_a_name(outlet)
+        await too_much_is_refused_before_it_is_done(outlet)
+        await idle_connections_and_endless_messages_are_cut_off(outlet)
         assert outlet.account.residue == 0
         await a_server_that_dies_is_told_and_the_queue_stays_bounded(outlet)
 
@@ -190,8 +194,20 @@ class Listener:
         return [(getattr(e, "ActiveState/Id"), getattr(e, "AckedState/Id"), e.Retain) for e in self.events]
 
 
+async def guesses_have_to_wait(outlet: OpcUaOutlet) -> None:
+    for _ in range(7):
+        with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+            async with client(outlet, "adam", "guess"):
+                pass
+    await eventually(lambda: outlet.account.counters["logins refused"] >= 2)
+    assert outlet.account.counters["failed logins"] == 5
+    async with client(outlet, "eve", "secret") as there:
+        assert await there.get_namespace_index(OWN)
+
+
 async def test_an_alarm_is_a_condition_that_users_acknowledge():
     async with serving(users={"eve": "secret"}) as outlet, client(outlet, "eve", "secret") as there:
+        await guesses_have_to_wait(outlet)
         listener = Listener()
         subscription = await there.create_subscription(20, listener)
         await subscription.subscribe_alarms_and_conditions(evtypes=ua.ObjectIds.AlarmConditionType)
@@ -252,6 +268,57 @@ async def nobody_acknowledges_without_a_name(outlet: OpcUaOutlet) -> None:
                 ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge), raised.EventId, ua.LocalizedText("")
             )
         assert not outlet.view.acknowledged
+
+
+async def too_much_is_refused_before_it_is_done(outlet: OpcUaOutlet) -> None:
+    """Limits are announced in the standard's nodes, and what is beyond them costs nobody any time."""
+    async with client(outlet) as there, client(outlet) as other:
+        limits = {name: await there.get_node(getattr(ua.ObjectIds, CAPABILITIES + name)).read_value() for name in (
+            "OperationLimits_MaxNodesPerRead", "OperationLimits_MaxNodesPerBrowse", "MaxSubscriptionsPerSession",
+        )}  # fmt: skip
+        assert limits == {
+            "OperationLimits_MaxNodesPerRead": OPERATIONS["MaxNodesPerRead"],
+            "OperationLimits_MaxNodesPerBrowse": OPERATIONS["MaxNodesPerBrowse"],
+            "MaxSubscriptionsPerSession": SUBSCRIPTIONS_OF_SESSION,
+        }
+        server = next(c for c in psutil.Process().children() if "cellwatt.outlets.opc_ua.serving" in c.cmdline())
+        before = server.memory_info().rss
+        names = [ua.ReadValueId(ua.NodeId(ua.ObjectIds.Server), ua.AttributeIds.DisplayName)]
+        ask = there.uaclient.read
+        assert len(await ask(ua.ReadParameters(NodesToRead=names * 1000))) == 1000
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManyOperations"):
+            await ask(ua.ReadParameters(NodesToRead=names * 5000))
+        paths = [ua.BrowsePath(ua.NodeId(ua.ObjectIds.RootFolder), ua.RelativePath())] * 201
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManyOperations"):
+            await there.uaclient.translate_browsepaths_to_nodeids(paths)
+        many = [await there.create_subscription(1, Listener()) for _ in range(SUBSCRIPTIONS_OF_SESSION)]
+        with pytest.raises(ua.UaStatusCodeError, match="BadTooManySubscriptions"):
+            await there.create_subscription(1000, Listener())
+        with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
+            await other.uaclient.delete_subscriptions([many[0].subscription_id])
+        with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):  # beyond the size of any request
+            await asyncio.wait_for(ask(ua.ReadParameters(NodesToRead=names * 50_000)), 10)
+        assert (await has_value(other, "mains.supply.power")).StatusCode.is_good()
+        assert server.memory_info().rss - before < 50e6
+
+
+async def idle_connections_and_endless_messages_are_cut_off(outlet: OpcUaOutlet) -> None:
+    host, port = outlet.url.removeprefix("opc.tcp://").removesuffix("/cellwatt").split(":")
+    idle = [await asyncio.open_connection(host, int(port)) for _ in range(100)]
+    async with client(outlet) as there:
+        assert await there.get_namespace_index(OWN)
+    reader, writer = await asyncio.open_connection(host, int(port))
+    with pytest.raises(ConnectionError):
+        writer.write(b"HELF" + (2**31).to_bytes(4, "little"))
+        for _ in range(200):
+            writer.write(bytes(65536))
+            await writer.drain()
+        await reader.readexactly(1)
+    await eventually(lambda: outlet.account.counters["connections displaced"] >= 50)
+    for _, each in [*idle, (reader, writer)]:
+        each.close()
+        with suppress(OSError):
+            await each.wait_closed()
 
 
 @pytest.fixture(scope="module")

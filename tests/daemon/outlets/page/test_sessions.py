@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from cellwatt.door.tries import LONGEST, Tries
 from cellwatt.outlets.page.sessions import FILE, LASTS, MOST, Sessions
-from cellwatt.outlets.page.tries import LONGEST, Tries
 
 
 class World:
@@ -155,7 +155,7 @@ def test_tries_are_forgotten_in_time_and_number(monkeypatch: pytest.MonkeyPatch)
         tries.begin(("a",), 0.0)
     tries.begin(("a",), 4000.0)
     assert tries.wait(("a",), 4000.0) == 0.0
-    monkeypatch.setattr("cellwatt.outlets.page.tries.MOST", 10)
+    monkeypatch.setattr("cellwatt.door.tries.MOST", 10)
     for number in range(100):
         tries.begin((str(number),), 0.0)
     assert len(tries._failed) == 10

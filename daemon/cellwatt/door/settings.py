@@ -1,4 +1,4 @@
-"""Settings that outlets share which others reach: an address, a certificate, and who may come in."""
+"""Settings of a door: an address, a certificate, and who may come in."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from cellwatt.errors import OutletError
 from cellwatt.files import WRITTEN, open_file
-from cellwatt.host import check_host
+from cellwatt.host import check_host, stays_here
 from cellwatt.outlet import OutletSettings
-from cellwatt.outlets.zenoh.exposure import stays_here
 
 _LISTEN: Final = re.compile(r"(\[[0-9A-Fa-f:.%]+\]|[^\[\]:]+):(\d{1,5})")
 _LAST_PORT: Final = 65535
