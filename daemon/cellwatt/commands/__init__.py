@@ -35,7 +35,7 @@ GROUPS: Final = {
     "Simulation": ("explain", "simulate"),
     "Energy and faults": ("disaggregate", "energy-campaign", "reference", "faults", "train", "predict"),
     "Fleet": ("fleet",),
-    "Develop": ("new-driver",),
+    "Develop": ("new-driver", "new-outlet"),
 }
 """Headings of the help with their commands; others come last."""
 _FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
