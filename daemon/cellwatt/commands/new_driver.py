@@ -26,7 +26,7 @@ _TEMPLATES = {
 """Template, and where it goes in the new folder."""
 
 
-@click.command()
+@click.command(short_help="Write a package for a driver of your own.")
 @click.argument("name")
 @click.option(
     "--folder",

@@ -55,7 +55,7 @@ def _first(reading: Reading, n: int) -> Reading:
 
 
 class Source:
-    """The daemon's side of one driver; implements ``cellwatt.driver.Outlet``.
+    """The daemon's side of one driver; implements ``cellwatt.driver.Inlet``.
 
     ``take`` gets every batch and ``tell`` every event, on the event loop. ``now`` is the cell's clock.
     ``sequence`` continues the numbering of a source of the same name that a reload replaced.
@@ -97,10 +97,10 @@ class Source:
         self._looks = (time.monotonic(), dict(self.sequence))
         """s at which this look began, and the number of the next sample then, by stream."""
 
-    # Outlet ---------------------------------------------------------------------------------------
+    # Inlet ---------------------------------------------------------------------------------------
 
     def connected(self, identity: Identity) -> None:
-        """See ``Outlet.connected``."""
+        """See ``Inlet.connected``."""
         again = self.state == "retrying"
         self.identity = identity
         self._connected_at = time.monotonic()
@@ -113,7 +113,7 @@ class Source:
         self.event("reconnected" if again else "connected", f"{self.name}: {who} answers")
 
     def emit(self, reading: Reading) -> None:
-        """See ``Outlet.emit``."""
+        """See ``Inlet.emit``."""
         n = len(reading.values)
         if n == 0:
             return
@@ -158,16 +158,16 @@ class Source:
         )
 
     def bracket(self, stream: Stream, device_time: int, not_before: int) -> None:
-        """See ``Outlet.bracket``."""
+        """See ``Inlet.bracket``."""
         self.clocks[stream.name].bracket(device_time, not_before)
 
     def clock_reset(self, stream: Stream, reason: str) -> None:
-        """See ``Outlet.clock_reset``."""
+        """See ``Inlet.clock_reset``."""
         self.clocks[stream.name].reset(reason)
         self.event("clock_reset", f"{self.name}: the device's clock changed ({reason})")
 
     def event(self, kind: str, text: str, **data: str | float) -> None:
-        """See ``Outlet.event``."""
+        """See ``Inlet.event``."""
         self.account.count(f"event {kind}")
         now = self.now()
         if self._repeats.tell(kind, now):

@@ -37,7 +37,7 @@ class Cellar:
         self.events: list[Event] = []
         self.source = Source(
             "arm",
-            lambda outlet: FakeDriver("arm", FakeSettings(host="arm"), outlet),
+            lambda inlet: FakeDriver("arm", FakeSettings(host="arm"), inlet),
             lambda: 1_000_000_000,
             self.batches.append,
             self.events.append,
@@ -294,7 +294,7 @@ def test_what_was_expected_is_received_missed_or_dropped(at_once):
 
 def test_what_is_not_accounted_for_is_seen(at_once):
     async def forgets(driver):
-        driver.outlet.account.expect(2)
+        driver.inlet.account.expect(2)
 
     async def main():
         async with running(answer, give(1), forgets) as cellar:

@@ -95,7 +95,7 @@ def test_other_parts() -> None:
         "recorder": {"state": "disk full", "problem": "no space left", "drops": {"/raw/arm/rtde": 7}},
     }
     kinds = [a.kind for now in range(PATIENCE) for a in watch.look(sick, now)]
-    assert sorted(kinds) == ["recorder", "sink_down", "stage_broken"], "a sink that still starts is no trouble"
+    assert sorted(kinds) == ["recorder", "sink_down", "stage_broken"], "an outlet that still starts is no trouble"
 
 
 def test_a_source_that_gives_less_than_it_declares_is_told_with_what_it_missed() -> None:

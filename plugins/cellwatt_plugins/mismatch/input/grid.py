@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
 from scipy.ndimage import median_filter
 
 from cellwatt.errors import RecordingError
@@ -93,8 +94,14 @@ def even(
     if grid is time:
         return Even(_line(time), filled, bad, tuple(notes))
     gaps = _holes(time, grid) | (np.interp(grid, time, bad) > 0)
+    curved = [name for name in positions if np.isfinite(filled[name]).all()]
     columns = {
-        name: onto(grid, time, values) if name == power else np.interp(grid, time, values)
+        name: onto(grid, time, values)
+        if name == power
+        # Straight lines leave a position by more than its encoder's noise wherever it speeds up.
+        else Akima1DInterpolator(time, values, method="makima")(grid)
+        if name in curved
+        else np.interp(grid, time, values)
         for name, values in filled.items()
     }
     return Even(grid, columns, gaps, tuple(notes))
