@@ -98,6 +98,16 @@ def _seldom(solution: Solution, term: Term) -> bool:
     return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
 
 
+def stands_out(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
+    """False if the last term could as well stand for what else is left at its channels, all terms being there."""
+    term = after.terms[-1]
+    left = after.problem.chi2(after.residual)[channels_of(after, term)]
+    if term.effect.usual or _seldom(after, term) or float(np.min(left)) < thresholds.far:
+        return True
+    found = held(before, after, term)
+    return found.share > thresholds.share_far or found.sure > thresholds.certain
+
+
 def held(before: Solution, after: Solution, term: Term) -> Held:
     """What a term of ``after`` does to the error on data left out, summed over the channels that it acts on."""
     old, new = (LeaveOut(s.problem, before.factor).errors(s.terms) for s in (before, after))

@@ -9,6 +9,7 @@ from cellwatt_plugins.mismatch.fit.acceptance import (
     relieves_tension,
     required_gain,
     seen_by_several,
+    stands_out,
     unconfirmed,
 )
 from cellwatt_plugins.mismatch.fit.leave_out import LeaveOut, compared
@@ -109,6 +110,8 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
         several = not term.effect.acceptance.several_channels or relieves_tension(rest, last, state.thresholds)
         if why is None and not several and not seen_by_several(rest, last.block(term)[0]):
             why = "only one channel asks for it"
+        if why is None and not stands_out(rest, last, state.thresholds):
+            why = "is small beside what is left there"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
