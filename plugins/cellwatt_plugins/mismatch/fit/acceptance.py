@@ -54,16 +54,15 @@ def rejection(before: Solution, after: Solution, thresholds: Thresholds, gain: f
         return "only one channel asks for it"
     if after.problem.side == "supply" and _spread(after, term) < SMALLEST:
         return "is too small to be of use"
-    return unconfirmed(before, after, thresholds, gain)
+    return unconfirmed(before, after, term, thresholds, gain)
 
 
-def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain: float) -> str | None:
-    """Why data left out do not confirm the last term; None where they do.
+def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thresholds, gain: float) -> str | None:
+    """Why data left out do not confirm a term of ``after`` that ``before`` is without; None where they do.
 
     What adds little evidence, as everything does in an arm of which much is unexplained, must lower the error there by
     much. Of what is there at one time only, no data can be left out.
     """
-    term = after.terms[-1]
     enough = gain >= required_gain(term, after.problem.states[0].robot, thresholds)
     if (enough and _seldom(after, term)) or relieves_tension(before, after, thresholds):
         return None
@@ -98,9 +97,8 @@ def _seldom(solution: Solution, term: Term) -> bool:
     return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
 
 
-def stands_out(before: Solution, after: Solution, thresholds: Thresholds) -> bool:
-    """False if the last term could as well stand for what else is left at its channels, all terms being there."""
-    term = after.terms[-1]
+def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
+    """False if a term of ``after`` could as well stand for what else is left at its channels."""
     left = after.problem.chi2(after.residual)[channels_of(after, term)]
     if term.effect.usual or _seldom(after, term) or float(np.min(left)) < thresholds.far:
         return True

@@ -36,11 +36,10 @@ def drop_needless(state: SearchState, now: Solution, beside: Term | None = None)
             continue
         rest = solve(state, others)
         gain = rest.fit.gain(now.problem.block(term))[0]
-        if gain < required_gain(term, state.robot, state.thresholds):
-            last = solve(state, [*others, term])
-            if unconfirmed(rest, last, state.thresholds, gain) is not None:
-                state.refuse(term, gain, "needless beside the others")
-                now = rest
+        small = gain < required_gain(term, state.robot, state.thresholds)
+        if small and unconfirmed(rest, now, term, state.thresholds, gain) is not None:
+            state.refuse(term, gain, "needless beside the others")
+            now = rest
     return now
 
 
@@ -78,7 +77,7 @@ def drop_for_plainer(state: SearchState, now: Solution) -> Solution:
             if share < state.thresholds.better or beyond.sure < state.thresholds.steady:
                 gain = rest.fit.gain(rest.problem.block(term))[0]
                 state.refuse(term, gain, f"is no better than {name.replace('_', ' ')} on data left out")
-                now = rest if unconfirmed(rest, plain, state.thresholds, gain) else plain
+                now = rest if unconfirmed(rest, plain, plain.terms[-1], state.thresholds, gain) else plain
                 break
     return now
 
@@ -104,13 +103,12 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
     """Terms that data left out do not confirm beside the others leave, the smallest first."""
     for term in sorted(now.terms, key=lambda t: _size(now, t)):
         rest = without(state, now, term)
-        last = solve(state, [*rest.terms, term])
         gain = rest.fit.gain(rest.problem.block(term))[0]
-        why = unconfirmed(rest, last, state.thresholds, gain)
-        several = not term.effect.acceptance.several_channels or relieves_tension(rest, last, state.thresholds)
-        if why is None and not several and not seen_by_several(rest, last.block(term)[0]):
+        why = unconfirmed(rest, now, term, state.thresholds, gain)
+        several = not term.effect.acceptance.several_channels or relieves_tension(rest, now, state.thresholds)
+        if why is None and not several and not seen_by_several(rest, now.block(term)[0]):
             why = "only one channel asks for it"
-        if why is None and not stands_out(rest, last, state.thresholds):
+        if why is None and not stands_out(rest, now, term, state.thresholds):
             why = "is small beside what is left there"
         if why is not None:
             state.refuse(term, gain, f"beside the others {why}")
