@@ -33,6 +33,8 @@ MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
 OFTEN = 3
 """Folds in which a term must be there for data left out to tell of it."""
+THERE = 0.1
+"""Share of its greatest from which a term is there."""
 OFF_SCALE = 0.35
 """Largest distance from 1 of the coefficient of an effect that is simulated to scale."""
 
@@ -93,7 +95,8 @@ def _seldom(solution: Solution, term: Term) -> bool:
     if not term.effect.form.intermittent:
         return False
     columns = solution.block(term)[0].columns
-    there = np.any(columns.reshape(len(columns), -1) != 0, axis=1)
+    size = np.abs(columns).reshape(len(columns), -1).max(axis=1)
+    there = size > THERE * np.max(size)
     return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
 
 
