@@ -101,9 +101,13 @@ def _seldom(solution: Solution, term: Term) -> bool:
 
 
 def stands_out(before: Solution, after: Solution, term: Term, thresholds: Thresholds) -> bool:
-    """False if a term of ``after`` could as well stand for what else is left at its channels."""
+    """False if a term of ``after`` could as well stand for what else is left at its channels.
+
+    What rings was asked for because that rings, and is never followed to the noise.
+    """
     left = after.problem.chi2(after.residual)[channels_of(after, term)]
-    if term.effect.usual or _seldom(after, term) or float(np.min(left)) < thresholds.far:
+    apart = term.effect.usual or term.effect.form.sample_by_sample or _seldom(after, term)
+    if apart or float(np.min(left)) < thresholds.far:
         return True
     found = held(before, after, term)
     return found.share > thresholds.share_far or found.sure > thresholds.certain
