@@ -73,7 +73,7 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
     if enough:
-        share = thresholds.share_near if near else thresholds.share
+        share = 0.0 if near else thresholds.share
         # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
         solved = float(np.max(left)) < thresholds.near and found.again
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
