@@ -25,7 +25,7 @@ UNSURE = 0.65
 
 def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
     """Terms that others made needless leave; only those that ``beside`` can stand for, where it is given."""
-    for term in list(now.terms):
+    for term in _weakest_first(now):
         if term is beside or not shares_channel(term, beside):
             continue
         if beside is not None and term.effect.usual and term.joint != beside.joint:
@@ -100,8 +100,8 @@ def drop_ambiguous(state: SearchState, now: Solution) -> Solution:
 
 
 def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
-    """Terms that data left out do not confirm beside the others leave, the smallest first."""
-    for term in sorted(now.terms, key=lambda t: _size(now, t)):
+    """Terms that data left out do not confirm beside the others leave."""
+    for term in _weakest_first(now):
         rest = without(state, now, term)
         gain = rest.fit.gain(rest.problem.block(term))[0]
         why = unconfirmed(rest, now, term, state.thresholds, gain)
@@ -119,6 +119,11 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
 def shares_channel(term: Term, other: Term | None) -> bool:
     """True if two terms act on a common channel; with None, always."""
     return other is None or None in (term.joint, other.joint) or term.joint == other.joint
+
+
+def _weakest_first(now: Solution) -> list[Term]:
+    """The terms by their evidence beside all others: of two that stand for one another the weaker is asked first."""
+    return sorted(now.terms, key=lambda t: now.fit.added(now.block(t)[1]) + t.effect.relations.plainer)
 
 
 def _size(now: Solution, term: Term) -> float:
