@@ -226,7 +226,7 @@ def load_model(path: Path) -> Model:
         Retuned(inertial, coulomb, viscous, rotor, given.standby_power, resistance),
         tuple(terms),
         *(None if each is None else _array(each) for each in (found.links, found.gravity, found.mount)),
-        found.lead,
+        lead=found.lead,
     )
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
-from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.rows import Rows, Thinned
 from cellwatt_plugins.mismatch.input.run import Run
 from cellwatt_plugins.robot.blocks import Block, Design, Regression

@@ -61,7 +61,7 @@ class Simulator:
         """s of each degree of freedom by which dry friction turns over before its velocity does: 1/b of its solver."""
         time, damping = self.model.dof_solref.T
         most = self.model.dof_solimp[:, 1]
-        return np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9))
+        return np.asarray(np.where(time > 0, 0.5 * most * time, most / np.maximum(-damping, 1e-9)))
 
     def unit(self, joint: int, unit: str) -> str:
         """Unit at a ``joint`` (0-based) of what has ``unit`` at a hinge: ``N`` for ``N*m`` at a slide."""

@@ -69,8 +69,8 @@ class PositionPeriodicTorque(Effect):
         second = parameters.get("second_amplitude")
         more = "" if second is None else f", and of {said(second)} twice as often"
         return (
-            f"{who} has a ripple of {said(parameters['amplitude'])}, {parameters['cycles'].value:.4g} times a turn{more}: "
-            "a position-periodic torque (gear, cogging or bearing) is missing."
+            f"{who} has a ripple of {said(parameters['amplitude'])}, {parameters['cycles'].value:.4g} times a turn"
+            f"{more}: a position-periodic torque (gear, cogging or bearing) is missing."
         )
 
 

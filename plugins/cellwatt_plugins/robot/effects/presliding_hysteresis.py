@@ -21,7 +21,7 @@ RESOLVED = 6.0
 RESOLVED_SPEED = 3.0
 """Standard deviations of the velocity that a speed must be to be told from a sign."""
 BLIND, SAMPLES = 0.02, 2.0
-"""s, and samples where those are more, after a reversal in which smoothed encoders do not show how friction builds up."""
+"""s, and samples where those are more, after a reversal: smoothed encoders do not show how friction builds up then."""
 
 
 SLOW = 0.0
