@@ -34,7 +34,9 @@ from cellwatt_plugins.mismatch.verdict.mounting import as_mounted
 from cellwatt_plugins.mismatch.verdict.naming import curves_of, findings_of, unknown_findings
 from cellwatt_plugins.mismatch.verdict.retuned import retuned_of
 from cellwatt_plugins.robot import RobotDescription
+from cellwatt_plugins.robot.effects import EFFECTS
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.servo import IN_MOTION
 
 Float = NDArray[np.float64]
 
@@ -116,7 +118,8 @@ def explain(
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        torque = search(torques, body.joints, thresholds, until=limit, powered=powered)
+        effects = EFFECTS if states[0].drive is None else IN_MOTION
+        torque = search(torques, body.joints, thresholds, effects, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)
@@ -150,7 +153,7 @@ def _measurement_errors(torque: Solution) -> list[Float]:
     problem = torque.problem
     out = [np.zeros_like(s.torque) for s in problem.states]
     for term in torque.terms:
-        if term.effect.acts_on != "reading":
+        if term.effect.mechanical:
             continue
         coefficients = torque.fit.coefficients[torque.block(term)[1]]
         for part, columns in zip(out, problem.columns(term), strict=True):

@@ -133,7 +133,7 @@ def mechanical_torque(model: Model, states: States) -> Float:
         if fitted.term.effect.acts_on == "links":
             continue
         effect, joint = fitted.term.effect, fitted.term.joint
-        if effect.acts_on not in ("supply", "reading"):
+        if effect.acts_on not in ("supply", "reading", "drive"):
             _add(torque, effect.columns(states, joint, fitted.term.shape) @ fitted.coefficients, joint)
     return np.asarray(torque)
 

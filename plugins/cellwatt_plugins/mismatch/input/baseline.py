@@ -66,7 +66,7 @@ class Baseline:
     def along(self, run: Run, index: int, motion: Moved, torque: Float | None, power: Float | None) -> States:
         """The same for a motion and for what the simulation has ``beyond`` the law that are known."""
         arm = self.arm if self.field is None else self.arm.with_gravity(self.field)
-        return States(run.name, index, run.time, motion, arm, run.temperature, torque, power)
+        return States(run.name, index, run.time, motion, arm, run.temperature, torque, power, drive=run.drive)
 
     def beyond(self, run: Run) -> tuple[Float | None, Float | None]:
         """Torque (N, n) Nm and power (N,) W that a run's simulation has beyond the law; None where it is silent."""

@@ -44,7 +44,6 @@ def _asked(state: SearchState) -> list[Term]:
             for effect in there
             if not effect.described(state.robot, None) and effect.possible(state.robot, None)
         ]
-    if not all(name in effects for name in PLAIN):
-        return []
-    unknown = [j for j in state.moving if not any(effects[name].described(state.robot, j) for name in PLAIN)]
-    return [Term(effects[name], joint, ()) for joint in unknown for name in PLAIN]
+    there = [effects[name] for name in PLAIN if name in effects]
+    unknown = [j for j in state.moving if not any(effect.described(state.robot, j) for effect in there)]
+    return [Term(effect, joint, ()) for joint in unknown for effect in there]
