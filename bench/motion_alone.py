@@ -1,4 +1,4 @@
-"""Unseen cases for ``explain`` from motion alone: arms, servos and effects of their own, integrated by a program of its own.
+"""Cases for ``explain`` from motion alone: arms, servos and effects of its own, integrated by a program of its own.
 
     python bench/motion_alone.py OUT [--seeds 3] [--only NAME,...]
 
@@ -115,7 +115,8 @@ def mjcf(name: str, arm: Table, payload: tuple[float, Float] | None = None, grav
         text += f'<body name="load" pos="{_text(centre)}"><inertial pos="0 0 0" mass="{mass!r}" '
         text += f'diaginertia="{0.0004 * mass!r} {0.0004 * mass!r} {0.0004 * mass!r}"/></body>'
     drives = "".join(
-        f'<position name="drive_{i}" joint="joint_{i}" kp="{row[8]}" kv="{row[9]}" forcerange="-{row[10]} {row[10]}"/>\n'
+        f'<position name="drive_{i}" joint="joint_{i}" kp="{row[8]}" kv="{row[9]}" '
+        f'forcerange="-{row[10]} {row[10]}"/>\n'
         for i, row in enumerate(arm.rows, start=1)
     )
     return (
@@ -151,7 +152,6 @@ def commands(arm: Table, kind: str, seconds: float, rng: np.random.Generator) ->
             for f in rng.uniform(0.08, 0.7, 4):
                 out[:, j] += rng.uniform(0.1, 0.28) * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) * min(1, 0.3 / f)
         return time, out
-    poses, at = [middle], 0.0
     out = np.empty((len(time), n))
     begin, end, start, length = middle, middle, 0.0, 0.5
     turn = 0
@@ -229,7 +229,9 @@ def write(folder: Path, key: Path, name: str, arm: Table, plant: Plant, facts: d
         for j in range(q.shape[1]):
             columns |= {f"true_q_{j + 1}": q[:, j], f"true_qd_{j + 1}": v[:, j]}
         pq.write_table(pa.table(columns), key / f"holdout_{i:02d}.parquet")
-    (key / "key.json").write_text(json.dumps({"id": folder.name, "robot": name, "count": arm.count, "allowed": []} | facts))
+    (key / "key.json").write_text(
+        json.dumps({"id": folder.name, "robot": name, "count": arm.count, "allowed": []} | facts)
+    )
 
 
 def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str, Any], str]:
@@ -267,7 +269,9 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
             case "torque_saturation":
                 rows[joint][10] = 0.0
             case "stribeck_friction":
-                torque.append(lambda q, v, load, t, e=e, f=friction: e * 1.3 * f * np.exp(-((v / 0.15) ** 2)) * np.tanh(v / CREEP))
+                torque.append(
+                    lambda q, v, load, t, e=e, f=friction: e * 1.3 * f * np.exp(-((v / 0.15) ** 2)) * np.tanh(v / CREEP)
+                )
             case "load_dependent_friction":
                 joint = int(rng.choice([1, 2]))
                 e, at = np.eye(n)[joint], joint + 1
@@ -281,7 +285,9 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
                 torque.append(lambda q, v, load, t, e=e, s=size: e * 0.25 * s * np.exp(-0.5 * ((t - 31.0) / 0.2) ** 2))
             case "unknown":
                 other = (joint + 1) % n
-                torque.append(lambda q, v, load, t, e=e, o=other, f=friction: e * 2.0 * f * np.sin(3 * q[o]) * np.tanh(3 * v[o]))
+                torque.append(
+                    lambda q, v, load, t, e=e, o=other, f=friction: e * 2.0 * f * np.sin(3 * q[o]) * np.tanh(3 * v[o])
+                )
         required.append({"effect": effect, "joint": at})
     true = replace(user, rows=tuple(map(tuple, rows)))
     stated = [list(r) for r in user.rows]
@@ -298,7 +304,10 @@ def case(name: str, what: list[str], seed: int) -> tuple[Table, Plant, dict[str,
     for r in required:
         if r["effect"] == "torque_saturation":
             plant.force[r["joint"] - 1] = _limit(plant, user, r["joint"] - 1, seed)
-    facts = {"required": required, "level": "null" if not what else "unknown" if "unknown" in what else "single" if len(what) == 1 else "pair"}
+    facts = {
+        "required": required,
+        "level": "null" if not what else "unknown" if "unknown" in what else "single" if len(what) == 1 else "pair",
+    }
     return user, plant, facts, mjcf(name, replace(user, rows=tuple(map(tuple, stated))))
 
 
@@ -313,7 +322,10 @@ def _limit(plant: Plant, arm: Table, joint: int, seed: int) -> float:
 CASES = [
     *[[]] * 2,
     *[[e] for e in ("payload", "coulomb_friction", "drive_gain", "stribeck_friction", "drive_dead_band", "time_delay")],
-    *[[e] for e in ("torque_saturation", "gravity_tilt", "spring_load", "viscous_friction", "rotor_inertia", "unknown")],
+    *[
+        [e]
+        for e in ("torque_saturation", "gravity_tilt", "spring_load", "viscous_friction", "rotor_inertia", "unknown")
+    ],
     *[[e] for e in ("position_periodic_torque", "load_dependent_friction", "external_contact")],
     ["payload", "drive_gain"],
     ["coulomb_friction", "time_delay"],

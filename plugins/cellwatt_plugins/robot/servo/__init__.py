@@ -16,3 +16,4 @@ IN_MOTION: tuple[Effect, ...] = (
     *OF_DRIVES,
 )
 """All that motion and commands show where no torque was measured."""
+BY_NAME_IN_MOTION: dict[str, Effect] = {effect.name: effect for effect in IN_MOTION}

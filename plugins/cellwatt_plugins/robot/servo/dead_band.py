@@ -38,7 +38,7 @@ class DriveDeadBand(Effect):
         drive, at = run.servos, joint or 0
         error, (width, way) = drive.error[:, at], shape
         lost = np.where(np.abs(error) < width, error, 0.0 if way == FROM_CENTRE else width * np.sign(error))
-        return (drive.servo.stiffness[at] * lost)[:, None]
+        return np.asarray(drive.servo.stiffness[at] * lost)[:, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.5 * shape[0], 2 * shape[0]), (shape[1], shape[1])]

@@ -36,7 +36,7 @@ class CommandDelay(Effect):
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         drive, when = run.servos, run.time - shape[0]
         before = np.column_stack([np.interp(when, run.time, one) for one in drive.command.T])
-        return (drive.servo.pull * (drive.command - before))[:, :, None]
+        return np.asarray(drive.servo.pull * (drive.command - before))[:, :, None]
 
     def bounds(self, shape: Shape) -> Sequence[tuple[float, float]]:
         return [(0.001, 0.3)]

@@ -34,7 +34,7 @@ class DriveGain(Effect):
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         at = joint or 0
-        return (run.torque[:, at] + run.servos.servo.damping[at] * run.qd[:, at])[:, None]
+        return np.asarray(run.torque[:, [at]] + run.servos.servo.damping[at] * run.qd[:, [at]])
 
     def prior(self, runs: Sequence[States], joint: int | None, columns: Float, size: Float) -> Prior:
         return Prior.spread(np.full(columns.shape[-1], LIKELY))

@@ -89,16 +89,10 @@ def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
 
 def _one(path: Path, model: Any, name: str) -> tuple[float, float, float, float, float] | None:
     """Pull, stiffness, damping and limits of a joint's servo."""
-    types = library(path)
     joint = model.joint(name).id
-    acting = [
-        i
-        for i in range(model.nu)
-        if model.actuator_trntype[i] == types.mjtTrn.mjTRN_JOINT and model.actuator_trnid[i, 0] == joint
-    ]
-    if len(acting) != 1 or model.actuator_biastype[acting[0]] != types.mjtBias.mjBIAS_AFFINE:
+    at = actuator_of(model, joint)
+    if at < 0 or model.actuator_biastype[at] != library(path).mjtBias.mjBIAS_AFFINE:
         return None
-    at = acting[0]
     gear, bias = float(model.actuator_gear[at, 0]), model.actuator_biasprm[at]
     if not bias[1] < 0:
         return None
@@ -109,3 +103,9 @@ def _one(path: Path, model: Any, name: str) -> tuple[float, float, float, float,
         low, high = max(low, model.jnt_actfrcrange[joint, 0]), min(high, model.jnt_actfrcrange[joint, 1])
     pull = gear * float(model.actuator_gainprm[at, 0])
     return pull, -(gear**2) * float(bias[1]), -(gear**2) * float(bias[2]), low, high
+
+
+def actuator_of(model: Any, joint: int) -> int:
+    """The one actuator that acts on a joint alone; -1 where none or several do."""
+    acting = [i for i in range(model.nu) if model.actuator_trntype[i] == 0 and model.actuator_trnid[i, 0] == joint]
+    return acting[0] if len(acting) == 1 else -1

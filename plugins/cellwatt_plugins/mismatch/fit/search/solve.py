@@ -80,9 +80,7 @@ def _with_fitted_torque(problem: Problem, terms: Sequence[Term], fit: Regression
     if problem.side == "supply":
         return problem
     mechanical = [
-        (term, fit.coefficients[place])
-        for term, place in zip(terms, fit.slices, strict=True)
-        if term.effect.mechanical
+        (term, fit.coefficients[place]) for term, place in zip(terms, fit.slices, strict=True) if term.effect.mechanical
     ]
     nuisance = fit.coefficients[: problem.design.size]
     return problem.with_torque(*problem.course(nuisance, mechanical))
