@@ -63,8 +63,9 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
     """
     term = after.terms[-1]
     enough = gain >= required_gain(term, after.problem.states[0].robot, thresholds)
-    # What a drive does otherwise is as good as the numbers of its law at taking up what no name says.
-    relieved = term.effect.acts_on != "drive" and relieves_tension(before, after, thresholds)
+    # A drive's limit or dead band can take up what no name says as well as the numbers of its law can.
+    shaped = term.effect.acts_on == "drive" and term.effect.form.to_scale and term.joint is not None
+    relieved = not shaped and relieves_tension(before, after, thresholds)
     if (term.effect.form.intermittent and enough) or relieved:
         return None
     found = held(before, after, term)

@@ -16,7 +16,7 @@ from cellwatt_plugins.robot.regression import Prior
 GAIN = 0.02
 """Share by which gains of a servo are off, one standard deviation."""
 STEP = 0.0007
-"""s by which the velocity that a drive damps is older or newer than its position: steps of who controls or simulates."""
+"""s by which the velocity that a drive damps is older or newer than its position: steps of control and simulation."""
 TURNED = 0.5
 """Share of a joint's friction that may turn over within another speed."""
 LATE = 0.1
