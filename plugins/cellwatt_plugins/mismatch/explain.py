@@ -278,6 +278,11 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
         notes.append(
             f"The time was up before all was tried{missed}: what is said is sound, more may be found with --time"
         )
+    if any(run.drive is not None for run in runs):
+        notes.append(
+            "No torque was recorded: the law of the simulation's servos stands for it. Motion alone does not tell gains, "
+            "masses and friction that are all off by one factor: of these, your numbers are right within tolerances."
+        )
     if not any(run.power is not None for run in runs):
         notes.append("No supply power was recorded: what only the supply shows could not be tested.")
     longest = max(float(run.time[-1] - run.time[0]) for run in runs)

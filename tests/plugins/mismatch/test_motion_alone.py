@@ -1,4 +1,4 @@
-"""``explain`` from commands and motion, without torque: a planar arm on position servos, its dynamics in closed form."""
+"""``explain`` from commands and motion, without torque: a planar arm on servos, its dynamics in closed form."""
 
 import json
 from dataclasses import dataclass

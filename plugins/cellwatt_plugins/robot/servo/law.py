@@ -16,11 +16,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
 
 Float = NDArray[np.float64]
+
+
+NEAR = 0.06
+"""s about a torque that is beyond its limits within which it is not compared."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +69,15 @@ class Drive:
         return np.asarray(np.gradient(self.servo.pull / self.servo.stiffness * self.command, self.step, axis=0))
 
     @cached_property
-    def asked(self) -> Float:
-        """Torque (N, n) Nm that the law asks for, before its limits."""
+    def torque(self) -> Float:
+        """Torque (N, n) Nm that the law asks for, within its limits or not."""
         return np.asarray(self.servo.stiffness * self.error - self.servo.damping * self.moved.velocity)
 
     @cached_property
-    def torque(self) -> Float:
-        """Torque (N, n) Nm that the drives give."""
-        return np.clip(self.asked, self.servo.low, self.servo.high)
+    def sure(self) -> NDArray[np.bool_]:
+        """(N, n) true where the torque is within the limits, and was and will be: beyond, it may be either."""
+        beyond = (self.torque < self.servo.low) | (self.torque > self.servo.high)
+        return ~maximum_filter1d(beyond, 2 * round(NEAR / self.step) + 1, axis=0)
 
 
 def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
