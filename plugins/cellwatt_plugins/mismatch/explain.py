@@ -280,7 +280,7 @@ def _notes(runs: Sequence[Run], torque: Solution, supply: Solution | None) -> tu
         )
     if any(run.drive is not None for run in runs):
         notes.append(
-            "No torque was recorded: the law of the simulation's servos stands for it. Motion alone does not tell gains, "
+            "No torque was recorded: the law of the simulation's servos stands for it. Motion does not tell gains, "
             "masses and friction that are all off by one factor: of these, your numbers are right within tolerances."
         )
     if not any(run.power is not None for run in runs):

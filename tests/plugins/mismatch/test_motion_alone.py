@@ -125,10 +125,38 @@ def test_a_soft_loop_is_named_and_mended(tmp_path, logs):
     assert kp == pytest.approx(0.7 * KP[1], rel=0.03)
 
 
+def test_what_the_file_cannot_hold_is_a_callback_beside_it(tmp_path, logs, monkeypatch):
+    found, named = explained(tmp_path, logs["dead"], "--mend", str(tmp_path / "arm.xml"))
+    assert named.keys() == {("drive_dead_band", 2)}
+    assert named["drive_dead_band", 2]["half_width"]["value"] == pytest.approx(0.008, rel=0.15)
+    (left,) = found["mended"]["left"]
+    assert (left["effect"], left["joint"], left["unit"]) == ("drive_dead_band", 2, "rad")
+    monkeypatch.syspath_prepend(tmp_path / "out")
+    import arm_mended
+
+    time, told, seen = logs["dead"]
+    model = mujoco.MjModel.from_xml_path(found["mended"]["path"])
+
+    def error():
+        data, off = mujoco.MjData(model), []
+        data.qpos[:], data.ctrl[:] = seen[0], told[0]
+        for row in range(len(time) - 1):
+            data.ctrl[:] = told[row]
+            mujoco.mj_step(model, data, 10)
+            off.append(data.qpos - seen[row + 1])
+        return float(np.sqrt(np.mean(np.square(off), axis=0))[1])
+
+    without = error()
+    try:
+        arm_mended.attach(model)
+        assert error() < 0.4 * without
+    finally:
+        mujoco.set_mjcb_passive(None)
+
+
 @pytest.mark.parametrize(
     ("plant", "place", "number", "value"),
     [
-        ("dead", ("drive_dead_band", 2), "half_width", 0.008),
         ("late", ("time_delay", None), "delay", 0.03),
         ("rough", ("coulomb_friction", 1), "force", 1.5),
     ],

@@ -17,6 +17,7 @@ from cellwatt_plugins.mismatch.fit.retuning import FIXED, all_fixed, confirmed, 
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
+from cellwatt_plugins.mismatch.simulators.callback import write_callback
 from cellwatt_plugins.mismatch.simulators.correction import holds
 from cellwatt_plugins.mismatch.simulators.mend import (
     RISES,
@@ -136,7 +137,9 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) 
         ChannelError(f"q_{j + 1}", simulator.unit(j, "rad"), float(b), float(a), float(f))
         for j, (b, a, f) in enumerate(zip(before, after, noise, strict=True))
     )
-    notes = (*simulator.notes, *frames.notes, *goal.notes, ROLLED)
+    beside = write_callback(written.path, simulator.joints, found.model.terms)
+    more = () if beside is None else (f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.",)
+    notes = (*simulator.notes, *frames.notes, *goal.notes, ROLLED, *more)
     return Mended(written.path, tuple(written.applied), tuple(left_out), error, notes)
 
 
