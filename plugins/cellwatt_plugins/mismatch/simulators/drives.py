@@ -6,14 +6,14 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cellwatt.errors import ConfigError
 from cellwatt_plugins.mismatch.explain import Explained
-from cellwatt_plugins.mismatch.fit.problem import Problem
-from cellwatt_plugins.mismatch.fit.retuning import FIXED, all_fixed, confirmed, links_fixed
+from cellwatt_plugins.mismatch.fit.problem import Problem, Term
+from cellwatt_plugins.mismatch.fit.retuning import FIXED, Freedom, all_fixed, confirmed, links_fixed
 from cellwatt_plugins.mismatch.fit.search.solve import fitted
 from cellwatt_plugins.mismatch.fit.solution import Solution
 from cellwatt_plugins.mismatch.input.run import Run
@@ -36,6 +36,8 @@ from cellwatt_plugins.robot.servo.law import Servo
 
 Float = NDArray[np.float64]
 
+TRIES = 3
+"""Fits, each with the numbers of those joints as the user has them that followed worse before."""
 SAME = 0.1
 """Share of the encoders' noise by which a joint may follow worse: that is none."""
 ROLLED = (
@@ -44,30 +46,48 @@ ROLLED = (
 WRITTEN = ("drive_gain", "torque_saturation")
 """Effects of drives that an actuator has a number for."""
 LATE = (2, 3)
-"""Places, among the numbers of a drive, of what no actuator has."""
+"""Places, among the numbers of a drive, of the s by which its velocity and its commands are later."""
+DAMPED = {0: -1.0, 1: 0.0}
+"""Half steps by which Euler's and Runge and Kutta's velocity that is damped is later; of others one."""
 
 
-def _choices(found: Explained) -> Iterator[Solution]:
-    """What the file may hold, fitted, with more and more numbers as the user has them; delays are none of it."""
-    torque = found.torque
-    free = _without_delays(torque.free or torque.problem)
-    terms = [t for t in torque.terms if holds(t) or t.effect.name in WRITTEN]
-    for freedom in (confirmed(free, terms, torque.factor), links_fixed(free), all_fixed(free)):
-        yield fitted(freedom.of(free), terms)
-    for _ in range(len(terms)):
+def _starts(free: Problem, found: Explained) -> Iterator[tuple[Freedom, list[Term]]]:
+    """What may be written, with more and more numbers as the user has them.
+
+    What the file cannot hold is among the terms: other numbers are not to stand for it, and the callback adds it.
+    """
+    terms = sorted(found.torque.terms, key=lambda t: holds(t) or t.effect.name in WRITTEN)
+    yield confirmed(free, terms, found.torque.factor), terms
+    yield links_fixed(free), terms
+    while terms:
+        yield all_fixed(free), terms
         terms = terms[:-1]
-        yield fitted(all_fixed(free).of(free), terms)
 
 
-def _without_delays(problem: Problem) -> Problem:
-    """The problem of drives without the delays that an MJCF does not hold."""
-    joints, priors = len(problem.floor), []
+def _kept(problem: Problem, freedom: Freedom, joints: Sequence[int]) -> Freedom:
+    """The same freedom, but friction, rotors and drives of ``joints`` stay the user's."""
+    return Freedom(
+        tuple(
+            FIXED if block.channel in joints else factor
+            for factor, block in zip(freedom.factors, problem.nuisance, strict=True)
+        )
+    )
+
+
+def _as_stepped(problem: Problem, model: Any) -> Problem:
+    """The problem of drives as MuJoCo steps them, and without the delays that an MJCF does not hold.
+
+    A command acts from the first step of its row on, half a step earlier than held over the row. Implicit integrators
+    damp the velocity of a step's end, Euler's that of its beginning.
+    """
+    joints, priors, half = len(problem.floor), [], 0.5 * model.opt.timestep
     for i, block in enumerate(problem.nuisance):
         prior = block.prior
         if i >= len(problem.nuisance) - joints:
-            spread = prior.deviations.copy()
+            mean, spread = np.zeros(block.size), prior.deviations.copy()
             spread[list(LATE)] *= FIXED
-            prior = Prior.spread(spread)
+            mean[list(LATE)] = half * DAMPED.get(int(model.opt.integrator), 1.0), -half
+            prior = Prior.spread(spread, mean)
         priors.append(prior)
     return problem.with_priors(priors)
 
@@ -98,27 +118,25 @@ def _servo(solution: Solution) -> Servo:
 def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) -> Mended:
     """``mend`` where motion alone is known: of what the file may hold, that is written which follows the arm best.
 
-    Each is rolled out under the recorded commands, and no joint may follow worse. Raises ``ConfigError`` where the
-    file cannot be changed.
+    Each is rolled out under the recorded commands, and no joint may follow worse; at worst the file stays as it is.
+    Raises ``ConfigError`` where it cannot be changed.
     """
     simulator, frames = user.simulator, user.frames
     noise = np.max([run.drive.moved.resolution for run in runs if run.drive is not None], axis=0)
     before = rms_of(rolled_out(simulator.path, simulator.joints, runs))
-    best: tuple[float, Solution, Float] | None = None
-    for solution in _choices(found):
-        with tempfile.TemporaryDirectory() as folder:
-            written = write(simulator, _goal(found, solution, user), Path(folder))
-            after = rms_of(rolled_out(written.path, simulator.joints, runs))
-        if np.any(after > RISES * before + SAME * noise):
-            continue
+    free = _as_stepped(found.torque.free or found.torque.problem, simulator.model)
+    best = 0.0, fitted(all_fixed(free).of(free), []), before
+    for freedom, terms in _starts(free, found):
+        for _ in range(TRIES):
+            solution = fitted(freedom.of(free), terms)
+            after = _errors(found, solution, user, runs)
+            worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
+            if not worse:
+                break
+            freedom = _kept(free, freedom, worse)
         left = float(np.sum(np.log((after + noise) / (before + noise))))
-        if best is None or left < best[0]:
+        if not worse and left < best[0]:
             best = left, solution, after
-    if best is None:
-        raise ConfigError(
-            f"{simulator.path}: not mended: whatever is written, a joint follows its commands worse than before; what "
-            "was found is in findings.json and model.yaml"
-        )
     _, solution, after = best
     goal = _goal(found, solution, user)
     written = write(simulator, goal, out)
@@ -139,8 +157,16 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: ToMend, out: Path) 
     )
     beside = write_callback(written.path, simulator.joints, found.model.terms)
     more = () if beside is None else (f"What the file cannot hold is in {beside.name}, a callback for MuJoCo.",)
-    notes = (*simulator.notes, *frames.notes, *goal.notes, ROLLED, *more)
+    same = () if best[0] < 0 else ("Nothing that was found makes it follow better: its numbers stay.",)
+    notes = (*simulator.notes, *frames.notes, *goal.notes, ROLLED, *same, *more)
     return Mended(written.path, tuple(written.applied), tuple(left_out), error, notes)
+
+
+def _errors(found: Explained, solution: Solution, user: ToMend, runs: Sequence[Run]) -> Float:
+    """Error (n,) rad of a file with the numbers of a solution."""
+    with tempfile.TemporaryDirectory() as folder:
+        written = write(user.simulator, _goal(found, solution, user), Path(folder))
+        return rms_of(rolled_out(written.path, user.simulator.joints, runs))
 
 
 def _goal(found: Explained, solution: Solution, user: ToMend) -> Target:

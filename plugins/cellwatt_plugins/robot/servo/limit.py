@@ -13,6 +13,8 @@ from cellwatt_plugins.robot.effects.states import States
 
 SHARES = tuple(float(s) for s in np.linspace(0.95, 0.2, 16))
 """Of the greatest torque asked for, that are tried as the limit."""
+FOLLOWS = 0.5
+"""Share of what is asked beyond the limit that the torque of the motion may follow."""
 CLIPPED = 8
 """Samples that must be beyond the limit."""
 
@@ -29,6 +31,17 @@ class DriveLimit(Effect):
         given = np.abs(np.concatenate([run.servos.torque[:, joint or 0] for run in runs]))
         levels = [share * float(np.max(given)) for share in SHARES]
         return [(level,) for level in levels if np.count_nonzero(given > level) >= CLIPPED]
+
+    def resolved(self, runs: Sequence[States], joint: int | None, shape: Shape) -> bool:
+        """Beyond its limit a drive gives the same whatever is asked: the motion's torque does not follow that."""
+        at = joint or 0
+        asked = np.concatenate([np.abs(run.servos.torque[:, at]) for run in runs])
+        given = np.concatenate([run.nominal[:, at] * np.sign(run.servos.torque[:, at]) for run in runs])
+        beyond = asked > shape[0]
+        if np.count_nonzero(beyond) < CLIPPED:
+            return False
+        off = asked[beyond] - np.mean(asked[beyond])
+        return float(off @ given[beyond]) < FOLLOWS * float(off @ off)
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
         torque = run.servos.torque[:, joint or 0]
