@@ -19,7 +19,7 @@ from cellwatt_plugins.mismatch.fit.problem import Problem, supply_problem
 from cellwatt_plugins.mismatch.fit.search import search
 from cellwatt_plugins.mismatch.fit.search.budget import now
 from cellwatt_plugins.mismatch.fit.sides import Supply, Torques
-from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds
+from cellwatt_plugins.mismatch.fit.solution import DEFAULT, Solution, Thresholds, by_law
 from cellwatt_plugins.mismatch.fit.swinging_links import remaining_chi2
 from cellwatt_plugins.mismatch.input.baseline import Baseline
 from cellwatt_plugins.mismatch.input.run import Run
@@ -118,8 +118,8 @@ def explain(
     powered = any(run.power is not None for run in runs)
     limit = until - SUPPLY_SHARE * seconds if powered else until
     with stage("looking for effects in the torques"):
-        effects = EFFECTS if states[0].drive is None else IN_MOTION
-        torque = search(torques, body.joints, thresholds, effects, until=limit, powered=powered)
+        effects, asked = (EFFECTS, thresholds) if states[0].drive is None else (IN_MOTION, by_law(thresholds))
+        torque = search(torques, body.joints, asked, effects, until=limit, powered=powered)
     driven, doubt = _torque_for_power(runs, torque.best)
     meter = metering(runs, driven)
     supplied = None if isinstance(meter, Unknown) else supply_problem(runs, driven, doubt, meter)

@@ -16,7 +16,7 @@ from cellwatt_plugins.robot.servo.motion import derivatives
 
 WIDTHS = (0.02, 0.06, 0.15, 0.4)
 """Shares of the load's spread within which the drive crosses the gap."""
-SMALL, LARGE = 3e-4, 0.06
+SMALL, LARGE = 1e-3, 0.06
 """rad of half a gap: less is not seen, more is a broken gear."""
 
 
