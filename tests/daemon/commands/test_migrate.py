@@ -34,7 +34,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
     monkeypatch.setattr(sys, "argv", ["cellwatt", "migrate", *map(str, arguments)])
-    monkeypatch.setattr("cellwatt.commands._Commands.get_command", lambda self, context, name: command)
+    monkeypatch.setattr("cellwatt.commands.Commands.get_command", lambda self, context, name: command)
     with pytest.raises(SystemExit) as ended:
         main()
     return int(ended.value.code or 0)
