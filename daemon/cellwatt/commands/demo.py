@@ -65,9 +65,9 @@ class _Demos(Commands):
 def command(context: click.Context, cell: str, seconds: float, outlets: bool, as_json: bool, keep: Path | None) -> None:
     """Run emulated devices, the daemon and a subscriber; `demo explain` shows what explain finds.
 
-    The small cell has four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing was lost and
-    the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate; exit code
-    0 only if nothing was lost.
+    The small cell has four devices; after 20 s, or halfway, a spring is hooked on an elbow. Exit code 0 only if nothing
+    was lost and the alarm named the right joint in time. The cell "all" has a device of every driver at its usual rate;
+    exit code 0 only if nothing was lost.
 
     Where the output is no terminal, the address of the page and what happens are lines.
 

@@ -140,7 +140,7 @@ class Demonstration:
             return daemon.returncode
 
     async def _hook(self, emulators: Mapping[str, EmulatorProcess], page: str) -> float | None:
-        """Hook the spring on, at the latest halfway; return the UTC time of it, s, or None where the demo ended before."""
+        """Hook the spring on, at the latest halfway; return its UTC time, s, or None where the demo ended before."""
         look = f"in a browser: http://{page}"
         healthy = min(self.seconds / 2, HEALTHY)
         self.say(f"running for {self.seconds:.0f} s; the spring comes after {healthy:.0f} s; {look}")
