@@ -12,13 +12,13 @@ from typing import Any
 import aiohttp
 
 from cellwatt.account import Account
-from cellwatt.sinks.historian.client import Client
-from cellwatt.sinks.historian.filling import lines_of
-from cellwatt.sinks.historian.line_protocol import row_line
-from cellwatt.sinks.historian.sending import Sender
-from cellwatt.sinks.historian.settings import HistorianSettings, InfluxSettings
-from cellwatt.sinks.historian.sink import HistorianSink
-from cellwatt.sinks.selection import Picker
+from cellwatt.outlets.historian.client import Client
+from cellwatt.outlets.historian.filling import lines_of
+from cellwatt.outlets.historian.line_protocol import row_line
+from cellwatt.outlets.historian.outlet import HistorianOutlet
+from cellwatt.outlets.historian.sending import Sender
+from cellwatt.outlets.historian.settings import HistorianSettings, InfluxSettings
+from cellwatt.outlets.selection import Picker
 from outlet.loop import served, until
 from outlet.rows import BLOCK, CELL, LAYOUT, RATE, START, View, frames
 from outlet.servers import DATABASE
@@ -37,20 +37,20 @@ def settings_for(url: str) -> InfluxSettings:
 async def offered(url: str, seconds: float) -> dict[str, float]:
     """Rows a second through the outlet, offered as fast as they are taken."""
     view: Any = View()
-    sink = HistorianSink("historian", HistorianSettings(influx=settings_for(url)), view)
-    assert sink._influx is not None
-    items = sink._influx._items
+    outlet = HistorianOutlet("historian", HistorianSettings(influx=settings_for(url)), view)
+    assert outlet._influx is not None
+    items = outlet._influx._items
 
     async def work() -> dict[str, float]:
         given, began = 0, time.monotonic()
         while time.monotonic() < began + seconds:
-            sink.offer(frames(given, BLOCK))
+            outlet.offer(frames(given, BLOCK))
             given += BLOCK
             await until(lambda: len(items) <= 40, 0.0)
-        await until(lambda: sink.account.received >= given - 1)
-        return {"rows_per_s": sink.account.received / (time.monotonic() - began)}
+        await until(lambda: outlet.account.received >= given - 1)
+        return {"rows_per_s": outlet.account.received / (time.monotonic() - began)}
 
-    return await served(sink, work)
+    return await served(outlet, work)
 
 
 async def posted(url: str, seconds: float) -> dict[str, float]:

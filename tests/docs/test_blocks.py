@@ -27,7 +27,7 @@ SHOWN = ("text", "c", "xml")
 """Languages of what is only looked at: output, wire formats, files of other programs."""
 OURS = [block for block in EVERY_BLOCK if block.language == "sh"]
 CELL_KEYS = {"site", "cell", "robot", "sources", "frames", "stages", "record", "units"} | set(
-    available("cellwatt.sinks")
+    available("cellwatt.outlets")
 )
 NEEDED = {"site": "plant-1", "cell": "weld-3", "sources": {"arm": {"driver": "ur", "host": "192.0.2.10"}}}
 

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from cellwatt.batch import Batch
-from cellwatt.errors import SinkError
+from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.results import Alarm, Event
 from cellwatt.subscriber import EVERYTHING, Gap, Health, LinkSettings, Subscriber
@@ -122,7 +122,7 @@ class Audience:
         self._subscriber = Subscriber("test", "test", self._daemon.link, want=self._topics)
         try:
             await self._subscriber.__aenter__()
-        except SinkError:
+        except OutletError:
             return False
         return True
 

@@ -29,7 +29,7 @@ TRACEBACK: Final = "CELLWATT_TRACEBACK"
 """Variable of the environment: where it is set, the traceback of a bug goes to stderr instead of into a file."""
 GROUPS: Final = {
     "Start": ("demo", "init", "check", "doctor", "drivers", "emulate"),
-    "Run": ("run", "record", "health", "migrate", "secure", "notify", "diagnose"),
+    "Run": ("run", "record", "health", "secure", "notify", "diagnose"),
     "Look": ("watch", "view", "plot", "export", "import", "replay", "reports"),
     "Simulation": ("explain", "simulate"),
     "Energy and faults": ("disaggregate", "energy-campaign", "reference", "faults", "train", "predict"),

@@ -89,7 +89,7 @@ def _describe(config: CellConfig, prepared: Prepared) -> None:
         rows = [(n, config.stages[n].kind, ", ".join(s.needs)) for n, s in prepared.stages.items()]
         show_table(("stage", "kind", "needs"), rows)
     recorded = "nothing" if config.record is None else str(config.record.folder)
-    click.echo(f"\nrecord: {recorded}; sinks: {', '.join(config.sinks) or 'none'}")
+    click.echo(f"\nrecord: {recorded}; outlets: {', '.join(config.outlets) or 'none'}")
 
 
 def _count(things: Sized, what: str) -> str:

@@ -28,7 +28,7 @@ from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.sparkline import bars
 from cellwatt.live.state import LiveCell
 from cellwatt.live.view import Look, whole
-from cellwatt.registry import sink
+from cellwatt.registry import outlet
 
 if TYPE_CHECKING:
     from cellwatt.demo.outlets.outlets import Outlets
@@ -106,7 +106,7 @@ def _outlets(folder: Path) -> Outlets:
     lacking: list[Problem] = []
     for name in ("metrics", "mqtt", "opc_ua"):
         try:
-            sink(name)
+            outlet(name)
         except ConfigError as error:
             lacking += error.problems
     if lacking:

@@ -10,7 +10,7 @@ import click
 
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.config import load
-from cellwatt.publish.reach import ask_cell
+from cellwatt.outlets.zenoh.reach import ask_cell
 
 
 @click.command(short_help="Ask the running daemon how its cell is.")

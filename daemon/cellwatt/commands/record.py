@@ -46,7 +46,7 @@ def command(file: Path, out: Path | None, seconds: float | None, as_json: bool) 
     if out is not None:
         settings = settings.model_copy(update={"folder": out})
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
-    cell = Cell(replace(config, record=settings, stages={}, sinks={}))
+    cell = Cell(replace(config, record=settings, stages={}, outlets={}))
     with claimed(settings.folder, config.cell):
         click.echo(f"recording in {settings.folder}", err=True)
         final = asyncio.run(_record(cell, seconds, show=not as_json and Console().is_terminal))

@@ -17,14 +17,14 @@ from rich.live import Live
 
 from cellwatt.commands.cell_link import cell_options, client, target, tls_of
 from cellwatt.commands.numbers import SECONDS
-from cellwatt.errors import SinkError
+from cellwatt.errors import OutletError
 from cellwatt.live.as_json import line_of
 from cellwatt.live.bulletin import Bulletin
 from cellwatt.live.site import site as table_of
 from cellwatt.live.site import summary
 from cellwatt.live.view import Look
-from cellwatt.publish.heard import await_cell, site_health
-from cellwatt.publish.link import open_session
+from cellwatt.outlets.zenoh.heard import await_cell, site_health
+from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.subscriber import EVERYTHING, LinkSettings, Message, Subscriber
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _print_site(session: zenoh.Session, site: str, *, as_json: bool) -> None:
         look = Look(Console().width, ascii=not _unicode(sys.stdout))
         click.echo(look.page(table_of(cells, look)).plain)
     if not cells:
-        raise SinkError(f"no cell of site {site} is heard")
+        raise OutletError(f"no cell of site {site} is heard")
 
 
 def _show_site(session: zenoh.Session, site: str, seconds: float | None) -> None:
@@ -142,7 +142,7 @@ def _await(link: LinkSettings, site: str, cell: str, patience: float, *, wait: b
     while True:
         try:
             return await_cell(link, site, cell, patience)
-        except SinkError as error:
+        except OutletError as error:
             if not wait:
                 raise
             if str(error) != said:

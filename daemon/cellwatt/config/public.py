@@ -25,7 +25,7 @@ def public_config(config: CellConfig) -> dict[str, Any]:
         "stages": {n: {"stage": s.kind, **_plain(s.settings)} for n, s in config.stages.items()},
         "record": None if config.record is None else _plain(config.record),
         "units": _plain(config.units),
-        **{n: _plain(s.settings) for n, s in config.sinks.items()},
+        **{n: _plain(s.settings) for n, s in config.outlets.items()},
     }
     for path, shown in config.environment.items():
         _blank(tree, path, shown)

@@ -15,7 +15,7 @@ from cellwatt.diagnose.bundle import Bundle
 from cellwatt.diagnose.settings import examine
 from cellwatt.errors import CellwattError, RecordingError
 from cellwatt.files import read_bytes
-from cellwatt.publish.reach import ask_cell
+from cellwatt.outlets.zenoh.reach import ask_cell
 from cellwatt.record.cut import cut
 from cellwatt.record.header import DAMAGED
 from cellwatt.record.opening import survey

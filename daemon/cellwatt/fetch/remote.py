@@ -12,7 +12,7 @@ from typing import IO, Any
 from urllib.parse import urlsplit
 
 from cellwatt.errors import CellwattError, ConfigError
-from cellwatt.sinks.historian.store import s3_options
+from cellwatt.outlets.historian.store import s3_options
 
 _URL = re.compile(r"[a-z][a-z0-9+.-]*(?:::|://)")
 _TAGS = ("ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")

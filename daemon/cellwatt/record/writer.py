@@ -158,6 +158,7 @@ class Recorder:
             "flush_age": round(time.monotonic() - files.flushed_at, 3),
             "samples": dict(files.samples),
             "drops": dict(self._drops + files.refused),
+            "displaced": files.displaced,
             **self._upkeep.stats(),
         }
 

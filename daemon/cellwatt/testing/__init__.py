@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cellwatt.testing.device import EmulatedDevice
-from cellwatt.testing.outlet import CollectingOutlet
+from cellwatt.testing.inlet import CollectingInlet
 from cellwatt.testing.rig import NotConformingError, Rig
 
 if TYPE_CHECKING:
     from cellwatt.testing.suite import DriverConformance
 
-__all__ = ["CollectingOutlet", "DriverConformance", "EmulatedDevice", "NotConformingError", "Rig"]
+__all__ = ["CollectingInlet", "DriverConformance", "EmulatedDevice", "NotConformingError", "Rig"]
 
 
 def __getattr__(name: str) -> Any:

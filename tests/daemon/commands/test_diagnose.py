@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 
 from cellwatt import registry
 from cellwatt.commands.diagnose import command
-from cellwatt.errors import SinkError
+from cellwatt.errors import OutletError
 from cellwatt.sbom import sbom
 
 SECRETS = {
@@ -51,7 +51,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("ANOTHER_SECRET", SECRETS["beside"])
 
     def nobody(config: object, question: str) -> None:
-        raise SinkError("tcp/127.0.0.1:1: nobody answers")
+        raise OutletError("tcp/127.0.0.1:1: nobody answers")
 
     monkeypatch.setattr("cellwatt.diagnose.contents.ask_cell", nobody)
     monkeypatch.setattr("cellwatt.diagnose.contents.sbom", PACKAGES)

@@ -80,7 +80,7 @@ def test_a_settings_file_that_is_wrong(call: Call, place: Path, command: str, fi
         (("replay",), USAGE, "Missing argument 'RECORDING...'"),
         (("export", "recordings"), USAGE, "Missing option '--out'"),
         (("emulate", "skeletn"), USAGE, "no driver named 'skeletn'; did you mean 'skeleton'?"),
-        (("drivers", "skeletn"), USAGE, "no driver, stage or sink named 'skeletn'; did you mean 'skeleton'?"),
+        (("drivers", "skeletn"), USAGE, "no driver, stage or outlet named 'skeletn'; did you mean 'skeleton'?"),
         # places that are not there
         (("replay", "absent"), USAGE, "'absent' does not exist"),
         (("export", "absent", "--out", "out"), USAGE, "'absent' does not exist"),

@@ -26,7 +26,7 @@ ABB = "sources:\n  arm:\n    driver: abb\n    host: 192.0.2.1\n    "
 
 @pytest.fixture(autouse=True)
 def _real_parts(_fake_parts: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The drivers and sinks that there are, not the fakes of the other tests."""
+    """The drivers and outlets that there are, not the fakes of the other tests."""
     monkeypatch.undo()
     registry.available.cache_clear()
 

@@ -148,7 +148,11 @@ class Keeper:
         made: dict[str, Any] = {}
         failure = ""
         try:
+            if not await asyncio.to_thread(packs.due_path(self.folder, due).exists):  # removed with its folder
+                await asyncio.to_thread(packs.write_due, self.folder, due)
             made = await self._made_by_process(due)
+        except OSError as error:
+            failure = f"{self.folder} cannot be written: {error.strerror}"
         except RecordingError as error:
             failure = str(error)
         except Exception as error:

@@ -1,4 +1,4 @@
-"""The process that tells: the record, sinks and answers, health."""
+"""The process that tells: the record, outlets and answers, health."""
 
 from __future__ import annotations
 
@@ -247,9 +247,9 @@ class _Telling:
             self._assignment.control.send(InForce(message.generation))
 
     async def _change(self, message: Apply, change: Change) -> None:
-        await self._teller.stop(self._tasks, change.sinks)
+        await self._teller.stop(self._tasks, change.outlets)
         self._config, self._generation = message.config, message.generation
-        self._teller.change(self._tasks, message.config, change.sinks)
+        self._teller.change(self._tasks, message.config, change.outlets)
         if change.frames:
             self._teller.redeclare(*declared(message.config))
             self._said = {part: known for part, known in self._said.items() if "stages" not in known[1]}

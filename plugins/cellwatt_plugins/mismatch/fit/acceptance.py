@@ -31,6 +31,8 @@ RELIEVED = 0.25
 """Share of the greatest stretch of any group that may be left where it comes back."""
 MOST = 0.8
 """Share that what is no usual thing must take off where it adds less evidence than others."""
+OFTEN = 3
+"""Folds in which a term must be there for data left out to tell of it."""
 OFF_SCALE = 0.35
 """Largest distance from 1 of the coefficient of an effect that is simulated to scale."""
 
@@ -63,14 +65,14 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
     """
     term = after.terms[-1]
     enough = gain >= required_gain(term, after.problem.states[0].robot, thresholds)
-    if (term.effect.form.intermittent and enough) or relieves_tension(before, after, thresholds):
+    if (enough and _seldom(after, term)) or relieves_tension(before, after, thresholds):
         return None
     found = held(before, after, term)
     channels = channels_of(after, term)
     chi2, left = before.problem.chi2(before.residual)[channels], after.problem.chi2(after.residual)[channels]
     near = bool(np.min(chi2) < thresholds.near)
     if enough:
-        share = thresholds.share_near if near else thresholds.share
+        share = 0.0 if near else thresholds.share
         # What brings a channel to its noise is all that was there, however seldom it acts; once is too seldom.
         solved = float(np.max(left)) < thresholds.near and found.again
         steady = solved or found.sure > (thresholds.sure if near else thresholds.steady)
@@ -81,10 +83,19 @@ def unconfirmed(before: Solution, after: Solution, thresholds: Thresholds, gain:
     # What acts at one joint raises the others' errors only by the links, which are fitted anew beside it.
     if term.joint is None and found.rise > thresholds.rise:
         return "raises the error of another channel on data left out"
-    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms))[channels] for s in (before, after))
+    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms, channels)) for s in (before, after))
     if not np.any(new < old):
         return "lowers no error on data left out, sample by sample"
     return None
+
+
+def _seldom(solution: Solution, term: Term) -> bool:
+    """True if a term is there at some times only, in so few folds that none can be left out."""
+    if not term.effect.form.intermittent:
+        return False
+    columns = solution.block(term)[0].columns
+    there = np.any(columns.reshape(len(columns), -1) != 0, axis=1)
+    return len(np.unique(LeaveOut(solution.problem, solution.factor).fold[there])) < OFTEN
 
 
 def held(before: Solution, after: Solution, term: Term) -> Held:

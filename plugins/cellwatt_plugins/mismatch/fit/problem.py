@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from cellwatt_plugins.mismatch.fit.holding import held_at_rest
 from cellwatt_plugins.mismatch.fit.metering import Metering
 from cellwatt_plugins.mismatch.fit.noise import correlation_factor, floor, step_noise
 from cellwatt_plugins.mismatch.fit.nuisance import supply_nuisance, torque_nuisance
@@ -238,12 +239,12 @@ def torque_problem(
     noise = np.where(silent, 1.0, np.maximum(floor(target, [run.step for run in runs]), finest))
     least = 0.03 * spread
     coulomb = np.maximum(robot.column("coulomb_friction"), least) + (0.0 if turning is None else turning)
+    at_rest = held_at_rest(states, target, noise) / coulomb
     # An unknown sign near a stop is wrong for the whole stop: its samples are one draw, not many.
     variance = tuple(
         noise**2
-        + np.square(coulomb * s.moved.sign_spread) * max(1.0, STOP / run.step)
+        + np.square(coulomb) * _unsure(s, at_rest) * max(1.0, STOP / run.step)
         + np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
-        + np.square(coulomb * s.held_still) * max(1.0, STOP / run.step)
         for run, s in zip(runs, states, strict=True)
     )
     variance = tuple(
@@ -263,6 +264,15 @@ def torque_problem(
         nuisance=torque_nuisance(states, looseness),
         measured=spread,
     )
+
+
+def _unsure(states: States, at_rest: Float) -> Float:
+    """Variance (N, n) of friction in units of Coulomb's squared: of its sign, and of what holds the arm.
+
+    ``at_rest`` (n,) is the share of Coulomb friction that was seen to hold it at rest.
+    """
+    turning = states.turning
+    return np.square(turning.spread) + np.square(np.where(states.resting, np.minimum(at_rest, 1.0), turning.held))
 
 
 def _told(runs: Sequence[Run], states: Sequence[States]) -> list[NDArray[np.bool_]]:

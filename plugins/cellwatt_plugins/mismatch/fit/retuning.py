@@ -18,6 +18,8 @@ FIXED = 1e-4
 """Factor on the tolerance of a number that stays the user's."""
 WORTH = 0.005
 """Share of the mean square error on data left out, summed over the channels, that freeing a group must take off."""
+WORSE = 1.01
+"""Times the simulation's mean square error on data left out that the model's may be at a joint."""
 LOOSER = (3.0, 10.0)
 """Factors on the links' tolerances that are tried where much is left."""
 BETTER, SURE = 0.1, 2.0
@@ -78,6 +80,14 @@ def confirmed(problem: Problem, terms: Sequence[Term], factor: Float) -> Freedom
     for group in sorted(groups, key=lambda g: compared(fixed(g)[1], error).share):
         trial, new = fixed(group)
         if compared(new, error).share < WORTH:
+            factors, error = trial, new
+    # Numbers that help one joint must not leave another worse than the simulation was.
+    simulated = np.sum(LeaveOut(all_fixed(problem).of(problem), factor).errors([]), axis=0)
+    for group in groups:
+        if not np.any(worse := np.sum(error, axis=0) > WORSE * simulated):
+            break
+        trial, new = fixed(group)
+        if np.sum(new[:, worse]) < np.sum(error[:, worse]):
             factors, error = trial, new
     return Freedom(tuple(factors.tolist()))
 

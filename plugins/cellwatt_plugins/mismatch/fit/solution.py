@@ -21,9 +21,10 @@ class Thresholds:
     gain: float = 16.0
     """Log evidence (nats) that it must add; about 150 names are tried, chance adds 5."""
     share: float = 0.1
-    """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors."""
-    share_near: float = 0.0
-    """The same near the noise, where it must be ``sure``."""
+    """Share of its channel's mean square error on data left out that it must take off, ``steady`` standard errors.
+
+    Near the noise any share will do, but it must be ``sure``.
+    """
     near: float = 1.3
     """Mean square residual, in units of the noise, up to which a channel is near it."""
     steady: float = 1.5

@@ -76,7 +76,7 @@ def _finding(
         effect=term.effect.name,
         joint=None if term.joint is None else term.joint + 1,
         kind="mistuned" if described or _within_gain(term, gain) else "missing",
-        confidence=min(_confidence(own, rivals), _worth(step, share, seen or _seen(main, added))),
+        confidence=min(_confidence(term, own, rivals), _worth(step, share, seen or _seen(main, added))),
         statement=statement if term.joint is None else robot.unit(term.joint, statement),
         parameters=parameters,
         where=_where(solution, term, channels),
@@ -240,9 +240,12 @@ def _improvement(solution: Solution, added: Added, main: int, held_out: bool) ->
     return Improvement(name, unit, float(added.before[main]), float(added.after[main]), floor, held_out)
 
 
-def _confidence(own: float, rivals: Sequence[Candidate]) -> float:
-    """Share of the name's evidence among all names that were tried in its place."""
-    gains = np.array([own, *(r.gain for r in rivals)])
+def _confidence(term: Term, own: float, rivals: Sequence[Candidate]) -> float:
+    """Share of the name's evidence among all names that were tried in its place.
+
+    Fancier ones have no part in it, which always fit as well and must do better on data left out.
+    """
+    gains = np.array([own, *(r.gain for r in rivals if term.effect.name not in r.term.effect.relations.beats)])
     weights = np.exp(np.minimum(gains - own, 0.0))
     return float(np.clip(1 / np.sum(weights), 0.5, 0.99))
 

@@ -13,6 +13,7 @@ from cellwatt_plugins.mismatch.fit.solution import Solution, Thresholds
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.robot.effects import BY_NAME
 from cellwatt_plugins.robot.effects.states import States
+from cellwatt_plugins.robot.motion import exact
 from tests.plugins.mismatch import plant
 
 
@@ -183,6 +184,25 @@ def test_less_than_a_form_may_be_wrong_by_is_no_effect(arm):
 
     assert found(0.0) == {"iron_loss"}
     assert found(15.0) == {"iron_loss", "brake_power"}
+
+
+def test_a_few_short_moves_tell_standby_power_and_the_windings_heat(tmp_path):
+    """1.5 s each, with a rest of 2 W that goes with the motion and no effect explains."""
+    arm = plant.load(plant.write_robot(tmp_path, winding_resistance=0.0, standby_power=0.0))
+    missing = plant.Missing(drawn=lambda time, power, qd: power + 2.0 * np.sin(40 * np.sum(np.abs(qd), axis=1)))
+    runs, states = [], []
+    for i in range(4):
+        course = plant.moves(i + 1, 1.5, pause=0.1)
+        runs.append(plant.record(f"run_0{i}", i + 1, missing, 1.5, along=course))
+        q, qd, qdd = course(runs[i].time - plant.LAG)
+        moved_ = States(f"run_0{i}", i, runs[i].time, exact(q, qd, qdd), arm)
+        states.append(moved_.with_torque(plant.motors(plant.REAL, q, qd, qdd)))
+    problem = supply_problem(runs, states, [np.zeros_like(s.torque) for s in states])
+    solution = search(Supply(problem), 1)
+    found = {t.effect.name: solution.coefficients(t) for t in solution.terms}
+    assert set(found) == {"standby_power", "copper_loss"}
+    assert found["standby_power"] == pytest.approx([91.5], abs=1.5)
+    assert found["copper_loss"] == pytest.approx(plant.REAL.resistance, rel=0.3)
 
 
 def test_effects_see_the_load_with_what_the_arm_carries(arm):

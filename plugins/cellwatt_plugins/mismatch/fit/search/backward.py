@@ -22,9 +22,13 @@ UNSURE = 0.65
 """Share of a term's evidence from which a quite different shape of it fits about as well."""
 
 
-def drop_needless(state: SearchState, now: Solution, keep: int = 1) -> Solution:
-    """Terms that the later ones made needless leave; the last ``keep`` stay."""
-    for term in list(now.terms[: len(now.terms) - keep]):
+def drop_needless(state: SearchState, now: Solution, beside: Term | None = None) -> Solution:
+    """Terms that others made needless leave; only those that ``beside`` can stand for, where it is given."""
+    for term in list(now.terms):
+        if term is beside or not shares_channel(term, beside):
+            continue
+        if beside is not None and term.effect.usual and term.joint != beside.joint:
+            continue
         others = [t for t in now.terms if t is not term]
         shaping = any(t.joint == term.joint and t.effect.acts_on == "friction" for t in others)
         if shaping and not has_friction(state, term.joint, others):
@@ -109,6 +113,11 @@ def drop_unconfirmed(state: SearchState, now: Solution) -> Solution:
             state.refuse(term, gain, f"beside the others {why}")
             now = rest
     return now
+
+
+def shares_channel(term: Term, other: Term | None) -> bool:
+    """True if two terms act on a common channel; with None, always."""
+    return other is None or None in (term.joint, other.joint) or term.joint == other.joint
 
 
 def _size(now: Solution, term: Term) -> float:
