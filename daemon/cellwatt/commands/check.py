@@ -20,7 +20,7 @@ from cellwatt.record.room import Room, room
 from cellwatt.runtime.assemble import Prepared, prepare
 
 
-@click.command()
+@click.command(short_help="Check settings files; connects to nothing.")
 @click.argument("files", metavar="FILE...", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the problems as a JSON list.")
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of a settings file, for editors, and stop.")

@@ -19,7 +19,7 @@ from cellwatt.config.wording import did_you_mean
 from cellwatt.runtime.assemble import typical_streams
 
 
-@click.command()
+@click.command(short_help="List what is installed, and every key of one.")
 @click.argument("name", required=False, shell_complete=completion.parts)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--markdown", "as_markdown", is_flag=True, help="With NAME: print the table of settings for a docs page.")

@@ -26,7 +26,7 @@ PATIENCE = 8.0
 """Longest time, s, for one recipient, unless the settings allow less."""
 
 
-@click.command()
+@click.command(short_help="Send a test message to the recipients of alarms.")
 @click.option("--test", is_flag=True, required=True, help="Send a test message to each recipient.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("recipient", required=False)

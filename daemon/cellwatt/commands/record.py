@@ -26,7 +26,7 @@ from cellwatt.record.settings import default_folder
 from cellwatt.runtime.cell import Cell
 
 
-@click.command()
+@click.command(short_help="Record a cell, without stages and outlets.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option(
     "--out",

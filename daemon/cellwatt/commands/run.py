@@ -17,7 +17,7 @@ SWITCH_INTERVAL: Final = 0.0005
 """Longest time, s, a thread keeps the interpreter while the event loop waits (Python's default is 5 ms)."""
 
 
-@click.command()
+@click.command(short_help="Run the daemon of a cell.")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--verbose", "-v", is_flag=True, help="Log debug messages.")
 def command(file: Path, verbose: bool) -> None:

@@ -23,7 +23,7 @@ from cellwatt.subscriber import LinkSettings
 from cellwatt.yaml_file import NotYamlError, parse_yaml
 
 
-@click.command()
+@click.command(short_help="Show a live cell in a browser.")
 @cell_options
 @click.option("--listen", metavar="HOST:PORT", help="Where the page is served (default: 127.0.0.1:8480).")
 @click.option(

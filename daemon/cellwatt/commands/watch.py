@@ -40,7 +40,7 @@ REDRAW = 2.0
 """s between two tables of a site."""
 
 
-@click.command()
+@click.command(short_help="Show a live cell in the terminal.")
 @cell_options
 @click.option("--topic", "topics", multiple=True, type=click.Choice(EVERYTHING), help="Only these; may be repeated.")
 @click.option(
@@ -76,11 +76,12 @@ def command(
 ) -> None:
     """Show the live cell of FILE, or the one behind --connect, --site and --cell; without --cell, all of the site.
 
-    In a terminal it is a dashboard; keys stand in its last line. Elsewhere it prints a line for each alarm, interval,
-    task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not heard.
+    In a terminal it is a dashboard; keys stand in its last line. Elsewhere, and with --topic, it prints a line for each
+    alarm, interval, task and change of a source, and every 10 s how the cell stands. Exit code 3 if the cell is not
+    heard.
     """
     tls = tls_of(ca, certificate, key)
-    screen = not as_json and sys.stdin.isatty() and sys.stdout.isatty()
+    screen = not as_json and not topics and sys.stdin.isatty() and sys.stdout.isatty()
     if file is None and connect and site and not cell:
         link = client(connect, tls)
         with contextlib.suppress(KeyboardInterrupt), open_session(link, patience=patience) as session:
@@ -100,7 +101,7 @@ def command(
             elif screen:
                 _show(messages, Look(channels=channels, power=power, ascii=not _unicode(sys.stdout)))
             else:
-                _print_lines(messages)
+                _print_lines(messages, standing="health" in want)
 
 
 def _unicode(stream: TextIO) -> bool:
@@ -165,11 +166,12 @@ def _print_json(messages: Iterable[Message | None]) -> None:
             click.echo(json.dumps(line_of(message)))
 
 
-def _print_lines(messages: Iterable[Message | None]) -> None:
+def _print_lines(messages: Iterable[Message | None], *, standing: bool) -> None:
+    """Print what changes; with ``standing`` how the cell stands, too, which its health tells."""
     bulletin = Bulletin()
     for message in messages:
         lines = bulletin.of(message) if message is not None else ()
-        for line in (*lines, *bulletin.stands(time.monotonic())):
+        for line in (*lines, *(bulletin.stands(time.monotonic()) if standing else ())):
             click.echo(line)
 
 

@@ -12,13 +12,12 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from cellwatt.config.cell import CellConfig, CellName, FrameSettings, OutletConfig, SourceConfig, StageConfig
-from cellwatt.config.document import Document
+from cellwatt.config.cell import VERSION, CellConfig, CellName, FrameSettings, OutletConfig, SourceConfig, StageConfig
+from cellwatt.config.document import Document, read
 from cellwatt.config.fields import anchored, fields_of
 from cellwatt.config.nodes import quoted
 from cellwatt.config.places import MOST, KeyPath, first
 from cellwatt.config.secret import secrets_in
-from cellwatt.config.versions import read_newest
 from cellwatt.config.wording import explain, found, missing_key, nearest, unknown_key
 from cellwatt.errors import ConfigError, Problem
 from cellwatt.record.settings import RecordSettings, default_folder
@@ -44,12 +43,19 @@ def load(path: Path, environ: Mapping[str, str] | None = None) -> CellConfig:
     ``environ`` fills ``${NAME}`` (default: the process's). Raises ``ConfigError`` with the mistakes found, in file
     order; of more than ``MOST`` it says how many.
     """
-    document, warnings = read_newest(path, os.environ if environ is None else environ)
-    return replace(load_document(document), read_with=warnings)
+    document = read(path, os.environ if environ is None else environ)
+    version = document.value.get("version")
+    if type(version) is int and version > VERSION:  # whatever else is wrong in it, that is why
+        message = (
+            f"settings of version {version}, this cellwatt reads version {VERSION}: "
+            "install the cellwatt that they were written for, or a later one"
+        )
+        raise ConfigError([document.problem(("version",), message)])
+    return load_document(document)
 
 
 def load_document(document: Document) -> CellConfig:
-    """The settings of a document in the newest form, as ``load`` gives them; its secrets are hidden from then on."""
+    """The settings of a document, as ``load`` gives them; its secrets are hidden from then on."""
     reading = _Reading(document, document.file.absolute().parent)
     config = _cell(reading, document.file)
     if config is None or reading.problems:

@@ -177,8 +177,9 @@ def _silent(name: str, source: Mapping[str, Any]) -> list[Trouble]:
     if not blank:
         return []
     more = f" and {len(blank) - MOST_NAMED} more" if len(blank) > MOST_NAMED else ""
-    text = f"Source {name} answers, but never gave a number for {', '.join(blank[:MOST_NAMED])}{more}"
-    return [Trouble("source_blank", "warning", name, f"{text}: is it what the device has?", {"channels": blank})]
+    text = f"Source {name} answers, but gives no number for {', '.join(blank[:MOST_NAMED])}{more}"
+    hint = "has the device such channels, and are their sensors alive?"
+    return [Trouble("source_blank", "warning", name, f"{text}: {hint}", {"channels": blank})]
 
 
 def _slow(name: str, source: Mapping[str, Any], before: Mapping[str, Any], seconds: float) -> list[Trouble]:

@@ -73,6 +73,9 @@ def test_without_a_terminal_it_prints_lines(call: Call, live: tuple[Child, str])
     assert (ended.code, ended.err) == (0, "")
     assert "error: Joint 7 needs more power than it should." in ended.out
     assert f"{SITE}/{CELL} is green: 0 of 0 sources ok" in ended.out
+    only = call("watch", "--connect", live[1], "--site", SITE, "--cell", CELL, "--topic", "alarm", "--seconds", "1")
+    assert "error: Joint 7 needs" in only.out
+    assert "is green" not in only.out
 
 
 def test_it_waits_for_a_cell_as_long_as_it_takes(live: tuple[Child, str]) -> None:

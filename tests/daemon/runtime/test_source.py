@@ -104,6 +104,30 @@ def test_a_source_is_well_with_its_first_number(at_once):
     at_once(main())
 
 
+def test_a_channel_that_gives_no_number_any_more_is_named(at_once, monkeypatch):
+    monkeypatch.setattr("cellwatt.runtime.source.LOOK", 0.0)
+
+    async def main():
+        async with running(answer, give(1)) as cellar:
+            source = cellar.source
+            await DEVICES["arm"].done()
+
+            def looked_at(voltage):
+                for _ in range(5):
+                    source.emit(Reading(STREAM, np.array([[voltage, 1.0]]), 1))
+                    source.account.expect(1)
+                source.settle()
+                return source.status()["streams"]["supply"]["blank"]
+
+            assert looked_at(230.0) == []
+            assert looked_at(np.nan) == ["bus.voltage"]
+            source.emit(Reading(STREAM, np.array([[230.0, 1.0]]), 3))
+            source.account.expect(1)
+            assert source.status()["streams"]["supply"]["blank"] == []
+
+    at_once(main())
+
+
 def test_nobody_answers(at_once, no_jitter):
     async def main():
         async with running(*[fail(NOBODY)] * 7) as cellar:

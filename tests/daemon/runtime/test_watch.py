@@ -206,7 +206,7 @@ def test_channels_without_any_number_are_named_until_there_is_one() -> None:
 
     said = looked_at(Watch(), 30, source)
     assert [(a.kind, a.active) for a in said] == [("source_blank", True), ("source_blank", False)]
-    assert "never gave a number for arm.joint_1.torque" in said[0].statement
+    assert "gives no number for arm.joint_1.torque" in said[0].statement
 
 
 def test_what_is_sent_on_change_or_seldom_may_not_have_come_yet() -> None:

@@ -68,11 +68,13 @@ class Tags:
         device.grown = True
         return tag
 
-    def channel(self, name: str, unit: str) -> tuple[str, Tag]:
-        """Device and metric of a channel of the frames."""
+    def channel(self, name: str, unit: str | None) -> tuple[str, Tag]:
+        """Device and metric of a channel of the frames; ``unit`` is ``None`` where it is not known (any more)."""
         source, _, short = name.partition(".")
-        device = self.devices.setdefault(source, Device())
-        return source, self.declare(device, short.replace(".", "/"), DataType.DOUBLE, None if unit == "1" else unit)
+        device, short = self.devices.setdefault(source, Device()), short.replace(".", "/")
+        if unit is None and short in device.tags:
+            return source, device.tags[short]
+        return source, self.declare(device, short, DataType.DOUBLE, None if unit == "1" else unit)
 
 
 Values = Mapping[str, tuple[DataType, Value | None, str | None]]

@@ -1,9 +1,10 @@
 """Batches and frames as Arrow IPC streams, and the mark that travels with every message. Pure.
 
-A payload is one whole Arrow stream: schema, one record batch, end. The channels of a row are one fixed-size list,
-because sixty named columns take a hundred times as long; names, units and kinds are JSON in the schema's metadata
-under ``cellwatt``. The bytes before the body are made once per stream and number of rows; all that differs between
-messages is in the mark, which travels as the attachment.
+An answer is one whole Arrow stream: schema, one record batch, end. A live message is a record batch; before it comes
+the schema in the first one, in one a second after that, and once a consumer has asked for the cell's status. The
+channels of a row are one fixed-size list, because sixty named columns take a hundred times as long; names, units and
+kinds are JSON in the schema's metadata under ``cellwatt``. The bytes before the body are made once per stream and
+number of rows; all that differs between messages is in the mark, which travels as the attachment.
 
 pyarrow is imported on first use, which saves 25 MB while no device delivers.
 """
@@ -11,9 +12,10 @@ pyarrow is imported on first use, which saves 25 MB while no device delivers.
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import pydantic_core
@@ -48,7 +50,18 @@ _LONGEST: Final = 512 * 1024
 """Bytes of names and units; 1000 channels have some 60 kB. What is read of them is kept."""
 
 _Declared = Stream | Layout
-_ready: dict[tuple[int, str, int, bool], tuple[_Declared, bytes]] = {}
+
+
+class _Front(NamedTuple):
+    """What precedes the columns of a message: the schema with its CRC-32, and the head of its record batch."""
+
+    of: _Declared
+    schema: bytes
+    check: int
+    head: bytes
+
+
+_ready: dict[tuple[int, str, int, bool], _Front] = {}
 _CHANNEL: Final = ("name", "unit", "kind", "align", "window")
 _FRAME_CHANNEL: Final = ("name", "unit", "kind", "method", "window")
 """Fields of a channel's declaration, in order."""
@@ -58,31 +71,50 @@ _LAYOUT: Final[TypeAdapter[Layout]] = TypeAdapter(Layout)
 
 def encode_batch(batch: Batch) -> bytes:
     """Encode a batch as an Arrow stream: time, device_time (null without a device clock), bound, quality, values."""
+    return _whole(*_batch(batch))
+
+
+def encode_frames(frames: Frames) -> bytes:
+    """Encode frames as an Arrow stream: time, values, quality, bound."""
+    return _whole(*_frames(frames))
+
+
+def encode_apart(block: Batch | Frames) -> tuple[int, bytes, bytes]:
+    """Encode a block in two: its schema, after the CRC-32 of that, and its record batch."""
+    front, columns = _batch(block) if isinstance(block, Batch) else _frames(block)
+    return front.check, front.schema, b"".join((front.head, *columns))
+
+
+def schema_in(payload: bytes) -> bytes:
+    """The schema with which a payload begins that ``decode`` has accepted."""
+    return payload[: 8 + int.from_bytes(payload[4:8], "little")]
+
+
+def _whole(front: _Front, columns: Sequence[bytes]) -> bytes:
+    return b"".join((front.schema, front.head, *columns, _END))
+
+
+def _batch(batch: Batch) -> tuple[_Front, Sequence[bytes]]:
     n, width, device = len(batch), len(batch.stream.channels), batch.device_time
-    pieces = [
-        _front(batch.stream, batch.source, n, device is not None),
+    columns = [
         _buffer("time", batch.time, (n,), np.int64),
         bytes(_padded(-(-n // 8)) + 8 * n) if device is None else _buffer("device_time", device, (n,), np.int64),
         _buffer("bound", batch.bound, (n,), np.int64),
         _buffer("quality", batch.quality, (n,), np.uint8),
         _buffer("values", batch.values, (n, width), np.float64),
-        _END,
     ]
-    return b"".join(pieces)
+    return _front(batch.stream, batch.source, n, device is not None), columns
 
 
-def encode_frames(frames: Frames) -> bytes:
-    """Encode frames as an Arrow stream: time, values, quality, bound."""
+def _frames(frames: Frames) -> tuple[_Front, Sequence[bytes]]:
     n, width = len(frames), len(frames.layout.channels)
-    pieces = [
-        _front(frames.layout, "", n, True),
+    columns = [
         _buffer("time", frames.time, (n,), np.int64),
         _buffer("values", frames.values, (n, width), np.float64),
         _buffer("quality", frames.quality, (n, width), np.uint8),
         _buffer("bound", frames.bound, (n, width), np.int64),
-        _END,
     ]
-    return b"".join(pieces)
+    return _front(frames.layout, "", n, True), columns
 
 
 def decode(payload: bytes, mark: Mark) -> Batch | Frames:
@@ -146,21 +178,21 @@ def _buffer(name: str, values: NDArray[Any], shape: tuple[int, ...], dtype: Any)
     return data + bytes(_padded(len(data)) - len(data))
 
 
-def _front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
+def _front(of: _Declared, source: str, n: int, timed: bool) -> _Front:
     """The bytes of a message before its body, which depend only on the schema and the number of rows.
 
     Looked up by identity: hashing sixty channels costs as much as encoding a batch.
     """
     key = id(of), source, n, timed
     ready = _ready.get(key)
-    if ready is None or ready[0] is not of:
+    if ready is None or ready.of is not of:
         if len(_ready) >= _KEPT:
             _ready.clear()
-        ready = _ready[key] = of, _make_front(of, source, n, timed)
-    return ready[1]
+        ready = _ready[key] = _make_front(of, source, n, timed)
+    return ready
 
 
-def _make_front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
+def _make_front(of: _Declared, source: str, n: int, timed: bool) -> _Front:
     """Make the front of a message: pyarrow writes rows of zeros, and the zeros are cut off."""
     import pyarrow as pa
 
@@ -168,7 +200,8 @@ def _make_front(of: _Declared, source: str, n: int, timed: bool) -> bytes:
     columns = [pa.nulls(n, f.type) if f.nullable and not timed else _zeros(f.type, n) for f in schema]
     message = pa.RecordBatch.from_arrays(columns, schema=schema).serialize().to_pybytes()
     metadata = int.from_bytes(message[4:8], "little")
-    return bytes(schema.serialize().to_pybytes() + message[: 8 + metadata])
+    begin = schema.serialize().to_pybytes()
+    return _Front(of, begin, zlib.crc32(begin), message[: 8 + metadata])
 
 
 def _zeros(kind: pa.DataType, n: int) -> Any:

@@ -100,6 +100,8 @@ class Following:
         state = self._topics.get(topic)
         if state is None and not self.joined:
             state = self._begin(topic, mark.session, mark.sequence)
+        if state is not None and mark.session == state.begun[0] and mark.end <= state.begun[1]:
+            return []  # it is older than what this consumer began with
         if state is not None and _goes_on(state, part):
             return self._counted(state.follower.take(part))
         if not self._doubts.add(topic, part):

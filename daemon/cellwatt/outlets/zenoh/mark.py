@@ -12,6 +12,7 @@ from cellwatt.errors import ProtocolError
 _MARK = struct.Struct("<BBHIqqq")
 _CHECK = struct.Struct("<I")
 _VERSION: Final = 1
+_WITH_SCHEMA: Final = 2
 _BACKFILL: Final = 1
 
 
@@ -19,9 +20,10 @@ _BACKFILL: Final = 1
 class Mark:
     """The place of a message: samples ``sequence`` … ``sequence + count`` of its topic in ``session``.
 
-    ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. As bytes,
-    little-endian, 36 of them: u8 version = 1, u8 flags (bit 0: backfill), u16 = 0, u32 count, i64 session,
-    i64 sequence, i64 arrival, u32 CRC-32 of these 32 bytes and the payload after them.
+    ``arrival`` is the cell's time, UTC ns, when the (last) block was read or the result was known. ``schema`` is the
+    CRC-32 of the Arrow schema that the payload was sent without; 0 where none is missing. As bytes, little-endian:
+    u8 version = 1, u8 flags (bit 0: backfill), u16 = 0, u32 count, i64 session, i64 sequence, i64 arrival; in
+    version 2 u32 schema; u32 CRC-32 of the bytes so far and the payload after them.
     """
 
     session: int
@@ -29,6 +31,7 @@ class Mark:
     count: int
     arrival: int
     backfill: bool = False
+    schema: int = 0
 
     @property
     def end(self) -> int:
@@ -38,7 +41,10 @@ class Mark:
     def encode(self, payload: bytes) -> bytes:
         """The attachment of a message with this payload."""
         flags = _BACKFILL if self.backfill else 0
-        head = _MARK.pack(_VERSION, flags, 0, self.count, self.session, self.sequence, self.arrival)
+        version = _WITH_SCHEMA if self.schema else _VERSION
+        head = _MARK.pack(version, flags, 0, self.count, self.session, self.sequence, self.arrival)
+        if self.schema:
+            head += _CHECK.pack(self.schema)
         return head + _CHECK.pack(zlib.crc32(payload, zlib.crc32(head)))
 
     @classmethod
@@ -47,14 +53,14 @@ class Mark:
 
         Older cells send no checksum; their marks are accepted.
         """
-        if len(data) < _MARK.size or data[0] != _VERSION:
-            raise ProtocolError(
-                f"a message's attachment is not a cellwatt mark of version {_VERSION}: {data[:8].hex()}"
-            )
-        head = data[: _MARK.size]
-        if len(data) >= _MARK.size + _CHECK.size:
-            (said,) = _CHECK.unpack_from(data, _MARK.size)
-            if zlib.crc32(payload, zlib.crc32(head)) != said:
+        bare = data[:1] == bytes([_WITH_SCHEMA])
+        size = _MARK.size + _CHECK.size * bare
+        if len(data) < size or data[0] not in (_VERSION, _WITH_SCHEMA):
+            raise ProtocolError(f"a message's attachment is not a cellwatt mark of version 1 or 2: {data[:8].hex()}")
+        if len(data) >= size + _CHECK.size:
+            (said,) = _CHECK.unpack_from(data, size)
+            if zlib.crc32(payload, zlib.crc32(data[:size])) != said:
                 raise ProtocolError("a message was damaged on its way: its checksum is not that of its content")
-        _, flags, _, count, session, sequence, arrival = _MARK.unpack(head)
-        return cls(session, sequence, count, arrival, bool(flags & _BACKFILL))
+        _, flags, _, count, session, sequence, arrival = _MARK.unpack_from(data)
+        schema = _CHECK.unpack_from(data, _MARK.size)[0] if bare else 0
+        return cls(session, sequence, count, arrival, bool(flags & _BACKFILL), schema)

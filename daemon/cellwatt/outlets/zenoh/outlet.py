@@ -189,7 +189,12 @@ class ZenohOutlet(Outlet[ZenohSettings]):
         return self._beats, self._said(self._beats)
 
     def _health(self) -> tuple[Mark, bytes]:
-        """Encode health as the answer to a question, numbered as the next message, which is still to come."""
+        """Encode health as the answer to a question, numbered as the next message, which is still to come.
+
+        Whoever asks may have just come: the next samples bring their schema.
+        """
+        if self._publisher is not None:
+            self._publisher.tell_schemas()
         mark = replace(self._beats, sequence=self._beats.end, arrival=time.time_ns(), backfill=True)
         return mark, self._said(mark)
 

@@ -18,7 +18,7 @@ _SCHEMA: Final = 1
 
 
 def refuse_packed(payload: bytes) -> None:
-    """Raise ``ValueError`` unless a payload is a schema and one uncompressed record batch."""
+    """Raise ``ValueError`` unless a payload begins with a schema and one uncompressed record batch."""
     try:
         end, kind, _ = _message(payload, 0)
         _, second, batch = _message(payload, end)

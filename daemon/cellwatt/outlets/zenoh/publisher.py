@@ -7,13 +7,14 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.batch import Batch
 from cellwatt.errors import OutletError
 from cellwatt.frames import Frames
 from cellwatt.outlets.zenoh.answers import STUCK, Answers
-from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_batch, encode_frames
+from cellwatt.outlets.zenoh.encode import ARROW, JSON, encode_apart
 from cellwatt.outlets.zenoh.keys import HEALTH, CellKeys
 from cellwatt.outlets.zenoh.link import LARGEST_MESSAGE, LinkSettings, open_session, why_unconnected
 from cellwatt.outlets.zenoh.mark import Mark
@@ -32,6 +33,8 @@ DRAIN: Final = 1.0
 HELD_UP: Final = 0.02
 """s for one put from which on a receiver is too slow to be served on the event loop, for the next ``HINDERED`` s."""
 HINDERED: Final = 1.0
+SCHEMA_EVERY: Final = 1.0
+"""s between two messages of a topic that carry its schema, for consumers that came since."""
 SETTLES: Final = 2.0
 """s after its first message in which a key counts as subscribed to: Zenoh learns only then who subscribes."""
 _UNCONNECTED: Final = 5.0
@@ -66,9 +69,11 @@ class Publisher(threading.Thread):
         self._answers = answers
         self._health = health
         self._seal = seal
-        self._publishers: dict[str, Any] = {}
-        self._samples: dict[str, tuple[Any, float]] = {}
-        """Publishers of samples and frames, each with the time, monotonic s, at which it was declared."""
+        self._publishers: dict[str, _Publisher] = {}
+        self._samples: dict[str, _Publisher] = {}
+        """Those of samples and frames."""
+        self._told: dict[str, tuple[int, float]] = {}
+        """CRC-32 of the schema that each topic's messages had last, and when, monotonic s."""
         self._beat_due: float | None = None
         """Time, monotonic s, since which a health message is due; ``None`` if none is."""
         self._stop_at: float | None = None
@@ -76,17 +81,25 @@ class Publisher(threading.Thread):
         self._hindered_until = 0.0
         self._broken: Exception | None = None
         self._links = _LinkWatch(link)
+        self._health_to: _Publisher | None = None
 
     @property
     def awaited(self) -> bool:
         """True if somebody subscribes to samples or frames that were published once."""
-        return self._session is not None and any(map(self._subscribed, list(self._samples)))
+        return self._session is not None and any(p.wanted for p in list(self._samples.values()))
 
     def beat(self) -> None:
-        """Publish a health message after the current put."""
+        """Publish a health message after the current put; a thread that waits is not woken where nobody listens."""
+        to = self._health_to
+        if to is not None and not to.wanted and self._outbox.idle and not self._answers.dead and not self._link.connect:
+            return
         if self._beat_due is None:
             self._beat_due = time.monotonic()
         self._outbox.wake()
+
+    def tell_schemas(self) -> None:
+        """Let the next message of each topic have its schema."""
+        self._told.clear()
 
     @property
     def direct(self) -> bool:
@@ -139,11 +152,12 @@ class Publisher(threading.Thread):
         try:
             token = session.liveliness().declare_token(self._keys.root)
             self._answers.start(session)
+            self._health_to = _Publisher(session, self._keys.live(HEALTH), JSON, lossy=True)
             self._beat_due, self._session = None, session
             self._publish(session)
             token.undeclare()  # type: ignore[no-untyped-call]
         finally:
-            self._session = None
+            self._session = self._health_to = None
             self._answers.stop()
             self._close(session)
 
@@ -159,7 +173,7 @@ class Publisher(threading.Thread):
                 self._put(session, outgoing)
             if self._beat_due is not None:
                 self._beat_due = None
-                self._put_health(session)
+                self._put_health()
                 self._links.look(session)
                 if self._answers.dead:
                     raise OutletError("the thread that answers questions has ended")
@@ -168,12 +182,12 @@ class Publisher(threading.Thread):
         import zenoh
 
         publishers = [self._publisher(session, path, outgoing) for path in outgoing.paths]
-        if isinstance(outgoing.item, Batch | Frames) and not any(map(self._subscribed, outgoing.paths)):
+        if isinstance(outgoing.item, Batch | Frames) and not any(p.wanted for p in publishers):
             self._outbox.sent(outgoing)
             return
         try:
-            payload = encode(outgoing)
-            attachment = self._seal.message(outgoing.topic, outgoing.mark.encode(payload), payload)
+            mark, payload = self._encode(outgoing)
+            attachment = self._seal.message(outgoing.topic, mark.encode(payload), payload)
         except Exception:
             # One item that breaks its own contract costs that item, not the outlet.
             log.exception("zenoh: an item of %s cannot be encoded", outgoing.topic)
@@ -181,15 +195,25 @@ class Publisher(threading.Thread):
             return
         try:
             for publisher in publishers:
-                publisher.put(payload, attachment=attachment)
+                publisher.put(payload, attachment)
         except zenoh.ZError:
             self._outbox.lost(outgoing, "session")
             raise
         self._outbox.sent(outgoing)
 
-    def _put_health(self, session: zenoh.Session) -> None:
-        import zenoh
+    def _encode(self, outgoing: Outgoing) -> tuple[Mark, bytes]:
+        """Mark and payload of an item; samples and frames with their schema where that is due."""
+        item, mark, topic = outgoing.item, outgoing.mark, outgoing.topic
+        if not isinstance(item, Batch | Frames):
+            return mark, encode_item(item, mark)
+        check, schema, rows = encode_apart(item)
+        (told, at), now = self._told.get(topic, (0, 0.0)), time.monotonic()
+        if told == check and now < at + SCHEMA_EVERY:
+            return replace(mark, schema=check), rows
+        self._told[topic] = check, now
+        return mark, schema + rows
 
+    def _put_health(self) -> None:
         try:
             mark, payload = self._health()
             attachment = self._seal.message(HEALTH, mark.encode(payload), payload)
@@ -197,30 +221,18 @@ class Publisher(threading.Thread):
             self._outbox.count("health not encodable")
             log.exception("zenoh: the health message cannot be encoded")
             return
-        key = self._keys.live(HEALTH)
-        session.put(key, payload, encoding=JSON, attachment=attachment, priority=zenoh.Priority.DATA, express=True)
+        assert self._health_to is not None
+        self._health_to.put(payload, attachment)
 
-    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> Any:
-        import zenoh
-
+    def _publisher(self, session: zenoh.Session, path: str, outgoing: Outgoing) -> _Publisher:
         publisher = self._publishers.get(path)
         if publisher is None:
             samples = isinstance(outgoing.item, Batch | Frames)
-            control, priority = zenoh.CongestionControl, zenoh.Priority
-            publisher = self._publishers[path] = session.declare_publisher(
-                self._keys.live(path),
-                encoding=ARROW if samples else JSON,
-                congestion_control=control.DROP if samples else control.BLOCK,
-                priority=priority.DATA if samples else priority.INTERACTIVE_HIGH,
-                express=True,
-            )
+            publisher = _Publisher(session, self._keys.live(path), ARROW if samples else JSON, lossy=samples)
+            self._publishers[path] = publisher
             if samples:
-                self._samples[path] = publisher, time.monotonic()
+                self._samples[path] = publisher
         return publisher
-
-    def _subscribed(self, path: str) -> bool:
-        publisher, declared = self._samples[path]
-        return time.monotonic() < declared + SETTLES or bool(publisher.matching_status.matching)
 
     @staticmethod
     def _close(session: zenoh.Session) -> None:
@@ -230,6 +242,32 @@ class Publisher(threading.Thread):
             session.close()  # type: ignore[no-untyped-call]
         except zenoh.ZError as error:
             log.warning("zenoh: the session did not close in order: %s", error)
+
+
+class _Publisher:
+    """Publishes under one key; a ``lossy`` one leaves a slow receiver out, another one waits for it."""
+
+    def __init__(self, session: zenoh.Session, key: str, encoding: str, *, lossy: bool) -> None:
+        import zenoh
+
+        control, priority = zenoh.CongestionControl, zenoh.Priority
+        self._declared = time.monotonic()
+        self._publisher: Any = session.declare_publisher(
+            key,
+            encoding=encoding,
+            congestion_control=control.DROP if lossy else control.BLOCK,
+            priority=priority.DATA if lossy else priority.INTERACTIVE_HIGH,
+            express=True,
+        )
+
+    @property
+    def wanted(self) -> bool:
+        """True if somebody subscribes, or that is not known yet."""
+        return time.monotonic() < self._declared + SETTLES or bool(self._publisher.matching_status.matching)
+
+    def put(self, payload: bytes, attachment: bytes) -> None:
+        """Publish one message. Raises ``ZError``."""
+        self._publisher.put(payload, attachment=attachment)
 
 
 class _LinkWatch:
@@ -256,13 +294,3 @@ class _LinkWatch:
 def _largest(link: LinkSettings) -> int:
     """Size limit in bytes of received messages: small, as a cell gets only questions unless it relays for others."""
     return LARGEST_MESSAGE if link.mode == "router" else 4 * LARGEST
-
-
-def encode(outgoing: Outgoing) -> bytes:
-    """Encode the payload of an item."""
-    item = outgoing.item
-    if isinstance(item, Batch):
-        return encode_batch(item)
-    if isinstance(item, Frames):
-        return encode_frames(item)
-    return encode_item(item, outgoing.mark)

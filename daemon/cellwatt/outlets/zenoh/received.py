@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from cellwatt.batch import Batch
@@ -38,13 +39,24 @@ class Health:
     status: Mapping[str, Any]
 
 
-def read_message(sample: zenoh.Sample, kind: str) -> tuple[Mark, Batch | Frames | Result | Event]:
-    """Mark and content of a message of a kind of topic. Raises ``ProtocolError``."""
+class UnknownSchemaError(ProtocolError):
+    """A message of samples or frames came without its schema, which has not come yet."""
+
+
+def read_message(
+    sample: zenoh.Sample, kind: str, schemas: Mapping[int, bytes] = MappingProxyType({})
+) -> tuple[Mark, Batch | Frames | Result | Event]:
+    """Mark and content of a message of a kind of topic; ``schemas`` are Arrow schemas by their CRC-32.
+
+    Raises ``UnknownSchemaError`` if none of them is the message's; other ``ProtocolError``.
+    """
     payload = sample.payload.to_bytes()
     mark = _mark(sample, payload)
     with _reading(f"a message of {kind}"):
         if kind in ("raw", FRAME):
-            return mark, decode(payload, mark)
+            if mark.schema and mark.schema not in schemas:
+                raise UnknownSchemaError(f"a message of {kind} needs the schema {mark.schema:08x}")
+            return mark, decode(schemas[mark.schema] + payload if mark.schema else payload, mark)
         if mark.count != 1:
             raise ProtocolError(f"a message of {kind} is one, not {mark.count}")
         return mark, decode_item(kind, _small(payload))

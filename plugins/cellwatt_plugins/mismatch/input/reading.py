@@ -14,6 +14,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.progress import steps
 from cellwatt.scheduler import spread
 from cellwatt_plugins.mismatch.input.alignment import LATE, SAME, delay
+from cellwatt_plugins.mismatch.input.driven import driven
 from cellwatt_plugins.mismatch.input.factors import joints_text
 from cellwatt_plugins.mismatch.input.moved import moved
 from cellwatt_plugins.mismatch.input.run import Run, Simulated
@@ -57,6 +58,7 @@ def read_sources(files: Sequence[Source], robot: RobotDescription, simulator: Pa
     runs = spread(_prepared, list(zip(files, slowed, strict=True)), "preparing runs", shared=known)
     if loaded is None:
         return runs
+    runs = [driven(run, loaded.path, robot) for run in runs]
     return [_run_through(loaded, run) for run in steps(runs, "simulating run")]
 
 
@@ -65,7 +67,7 @@ def read_one(source: Source, robot: RobotDescription, simulator: Path | None, ra
     loaded = None if simulator is None else load_simulator(simulator, [joint.name for joint in robot.joints])
     known = _Known(robot, None if loaded is None else loaded.control_gains())
     run = _prepared((source, read_source(source, robot).slower(rate)), known)
-    return run if loaded is None else _run_through(loaded, run)
+    return run if loaded is None else _run_through(loaded, driven(run, loaded.path, robot))
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def _prepared(told: tuple[Source, Signals], known: _Known) -> Run:
         )
     )
     if source.simulation is not None:
-        simulated = read_signals(source.simulation, robot)
+        simulated = read_signals(source.simulation, robot).with_controls(None)
         return _with_simulation(replace(run, notes=(*run.notes, *simulated.notes)), simulated)
     return _with_targets(run, signals) if "target_position" in signals.joints else run
 
@@ -134,7 +136,7 @@ def read_motion(path: Path, simulation: Path | None, robot: RobotDescription) ->
     temperature = signals.joints.get("temperature")
     run = Run(run_name(path), signals.time, position, velocity, np.zeros_like(position), temperature=temperature)
     if simulation is not None:
-        run = _with_simulation(run, read_signals(simulation, robot), cut=False)
+        run = _with_simulation(run, read_signals(simulation, robot).with_controls(None), cut=False)
     if "acceleration" not in signals.joints:
         return run, None
     return replace(run, plan=None), exact(position, *signals.derivatives("position", "velocity", "acceleration"))

@@ -236,6 +236,19 @@ class Sessions(RuleBasedStateMachine):
         assert not self.born or self.host.online
 
 
+def test_a_channel_that_is_gone_keeps_its_unit_and_value_when_its_past_is_filled_in() -> None:
+    node, host = EdgeNode(SparkplugSettings(group="g", node="n"), "site", "cell"), Host()
+    host.connected(node.connect())
+    host.hear(node.birth(T))
+    node.label(labels(CHANNELS), T)
+    host.hear(node.row(row(1, {"arm.supply.power": 5.0, "arm.joint_1.position": 1.0}), False, T))
+    node.label(labels(["meter.count"]), T)
+    (data,) = node.row(row(0, {"arm.supply.power": None}), True, T)
+    assert "/DDATA/" in data.topic, "it is the metric that was born"
+    host.hear([data])
+    assert host.values["arm", "supply/power"] == 5.0 and host.history[-1][2] is None
+
+
 Sessions.TestCase.settings = settings(max_examples=60, stateful_step_count=60, deadline=None)
 TestSessions = Sessions.TestCase
 

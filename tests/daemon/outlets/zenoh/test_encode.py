@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from cellwatt import Batch, Channel, Frames, Layout, ProtocolError, Stream
 from cellwatt.blocks import concatenate, cut, follows, join
-from cellwatt.outlets.zenoh.encode import decode, encode_batch, encode_frames, named
+from cellwatt.outlets.zenoh.encode import decode, encode_apart, encode_batch, encode_frames, named, schema_in
 from cellwatt.outlets.zenoh.mark import Mark
 from tests.daemon.outlets.zenoh.fake_cell import HOST_STREAM, LAYOUT, STREAM, batch, frames
 
@@ -175,6 +175,29 @@ def test_mark_is_36_little_endian_bytes_as_documented() -> None:
     assert Mark.decode(expected + check, b"payload") == mark
     assert Mark.decode(expected, b"of a cell that sends no sum") == mark
     assert mark.end == 0x1112 + 0x21222324
+
+
+def test_a_mark_of_a_message_without_its_schema_names_it_as_documented() -> None:
+    mark = Mark(0x0102030405060708, 0x1112, 0x21222324, -1, schema=0x31323334)
+    head = bytes.fromhex("020000002423222108070605040302011211000000000000ffffffffffffffff34333231")
+    expected = head + struct.pack("<I", crc32_bit_by_bit(head + b"payload"))
+    assert mark.encode(b"payload") == expected
+    assert Mark.decode(expected + bytes(64), b"payload") == mark  # a signature follows
+    with pytest.raises(ProtocolError, match="checksum"):
+        Mark.decode(expected, b"payloae")
+    with pytest.raises(ProtocolError, match="version 1 or 2"):
+        Mark.decode(head[:-1], b"payload")
+
+
+@pytest.mark.parametrize("block", [batch(0, 3), batch(0, 2, "meter", HOST_STREAM), frames(0, 4)])
+def test_schema_and_record_batch_are_the_pieces_of_the_stream(block: Batch | Frames) -> None:
+    check, schema, rows = encode_apart(block)
+    whole = encode_batch(block) if isinstance(block, Batch) else encode_frames(block)
+    assert whole == schema + rows + b"\xff\xff\xff\xff\0\0\0\0"
+    assert schema_in(schema + rows) == schema
+    assert check == crc32_bit_by_bit(schema)
+    read = pa.ipc.read_record_batch(rows, pa.ipc.read_schema(pa.py_buffer(schema)))
+    assert read["time"].to_pylist() == block.time.tolist()
 
 
 @settings(deadline=None)

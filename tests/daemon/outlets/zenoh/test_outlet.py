@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import zlib
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
@@ -13,12 +14,12 @@ import pyarrow as pa
 import pytest
 import zenoh
 
-from cellwatt import Event, OutletError, Prediction
+from cellwatt import Event, OutletError, Prediction, Stream
 from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
-from cellwatt.outlets.zenoh.encode import decode
+from cellwatt.outlets.zenoh.encode import decode, schema_in
 from cellwatt.outlets.zenoh.link import LinkSettings, open_session
 from cellwatt.outlets.zenoh.mark import Mark
-from tests.daemon.outlets.zenoh.fake_cell import EPOCH, FakeView, alarm, batch, frames
+from tests.daemon.outlets.zenoh.fake_cell import EPOCH, STREAM, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE, eventually
 
@@ -245,7 +246,8 @@ async def test_nothing_is_encoded_while_nobody_subscribes(
 ) -> None:
     monkeypatch.setattr(publisher, "SETTLES", 0.0)
     encoded: list[Any] = []
-    monkeypatch.setattr(publisher, "encode", lambda out, real=publisher.encode: encoded.append(out) or real(out))
+    real = publisher.encode_apart
+    monkeypatch.setattr(publisher, "encode_apart", lambda block: encoded.append(block) or real(block))
     assert not outlet.awaited
     async with serving(outlet):
         outlet.offer(batch(0, 5))
@@ -264,6 +266,33 @@ async def test_nothing_is_encoded_while_nobody_subscribes(
             session.close()
         await eventually(lambda: not outlet.awaited, "the end of the subscriber")
     assert outlet.account.residue == 0
+
+
+async def test_the_schema_goes_out_first_then_now_and_then_and_when_somebody_comes(
+    consumer: Consumer, outlet: ZenohOutlet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(publisher, "SCHEMA_EVERY", 1e9)
+    slower = replace(STREAM, rate=100.0)
+
+    async def offer(number: int, stream: Stream) -> None:
+        outlet.offer(batch(5 * number, 5, stream=stream))
+        await consumer.until(number + 1)
+
+    await offer(0, STREAM)
+    await offer(1, STREAM)
+    await offer(2, slower)  # new settings
+    await consumer.ask("@/status")  # as a consumer that comes does first
+    await offer(3, slower)
+    await offer(4, slower)
+    monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
+    await offer(5, slower)
+    heard = [(mark_of(s), s.payload.to_bytes()) for s in consumer.samples]
+    assert [mark.schema == 0 for mark, _ in heard] == [True, False, True, True, False, True]
+    known = {zlib.crc32(schema_in(payload)): schema_in(payload) for mark, payload in heard if not mark.schema}
+    assert len(known) == 2
+    for n, (mark, payload) in enumerate(heard):
+        read = decode(known[mark.schema] + payload if mark.schema else payload, mark)
+        assert read.values.tolist() == batch(5 * n, 5).values.tolist()
 
 
 async def test_stopping_drains_what_waits(outlet: ZenohOutlet, endpoint: str) -> None:

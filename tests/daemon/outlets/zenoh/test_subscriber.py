@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,12 @@ import pytest
 
 from cellwatt import Alarm, Batch, ConfigError, OutletError
 from cellwatt.errors import RepairingError
-from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings
+from cellwatt.outlets.zenoh import ZenohOutlet, ZenohSettings, publisher
 from cellwatt.outlets.zenoh.encode import encode_batch
 from cellwatt.outlets.zenoh.link import open_session
 from cellwatt.outlets.zenoh.mark import Mark
 from cellwatt.subscriber import Gap, Health, LinkSettings, Message, Subscriber
+from cellwatt.subscriber.schemas import Schemas
 from tests.daemon.outlets.zenoh.fake_cell import CELL, EPOCH, SITE, FakeView, alarm, batch, frames
 from tests.daemon.outlets.zenoh.processes import free_port
 from tests.patience import PATIENCE, eventually
@@ -341,3 +343,36 @@ async def test_a_router_that_is_away_is_named() -> None:
     with pytest.raises(OutletError, match=f"{endpoint}: nobody answers"):
         async with subscriber:
             pass
+
+
+async def test_messages_before_their_schema_wait_for_it_and_come_in_order(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As for a consumer that came late and may not ask the cell for it."""
+    monkeypatch.setattr(publisher, "SCHEMA_EVERY", 1e9)
+    monkeypatch.setattr(publisher.Publisher, "tell_schemas", lambda _: None)
+    async with cell.subscriber(want=("raw",), patience=PATIENCE) as subscriber:
+        await joined(subscriber)
+        cell.give(0, 5)
+        (first,) = await read(subscriber, 1)
+        subscriber._inbox._schemas = Schemas()
+        for n in (1, 2):
+            cell.give(5 * n, 5, record=False)
+            await eventually(lambda n=n: subscriber._inbox._schemas._held == n, "a message that cannot be read yet")  # type: ignore[misc]
+        monkeypatch.setattr(publisher, "SCHEMA_EVERY", 0.0)
+        cell.give(15, 5)
+        later = await read(subscriber, 3)
+    assert [(m.sequence, m.count) for m in (first, *later)] == [(0, 5), (5, 5), (10, 5), (15, 5)]
+    assert [m.content.values.tolist() for m in later] == [batch(n, 5).values.tolist() for n in (5, 10, 15)]  # type: ignore[union-attr]
+    assert subscriber.counts["duplicates"] == 0
+
+
+def test_no_more_messages_wait_for_a_schema_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample: Any = SimpleNamespace(payload=b"rows")
+    schemas = Schemas()
+    monkeypatch.setattr("cellwatt.subscriber.schemas._MOST", 3)
+    assert [schemas.hold(RAW, sample) for _ in range(4)] == [True, True, True, False]
+    assert schemas.learn(RAW, b"a schema") == [sample] * 3
+    monkeypatch.setattr("cellwatt.subscriber.schemas.HELD_BYTES", 4)
+    assert [schemas.hold(RAW, sample) for _ in range(2)] == [True, False]
+    assert list(schemas.of(RAW).values()) == [b"a schema"]
