@@ -110,6 +110,19 @@ def test_a_stream_that_changes_is_another_channel(ring):
     assert [i.stream.rate for i in reader.items()] == [ARM.rate, 77.0]
 
 
+def test_a_reader_that_a_writer_outruns_comes_to_an_end(ring):
+    """A device that sends faster than this process reads must not keep it from everything else."""
+    writer, reader = ItemWriter(ring), ItemReader(ring, 0)
+    writer.put(Tick(0))
+    seen = 0
+    for _ in reader.items():
+        writer.put(Tick(seen + 1))
+        seen += 1
+        assert seen < 10
+    assert seen == 1
+    assert len(list(reader.items())) == 1
+
+
 def test_what_a_slow_reader_missed_is_told(ring):
     writer, reader = ItemWriter(ring), ItemReader(ring, 0)
     for n in range(3000):
